@@ -27,7 +27,7 @@ class BeliefSettings:
     Attributes:
         shortest: m, least length of a straight.
         least_straight: m, gap between two fittings up to which they are joined without a straight:
-            sight is no better.
+            from within a fitting sight is no better.
         miss: m, by which the two ends of a loop may miss each other.
         miss_share: the same in addition, as a part of the loop's length.
         miss_angle: rad, by which their directions may miss being opposite.
@@ -38,7 +38,7 @@ class BeliefSettings:
     """
 
     shortest: float = 1e-3
-    least_straight: float = 5e-3
+    least_straight: float = 0.02
     miss: float = 0.1
     miss_share: float = 0.02
     miss_angle: float = math.radians(10)

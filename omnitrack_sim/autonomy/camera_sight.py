@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,11 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
-from omnitrack_sim.autonomy.recognition.forms import DISTANCE, PLACES, STILL, TURN, cameras, forms
+from omnitrack_sim.autonomy.recognition.forms import (
+    DISTANCE,
+    PLACES,
+    STILL,
+    TURN,
+    PosePrior,
+    cameras,
+    forms,
+    numbers_at,
+)
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.pipes import Elbow, Passage
 from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
@@ -53,36 +62,55 @@ class CameraSight:
     Args:
         eyes: of the robots.
         table: ``[sensing]``.
-        bore: m, of the pipe that a robot looks along, by its map.
     """
 
-    def __init__(self, eyes: Eyes, table: SensingTable, bore: Callable[[int], float]) -> None:
-        self._eyes, self._table, self._bore = eyes, table, bore
+    def __init__(self, eyes: Eyes, table: SensingTable) -> None:
+        self._eyes, self._table = eyes, table
         self._looks = np.zeros(len(eyes.keys), int)
 
     def reset(self, rows: NDArray[np.intp]) -> None:
         """Count the looks of robots ``rows`` (k,) anew."""
         self._looks[rows] = 0
 
-    def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
-        """Return the sighting of one robot; see ``TrueSight.look``."""
-        bore = round(self._bore(robot) / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
+    def look(
+        self, robot: int, truth: Pose, last: Passage, estimate: Pose | None = None
+    ) -> Ahead | None:
+        """Return the sighting of one robot; see ``TrueSight.look``.
+
+        Args:
+            robot: index in its batch.
+            truth: of the robot in its gear, which serves the camera.
+            last: part that the robot is in, as it is to be passed, by its map.
+            estimate: of the robot's pose in its gear, on its map, of a look ahead.
+        """
+        bore = 2 * last.part.fitting.port_radius(last.leave)
+        bore = round(bore / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
         nose, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
-        pose = position[None], frame[None], nose
+        pose = truth.position[None], truth.rotation[None], nose
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
-        return ahead_of(recogniser.single(picture), bore, self._eyes.mount.ahead)
+        lens, nearest = self._eyes.mount.ahead, CAMERA_SIGHT.nearest * bore
+        if estimate is None or last.part.fitting.is_plain:
+            return ahead_of(recogniser.single(picture), bore, lens, nearest)
+        # Out of a fitting no straight wall shows that would tell how the camera stands in the pipe
+        # beyond; the map does.
+        position = estimate.position + lens * estimate.rotation[:, 2]
+        mean = numbers_at(last.part.port(last.leave), position, estimate.rotation)
+        bends = isinstance(last.part.fitting, Elbow)
+        prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
+        return ahead_of(recogniser.single(picture, prior), bore, lens, 0.0)
 
 
-def ahead_of(sighting: Sighting, bore: float, lens: float) -> Ahead | None:
+def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ahead | None:
     """Return a sighting as seen from the robot's centre; None where it is ambiguous.
 
     Args:
         sighting: from the lens.
         bore: m, of the pipe.
         lens: m, from the robot's centre to the lens.
+        nearest: m, from the lens up to which a fitting is ignored.
     """
     if sighting.confidence < RECOGNISER.confidence:
         return None
@@ -102,7 +130,7 @@ def ahead_of(sighting: Sighting, bore: float, lens: float) -> Ahead | None:
     along, about = np.sqrt(np.diag(sighting.covariance)).tolist()
     if sighting.kind in ENDS:
         return replace(ahead, end=ENDS[sighting.kind], distance_std=along)
-    if sighting.distance < CAMERA_SIGHT.nearest * bore:
+    if sighting.distance < nearest:
         return None
     names = sighting.kind, sighting.enter
     form = next(form for form in forms(bore) if (form.kind, form.enter) == names)

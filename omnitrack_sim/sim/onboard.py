@@ -40,7 +40,7 @@ from omnitrack_sim.senses.sensor import State
 from omnitrack_sim.senses.settings import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
-from omnitrack_sim.sim.sensing import both_ways, frame_ahead
+from omnitrack_sim.sim.sensing import frame_ahead
 from omnitrack_sim.walls.rays import RayWalls
 
 
@@ -112,7 +112,7 @@ class Onboard:
             which = np.arange(n)
         self._walls = RayWalls(*zip(*maps, strict=True), dirty=False)
         self.localiser = Localiser(table, first.robot, mount, self._walls, which, period)
-        self._sight = CameraSight(self.eyes, table, self._bore_ahead)
+        self._sight = CameraSight(self.eyes, table)
         self._true_sights = [scenario.sight for scenario in scenarios]
         self._comparable, self._right = np.zeros((2, n))  # looks that can be judged, and the right
         self._relocated: list[int] = []
@@ -303,19 +303,23 @@ class Onboard:
     def look(self, robot: int, back: bool) -> Look:
         """See ``Senses``: by a picture of each end."""
         gear = int(self._legs.gear[robot])
-        ahead, behind = both_ways(self._judged, robot, self._state, gear, back)
+        rotation, position = (self.readings[name][robot] for name in ("rotation", "position"))
+        at = Pose(frame_ahead(rotation, gear), position)
         return Look(
             float(self.readings["time"][robot]),
             float(self.location.distance[robot]),
-            ahead,
-            behind,
-            frame_ahead(self.readings["rotation"][robot], gear),
+            self._judged(robot, gear, at),
+            self._judged(robot, -gear) if back else None,
+            at.rotation,
             frame_ahead(self.turned[robot], gear),
         )
 
-    def _judged(self, robot: int, position: Array, frame: Array) -> Ahead | None:
+    def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:
         """Return what a robot sees; the metric of looks compares it with the truth."""
-        ahead = self._sight.look(robot, position, frame)
+        position = self._state["position"][robot]
+        frame = frame_ahead(self._state["rotation"][robot], gear)
+        last = self._legs.routes.routes[self._legs.route[robot]].passages[-1]
+        ahead = self._sight.look(robot, Pose(frame, position), last, estimate)
         truth = self._true_sights[robot].look(robot, position, frame)
         if ahead is not None and truth is not None:
             self._comparable[robot] += 1
@@ -391,13 +395,6 @@ class Onboard:
     def pictures(self) -> Sequence[Pictures | None]:
         """See ``Senses``."""
         return [None] * len(self._tick) if self._album is None else self._album.pictures()
-
-    def _bore_ahead(self, robot: int) -> float:
-        """Bore, m, at the end of the route that a robot takes itself to be on."""
-        routes = self._legs.routes.routes
-        route = routes[self._legs.route[robot]]
-        last = route.passages[-1]
-        return 2 * route.network.parts[last.index].fitting.port_radius(last.leave)
 
     def _shoot(
         self, facing: NDArray[np.int_], due: NDArray[np.bool_], active: NDArray[np.bool_]

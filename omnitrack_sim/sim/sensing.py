@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.sight import Ahead, Look
+from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
@@ -152,25 +152,12 @@ class Truth(Senses):
         """See ``Senses``."""
         gear = int(self._legs.gear[robot])
         sight = self._scenarios[robot].sight
-        ahead, behind = both_ways(sight.look, robot, self.readings, gear, back)
-        frame = frame_ahead(self.readings["rotation"][robot], gear)
+        position, rotation = (self.readings[name][robot] for name in ("position", "rotation"))
+        frame = frame_ahead(rotation, gear)
+        ahead = sight.look(robot, position, frame)
+        behind = sight.look(robot, position, frame_ahead(rotation, -gear)) if back else None
         time, distance = self.readings["time"][robot], self.location.distance[robot]
         return Look(float(time), float(distance), ahead, behind, frame, frame)
-
-
-def both_ways(
-    see: Callable[[int, Array, Array], Ahead | None],
-    robot: int,
-    truth: Mapping[str, Array],
-    gear: int,
-    back: bool,
-) -> tuple[Ahead | None, Ahead | None]:
-    """Return what a robot sees ahead and, with ``back``, behind, from where it truly is; ``see`` as
-    ``TrueSight.look``."""
-    position, rotation = truth["position"][robot], truth["rotation"][robot]
-    ahead = see(robot, position, frame_ahead(rotation, gear))
-    behind = see(robot, position, frame_ahead(rotation, -gear)) if back else None
-    return ahead, behind
 
 
 def frame_ahead(rotation: Array, gear: int) -> Array:

@@ -15,6 +15,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     SIZES,
     TURN,
     Form,
+    PosePrior,
     WallMaker,
     cameras,
 )
@@ -61,10 +62,12 @@ class Views:
     Attributes:
         pictures: (v, pixels²) on the scale.
         motions: poses of the v cameras, in the frame of the last one.
+        prior: of the camera's numbers at the last picture.
     """
 
     pictures: Array
     motions: list[Pose]
+    prior: PosePrior
 
 
 @dataclass(frozen=True)
@@ -191,14 +194,14 @@ class Fit:
             weight = level.weight * level.rough**2
             # The loss of Geman and McClure: a pixel that misses by far costs a constant.
             cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
-        weights, off = _prior(at, level)
+        weights, off = _prior(at, views, level)
         return replace(
             at,
             cost=cost
             + (np.where(weights < RECOGNISER.fixed_weight, weights, 0) * off**2).sum(axis=1),
         )
 
-    def scores(self, at: Tries, level: Level, alike: float) -> Array:
+    def scores(self, at: Tries, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
 
         Laplace's approximation: a form pays for every number by which it could have been made to
@@ -207,7 +210,7 @@ class Fit:
         Args:
             alike: pixels of which the errors are alike.
         """
-        weights, _ = _prior(at, level)
+        weights, _ = _prior(at, views, level)
         for place, width in ((DISTANCE, RECOGNISER.farthest), (TURN, 2 * np.pi)):
             sought = weights[:, place] < RECOGNISER.fixed_weight
             weights[sought, place] = 2 * np.pi / width**2
@@ -220,7 +223,7 @@ class Fit:
         residual, slopes = self._linearised(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
         weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
-        weights, off = _prior(at, level)
+        weights, off = _prior(at, views, level)
         normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
@@ -346,7 +349,7 @@ def _sought(form: Form, place: int) -> bool:
     return place != TURN or form.period > 0
 
 
-def _prior(at: Tries, level: Level) -> tuple[Array, Array]:
+def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
     """Return the weights (n, p) of the priors, and the deviations (n, p) from their means."""
     n, v = at.gains.shape
     weights = np.full((n, PLACES + SIZES + v), RECOGNISER.fixed_weight)
@@ -358,8 +361,8 @@ def _prior(at: Tries, level: Level) -> tuple[Array, Array]:
     for j, form in enumerate(at.forms):
         for i in range(PLACES):
             if level.free[i] and _sought(form, i):
-                weights[j, i] = 1 / RECOGNISER.camera_std[i] ** 2
-                off[j, i] = at.numbers[j, i] if i < DISTANCE else 0.0
+                weights[j, i] = 1 / views.prior.std[i] ** 2
+                off[j, i] = at.numbers[j, i] - views.prior.mean[i] if i < DISTANCE else 0.0
         for s, size in enumerate(form.sizes):
             weights[j, PLACES + s] = 1 / size.spread**2
             off[j, PLACES + s] = at.sizes[j, s] - size.middle

@@ -79,6 +79,35 @@ def cameras(numbers: Array, motions: list[Pose]) -> tuple[Array, Array]:
     return places, rotation[:, None] @ turned[None]
 
 
+@dataclass(frozen=True)
+class PosePrior:
+    """Normal prior of a camera's numbers, see ``cameras``; distance and direction are free.
+
+    Attributes:
+        mean: (6,).
+        std: (6,).
+    """
+
+    mean: Array
+    std: Array
+
+
+CENTRED = PosePrior(np.zeros(PLACES), RECOGNISER.camera_std)
+"""Prior of a camera in straight pipe, of which the picture itself tells more."""
+
+
+def numbers_at(port: Pose, position: Array, frame: Array) -> Array:
+    """Numbers (6,) of a camera at ``position`` (3,) m, with ``frame`` (3, 3), before a port, z
+    outward: the inverse of ``cameras``. The direction is 0."""
+    axis = frame.T @ port.rotation[:, 2]
+    across = float(np.hypot(axis[0], axis[1]))
+    lean = math.atan2(across, float(axis[2]))
+    tilt = lean / across * axis[:2] if across > 0 else np.zeros(2)
+    row = np.array([0.0, 0.0, *tilt, 0.0, 0.0])
+    x, y, z = cameras(row[None], [STILL])[1][0, 0] @ frame.T @ (port.position - position)
+    return np.array([x, y, *tilt, z, 0.0])
+
+
 def straightened(numbers: Array, directions: Array, radius: float) -> Array:
     """Map ray ``directions`` (k, 3) of a camera on the pipe's axis to those of one displaced by
     ``numbers`` (6,), for the same points of a straight wall; camera frames."""

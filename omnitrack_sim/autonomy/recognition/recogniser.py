@@ -22,6 +22,7 @@ from omnitrack_sim.autonomy.recognition.fit import (
 )
 from omnitrack_sim.autonomy.recognition.forms import (
     ASIDE,
+    CENTRED,
     DISTANCE,
     PLACES,
     SIZES,
@@ -29,6 +30,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     TILT,
     TURN,
     Form,
+    PosePrior,
     Sighting,
     WallMaker,
     cameras,
@@ -82,11 +84,13 @@ class Library:
         self._straight = walls([parts], [closed])
         one, centred = np.zeros(1, int), np.zeros((1, PLACES))
         self.straight = self._picture(self._straight, one, centred, self._rays)[0]
-        self.entries, self.pictures, self._sharp, self._level = self._filled(forms, bore, walls)
+        self.entries, self.pictures, self._sharp = self._filled(forms, bore, walls)
+        # Normalisation of the normal distribution: blurred entries do not win by their blur.
+        self._level = -2 * np.log(self._sharp)
 
     def _filled(
         self, forms: Sequence[Form], bore: float, walls: WallMaker
-    ) -> tuple[Entries, Coarse, Coarse, Coarse]:
+    ) -> tuple[Entries, Coarse, Coarse]:
         rows, images, sharp = [], [], []
         for which, form in enumerate(forms):
             maps = [form.map(sizes, bore) for sizes in form.starts]
@@ -110,9 +114,7 @@ class Library:
             sharp.append(_sharpness(pictures.reshape(shape)).reshape(len(start), -1))
         which, start, numbers = (np.concatenate(column) for column in zip(*rows, strict=True))
         weight = np.concatenate(sharp).astype(np.float32)
-        # Normalisation of the normal distribution: blurred entries do not win by their blur.
-        level = -2 * np.log(weight).sum(axis=1)
-        return Entries(which, start, numbers), np.concatenate(images), weight, level
+        return Entries(which, start, numbers), np.concatenate(images), weight
 
     def _picture(
         self, walls: RayWalls, which: NDArray[np.intp], numbers: Array, rays: Array
@@ -124,19 +126,23 @@ class Library:
 
     def look(self, picture: Array, numbers: Array) -> Array:
         """Return the coarse picture (k,) from the axis for a picture (pixels²,), on the scale, of a
-        camera at ``numbers`` (6,), as if the wall were that of straight pipe."""
+        camera at ``numbers`` (6,), as if the wall were that of straight pipe; not numbers where a
+        leaning camera does not see."""
         directions = straightened(numbers, self.rays, self._radius)
         rays = np.concatenate([directions, self._rays[len(directions) :]])
         there = self._picture(self._straight, np.zeros(1, int), numbers[None], rays)[0]
         # The same walls from the axis and from the camera: their difference corrects the picture.
-        return interpolated(picture, directions, self._camera.optics) + self.straight - there
+        look = interpolated(picture, directions, self._camera.optics) + self.straight - there
+        return np.where(directions[:, 2] > np.cos(self._half), look, np.nan)
 
     def costs(self, look: Array) -> Array:
         """Return the cost of each entry (m,) for a coarse picture (k,)."""
+        known = np.isfinite(look)
         # The costs only choose where fits start, so single precision is enough.
-        apart = (self.pictures - look.astype(np.float32)) * self._sharp
+        apart = (self.pictures[:, known] - look[known].astype(np.float32)) * self._sharp[:, known]
         apart *= apart
-        return self._level + (apart / (1 + apart / np.float32(RECOGNISER.library_cap))).sum(axis=1)
+        loss = apart / (1 + apart / np.float32(RECOGNISER.library_cap))
+        return (self._level[:, known] + loss).sum(axis=1)
 
 
 def _sharpness(pictures: Array) -> Array:
@@ -211,30 +217,56 @@ class Recogniser:
             self._grids.append((pixels, apart.argmin(axis=1), own))
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
-    def single(self, picture: Array) -> Sighting:
-        """Return the sighting in one picture (pixels²,)."""
-        return self.approach(picture[None], [STILL])
+    def single(self, picture: Array, prior: PosePrior = CENTRED) -> Sighting:
+        """Return the sighting in one picture (pixels²,); ``prior``: see ``approach``."""
+        return self.approach(picture[None], [STILL], prior)
 
-    def approach(self, pictures: Array, motions: Sequence[Pose]) -> Sighting:
+    def approach(
+        self, pictures: Array, motions: Sequence[Pose], prior: PosePrior = CENTRED
+    ) -> Sighting:
         """Return the sighting at the last of some pictures.
 
         Args:
             pictures: (v, pixels²), of one approach.
             motions: poses of the camera at each of them, in its frame at the last one.
+            prior: of the camera before the port through which it looks out of a fitting, from a
+                map. By default the camera is in straight pipe: the edge of the picture tells its
+                pose.
         """
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             unknown = np.full((2, 2), np.inf)
             none = np.zeros(2)
             return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, none, none)
-        views = Views(self._scale.of(pictures), list(motions))
+        views = Views(self._scale.of(pictures), list(motions), prior)
         fits, straight = self._ranked(views)
         return self._sighting(fits, straight, views)
 
     def _ranked(self, views: Views) -> tuple[Tries, float]:
         """Return fits of the forms that may be ahead, and the free distance in straight pipe, m."""
-        last = Views(views.pictures[-1:], [STILL])
-        pose = self._pose(last)
+        last, inside = Views(views.pictures[-1:], [STILL], views.prior), views.prior is not CENTRED
+        pose = views.prior.mean if inside else self._pose(last)
+        rough, straight = self._searched(last, pose)
+        if inside:
+            # A map tells the pose to a degree, and what fits the picture best tells it better.
+            again, straight = self._searched(last, rough.numbers[rough.cost.argmin()])
+            rough = joined([rough, again])
+        # All pictures from here on: of one every pixel near the axis, of several every other one.
+        many = len(views.motions)
+        grid = 1 if many == 1 else 0
+        start = tries(rough.forms, rough.numbers, rough.sizes, many)
+        fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
+        level = self._level(grid, 4.0)
+        fine = self._fit.refined(self._kept(fine, 2), views, level, 2)
+        fine = self._turned(fine, views, level)
+        return self._fit.refined(fine, views, level, 3), straight
+
+    def _searched(self, last: Views, pose: Array) -> tuple[Tries, float]:
+        """Return rough fits to the last picture from a camera at about ``pose`` (6,), and the free
+        distance in straight pipe, m."""
         joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
+        if last.prior is not CENTRED:
+            # A fitting that follows another directly begins at the port itself.
+            joints = [float(last.prior.mean[DISTANCE]), *joints]
         begin, straight = self._begin(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
@@ -247,15 +279,7 @@ class Recogniser:
         first = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
             rough = joined([rough, *self._dim_ones(pose, last)])
-        # All pictures from here on: of one every pixel near the axis, of several every other one.
-        many = len(views.motions)
-        grid = 1 if many == 1 else 0
-        start = tries(rough.forms, rough.numbers, rough.sizes, many)
-        fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
-        level = self._level(grid, 4.0)
-        fine = self._fit.refined(self._kept(fine, 2), views, level, 2)
-        fine = self._turned(fine, views, level)
-        return self._fit.refined(fine, views, level, 3), straight
+        return rough, straight
 
     def _turned(self, fits: Tries, views: Views, level: Level) -> Tries:
         """Return rows with the best of some directions close to their own."""
@@ -422,7 +446,7 @@ class Recogniser:
     def _sighting(self, fits: Tries, straight: float, views: Views) -> Sighting:
         """Return the most probable of the forms, with its confidence."""
         level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
-        score = self._fit.scores(fits, level, self._alike)
+        score = self._fit.scores(fits, views, level, self._alike)
         names = [self._name(form, at) for form, at in zip(fits.forms, fits.numbers, strict=True)]
         least = {
             name: min(s for s, n in zip(score, names, strict=True) if n == name) for name in names

@@ -55,6 +55,8 @@ class RecogniserSettings:
         confidence: probability from which on a sighting is unambiguous.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
             and direction are unknown.
+        bend_std: (6,) the same of a camera that looks out of a bend: its angle on the map is off by
+            some degrees until the robot has passed it.
         gain_std: prior standard deviation of the gain of a whole picture, its exposure.
         gain_range: bounds of that gain: from, to.
         joint_range: m, distances at which a joint is looked for: from, to, step.
@@ -114,6 +116,7 @@ class RecogniserSettings:
     camera_std: Array = field(
         default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
     )
+    bend_std: Array = field(default_factory=lambda: np.array([0.008, 0.008, 0.1, 0.1, 10.0, 10.0]))
     gain_std: float = 0.02
     gain_range: tuple[float, float] = (0.8, 1.25)
     joint_range: tuple[float, float, float] = (0.02, 0.6, 0.004)
