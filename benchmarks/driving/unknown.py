@@ -1,8 +1,8 @@
 """Random networks explored without a map, by truth and by camera.
 
 Networks have 8 to 14 fittings. A part of their straights is left out, so that fittings follow each
-other directly, a part of their tees are wyes, half of them have reducers, and each third one is a
-loop with pipes of random lengths.
+other directly, a part of their tees are wyes, half of them have reducers, and a quarter are
+loops with pipes of random lengths.
 """
 
 from __future__ import annotations
@@ -19,19 +19,32 @@ import numpy as np
 from missions import BORES
 
 from driving.by_sensors import FRICTION, SENSES
-from omnitrack_sim import Network, Scenario, override, random_network, run_batch
+from omnitrack_sim import (
+    Network,
+    Scenario,
+    load_network,
+    override,
+    random_network,
+    run_batch,
+)
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.pipes import network as networks
 from omnitrack_sim.pipes.map_difference import MapDifference
-from omnitrack_sim.pipes import Tee
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 
 FIRST_NETWORK = 9000
 """Seed of the first network; 5000 to 5035 and 8000 to 8020 were looked at while exploring was
 made."""
+OPPOSITE = {
+    "tower": (("riser_2", "shaft"), ("cross_low", "cross_high")),
+    "ring": (("right", "left"), ("right_low", "right_high"), ("left_low", "left_high")),
+}
+"""Shipped networks with a loop, and the pairs of pipes of it that are equally long."""
+CLOSE_TO = {"tower": ("drain", "roof"), "ring": ()}
+"""Pipes of these networks that may be left out."""
 FITTINGS = (8, 14)
-CLOSE, WYES, REDUCERS, LOOPS = 0.4, 0.4, 0.5, 1 / 3
+CLOSE, WYES, REDUCERS, LOOPS = 0.6, 0.4, 0.5, 0.25
 """Parts of the straights between fittings that are left out, of the tees that are wyes, and of the
 networks that have reducers, or are loops."""
 
@@ -141,32 +154,22 @@ def _valid(table: dict[str, Any], otherwise: Network) -> Network:
 
 
 def loop(rng: np.random.Generator) -> Network:
-    """Two tees whose branches are joined by a way around, with a bend at one of its ends."""
-    between, up, radius = rng.uniform(0.3, 0.6), rng.uniform(0.1, 0.5), rng.choice([0.09, 0.24])
-    tee, elbow = {"kind": "tee"}, {"kind": "elbow", "mean_radius": float(radius)}
-    # From axis to axis of the branches, less both bends.
-    across = between + Tee().run_length - 2 * radius
-    lengths = {"inlet": 0.5, "between": between, "up": up, "across": across, "down": up}
-    lengths |= {"outlet": rng.uniform(0.3, 0.6)}
-    straights = [
-        {"kind": "straight", "name": name, "length": round(float(length), 6)}
-        for name, length in lengths.items()
-    ]
-    bends = [{"name": name, **elbow} for name in ("bend_1", "bend_2", "knee")]
-    joints = {
-        "inlet.end": "tee_1.run_start",
-        "tee_1.run_end": "between.start",
-        "between.end": "tee_2.run_end",
-        "tee_1.branch": "up.start",
-        "up.end": "bend_1.start",
-        "bend_1.end": "across.start",
-        "across.end": "bend_2.start",
-        "bend_2.end": "down.start",
-        "down.end": "tee_2.branch",
-        "tee_2.run_start": "knee.start",
-        "knee.end": "outlet.start",
-    }
-    return joints, bends, straights, tee
+    """A shipped network with a loop, with bends and pipes of random sizes."""
+    name = str(rng.choice(list(OPPOSITE)))
+    table = load_network(name).model_dump(mode="json")
+    drawn = {row["name"]: round(float(rng.uniform(0.3, 0.8)), 2) for row in table["fittings"]}
+    drawn |= {other: drawn[one] for one, other in OPPOSITE[name]}
+    radius = float(rng.choice([0.09, 0.24]))
+    for row in table["fittings"]:
+        if row["kind"] == "straight":
+            row["length"] = drawn[row["name"]]
+        elif row["kind"] == "elbow":
+            row["mean_radius"] = radius
+    network = networks.validate(table)
+    for straight in CLOSE_TO[name]:
+        if rng.random() < CLOSE:
+            network = joined_directly(network, straight)
+    return network
 
 
 def tour(task: tuple[str, int]) -> Tour:
