@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from network_samples import elbow, joint, straight
+from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.camera_sight import CameraSight
-from omnitrack_sim.base.rotations import rotation_about
+from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -66,13 +66,14 @@ def test_a_camera_sees_what_is_there():
     scenario = ot.load_scenario("missions/explore_onboard")
     senses, true = ot.Simulation([scenario]).senses, scenario.sight
     assert isinstance(senses, Onboard)
-    sight = CameraSight(senses.eyes, scenario.sensing, lambda robot: 0.16)
+    sight, pipe = CameraSight(senses.eyes, scenario.sensing), scenario.route.passages[0]
     line = scenario.route.centreline
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     for along in (0.1, 0.2, 0.28):
         at = np.array([along])
         position, frame = line.at(at)[0][0], line.frame(at)[0] @ turn
-        seen, wanted = sight.look(0, position, frame), true.look(0, position, frame)
+        seen = sight.look(0, Pose(frame, position), pipe)
+        wanted = true.look(0, position, frame)
         assert seen is not None
         assert wanted is not None
         assert seen.fitting is not None
@@ -96,3 +97,24 @@ def test_a_robot_sees_alone_what_it_sees_in_a_batch():
         assert alone.trajectory.channels[name].tobytes() == (
             among.trajectory.channels[name].tobytes()
         )
+
+
+@pytest.fixture(scope="module")
+def close():
+    """A network with an elbow directly on a tee's branch, explored."""
+    network = {
+        "fittings": [straight("inlet", 0.4), tee("tee"), elbow("knee", mean_radius=0.09)]
+        + [straight("run", 0.3), straight("arm", 0.3)],
+        "joints": [joint("inlet.end", "tee.run_start"), joint("tee.run_end", "run.start")]
+        + [joint("tee.branch", "knee.start", 90.0), joint("knee.end", "arm.start")],
+    }
+    mission = {"start": "inlet.start", "map": "unknown", "task": "explore"}
+    return ot.run(validate({"network": network, "mission": mission, "sensing": {"kind": "onboard"}}))
+
+
+def test_an_elbow_on_the_branch_of_a_tee_is_seen_from_within_the_tee(close):
+    """It hangs on the tee itself: a pipe of millimetres between them would be one too many."""
+    assert close.success, close.reason
+    difference = close.map_difference()
+    assert difference.complete, difference
+    assert not difference.extra, difference
