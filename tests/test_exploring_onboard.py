@@ -109,7 +109,9 @@ def close():
         + [joint("tee.branch", "knee.start", 90.0), joint("knee.end", "arm.start")],
     }
     mission = {"start": "inlet.start", "map": "unknown", "task": "explore"}
-    return ot.run(validate({"network": network, "mission": mission, "sensing": {"kind": "onboard"}}))
+    return ot.run(
+        validate({"network": network, "mission": mission, "sensing": {"kind": "onboard"}})
+    )
 
 
 def test_an_elbow_on_the_branch_of_a_tee_is_seen_from_within_the_tee(close):
