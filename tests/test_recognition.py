@@ -115,7 +115,8 @@ def test_a_fitting_is_known_from_within_the_one_before_it(camera, name):
     tells how it stands, to a degree."""
     stand = np.array([0.003, -0.002, 0.25, 0.15, 0.02, 1.9])
     taken, _ = pictures(camera, name, [0.02], turn=1.9, stands=stand[:4])
-    prior = PosePrior(stand + [0.002, 0.001, -0.015, 0.015, 0.003, -1.9], RECOGNISER.camera_std)
+    error = np.array([0.002, 0.001, -0.015, 0.015, 0.003, -1.9])
+    prior = PosePrior(stand + error, RECOGNISER.camera_std)
     sighting = recogniser(camera).single(taken[0], prior)
     if name == "straight":
         assert sighting.kind == "straight"

@@ -16,7 +16,6 @@ from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
-from missions import BORES
 
 from driving.by_sensors import FRICTION, SENSES
 from omnitrack_sim import (
@@ -44,6 +43,8 @@ OPPOSITE = {
 CLOSE_TO = {"tower": ("drain", "roof"), "ring": ()}
 """Pipes of these networks that may be left out."""
 FITTINGS = (8, 14)
+BORES = (0.15, 0.17)
+"""Bores, m, that reducers lead to from 160 mm: by less than 3 % a map need not know."""
 CLOSE, WYES, REDUCERS, LOOPS = 0.6, 0.4, 0.5, 0.25
 """Parts of the straights between fittings that are left out, of the tees that are wyes, and of the
 networks that have reducers, or are loops."""
@@ -127,7 +128,9 @@ def joined_directly(network: Network, name: str) -> Network:
     joints = table["joints"]
     before = [joint for joint in joints if joint["ports"][1] == f"{name}.start"]
     after = [joint for joint in joints if joint["ports"][0] == f"{name}.end"]
-    if not (before and after):
+    kinds = {port.split("_")[0] for joint in before + after for port in joint["ports"]}
+    # A bore that changes and changes back at once is no pipe that anybody builds.
+    if not (before and after) or kinds == {"straight", "reducer"}:
         return network
     joints.remove(before[0])
     after[0]["ports"] = [before[0]["ports"][0], after[0]["ports"][1]]
