@@ -103,10 +103,19 @@ def test_a_robot_sees_alone_what_it_sees_in_a_batch():
 def close():
     """A network with an elbow directly on a tee's branch, explored."""
     network = {
-        "fittings": [straight("inlet", 0.4), tee("tee"), elbow("knee", mean_radius=0.09)]
-        + [straight("run", 0.3), straight("arm", 0.3)],
-        "joints": [joint("inlet.end", "tee.run_start"), joint("tee.run_end", "run.start")]
-        + [joint("tee.branch", "knee.start", 90.0), joint("knee.end", "arm.start")],
+        "fittings": [
+            straight("inlet"),
+            tee("tee"),
+            straight("run", 0.3),
+            elbow("knee", mean_radius=0.09),
+            straight("arm", 0.3),
+        ],
+        "joints": [
+            joint("inlet.end", "tee.run_start"),
+            joint("tee.run_end", "run.start"),
+            joint("tee.branch", "knee.start", 90.0),
+            joint("knee.end", "arm.start"),
+        ],
     }
     mission = {"start": "inlet.start", "map": "unknown", "task": "explore"}
     return ot.run(
