@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from omnitrack_sim.base.rotations import quaternion_from_matrix
-from omnitrack_sim.pipes import Route
+from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.record.events import Outcome, Remark
@@ -76,6 +76,10 @@ class LegsResult(Result):
 
     def goal_points(self) -> np.ndarray:
         return self.driven[-1].network.parts[-1].port("end").position[None]
+
+    @property
+    def pipes(self) -> Assembly:
+        return self.driven[0].network
 
 
 PHASES = ("cruise", "align", "back_off")

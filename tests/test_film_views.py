@@ -11,7 +11,7 @@ from samples import two_legs, two_legs_result
 
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel, known_from
+from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
 from omnitrack_sim.show.projection import clearest, needs_map
@@ -102,7 +102,7 @@ def test_the_camera_that_follows_looks_across_the_pipe():
     """In every plane: never along the pipe, never from far below, and without a jump."""
     result = chain_result()
     (way,) = result.routes()
-    back = view_directions(result.trajectory, (way,), [0.1, -1.0, 0.4])
+    back = view_directions(result.trajectory, way.network, [0.1, -1.0, 0.4])
     tangent = way.centreline.at(result.trajectory["distance"])[1]
     assert np.allclose(np.linalg.norm(back, axis=1), 1.0)
     assert np.abs((back * tangent).sum(axis=1)).max() < 0.75
@@ -128,7 +128,7 @@ def test_films_of_long_routes_have_a_map():
     """A map in the upper right corner of follow and onboard, not of side, and not when it is not
     wanted."""
     result = chain_result()
-    assert needs_map(result.routes())
+    assert needs_map(result)
     for camera, has_map in (("side", False), ("follow", True), ("onboard", True)):
         mapped, bare = (
             render_frame(
@@ -138,32 +138,6 @@ def test_films_of_long_routes_have_a_map():
         )
         assert (mapped[10:60, 250:300] != bare[10:60, 250:300]).any() == has_map, camera
         assert (mapped[:, :200] == bare[:, :200]).all()
-
-
-def test_map_of_a_robot_that_explores_grows_with_what_it_sees():
-    """A part is on it once the front is so near that sight reaches it, and round no corner before
-    that; what is not on it yet is not drawn."""
-    result = two_legs_result()
-    routes = result.routes()
-    found = known_from(result.trajectory, routes, 0.07, 0.35)
-    assert found[routes[0].passages[0].index] == 0
-    order = [int(found[passage.index]) for passage in routes[0].passages]
-    assert order == sorted(order)
-    far = known_from(result.trajectory, routes, 0.07, 10.0)
-    assert (far <= found).all()
-    bent = next(
-        p for p in routes[0].passages if not routes[0].network.parts[p.index].fitting.is_plain
-    )
-    beyond = routes[0].passages[routes[0].passages.index(bent) + 1]
-    distance = result.trajectory["distance"]
-    assert distance[far[beyond.index]] + 0.07 == pytest.approx(bent.s_leave, abs=0.03)
-    grey = np.full((720, 1280, 3), 90, np.uint8)
-    drawn = []
-    for rows in (found, None):
-        frame = grey.copy()
-        MapPanel(result, result.trajectory, (1280, 720), rows).write(frame, 0)
-        drawn.append(int((np.abs(frame.astype(int) - [120, 131, 144]).sum(axis=-1) < 20).sum()))
-    assert 0 < drawn[0] < 0.7 * drawn[1]
 
 
 def test_map_shows_the_way_driven_so_far():

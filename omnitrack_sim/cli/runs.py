@@ -106,7 +106,7 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
 
     # After the run has been saved: a plot that fails costs nothing of it.
     picture("summary.png", plot_summary, "ot.plot_summary")
-    if needs_map(result.routes()):
+    if needs_map(result):
         picture("map.png", plot_mission, "ot.plot_mission")
     picture(PAGE, render_replay, "ot.render_replay")
     if camera is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Centreline, Part, Route
+from omnitrack_sim.results.result import Result
 
 FEW_FITTINGS = 3
 """A route through no more fittings than this needs no map."""
@@ -49,12 +50,12 @@ class Projection:
         """Project points (..., 3) m: (..., 2) m to the right and up."""
         return points @ self.axes[:, :2]
 
-    def segments(self, parts: Sequence[Part]) -> list[tuple[float, Array]]:
-        """Bore radius, m, and flat ends (2, 2) m of short pieces of all axes, the farthest first:
-        painted in this order, nearer pipes cross over farther ones."""
+    def segments(self, parts: Sequence[Part]) -> list[tuple[int, Array]]:
+        """Number of the part and flat ends (2, 2) m of short pieces of all axes, the farthest
+        first: painted in this order, nearer pipes cross over farther ones."""
         pieces = [
-            (part.fitting.radius, line[i : i + 2])
-            for part in parts
+            (number, line[i : i + 2])
+            for number, part in enumerate(parts)
             for line in axis_lines(part, SPACING)
             for i in range(len(line) - 1)
         ]
@@ -126,9 +127,12 @@ def _distances(points: Array) -> Array:
     return np.linalg.norm(points[:, None] - points[None], axis=-1)
 
 
-def needs_map(routes: Sequence[Route]) -> bool:
-    """True for a run through more than ``FEW_FITTINGS`` fittings, or over several legs."""
-    return len(routes) > 1 or len(routes[0].passages) > FEW_FITTINGS
+def needs_map(result: Result) -> bool:
+    """Return True for a run through more than ``FEW_FITTINGS`` fittings, over several legs, or of a
+    robot that makes a map."""
+    routes = result.routes()
+    explores = result.map is not None
+    return explores or len(routes) > 1 or len(routes[0].passages) > FEW_FITTINGS
 
 
 def axis_lines(part: Part, straight: float = np.inf) -> list[Array]:

@@ -5,7 +5,6 @@ Lengths are pixels of a film with 720 lines, unless something else is said.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -13,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.projection import axis_lines, clearest
+from omnitrack_sim.show.whereabouts import Discovery
 
 LEFT, WIDTH, HEIGHT = 18, 337, 224
 """Margin, width and height of the status panel."""
@@ -191,36 +189,26 @@ def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
 
 
 class MapPanel(_Panel):
-    """A map of all pipes in the upper right corner: the travelled path, the robot, its goals.
+    """A map of the true pipes in the upper right corner: the travelled path, the robot, its goals.
 
-    The pipes are drawn once, or again whenever an exploring robot knows more of them; of the path,
-    what is new. All is drawn on a large map, and reduced for smooth lines.
+    The pipes are drawn once, or again whenever the robot discovers more of them; of the path, what
+    is new. All is drawn on a large map, and reduced for smooth lines.
 
     Args:
         result: the run.
         trajectory: its record.
         size: width and height of the frames, pixels.
-        known_from: for each part the sample from which on it is on the map; none: all from the
-            first one.
     """
 
-    def __init__(
-        self,
-        result: Result,
-        trajectory: Trajectory,
-        size: tuple[int, int],
-        known_from: NDArray[np.intp] | None = None,
-    ) -> None:
+    def __init__(self, result: Result, trajectory: Trajectory, size: tuple[int, int]) -> None:
         super().__init__(*size)
         self.unit = _FINER * self.scale  # pixels of the large map
-        self.trajectory, self._pipes = trajectory, result.routes()[0].network
-        self.view = clearest(self._pipes)
+        self.trajectory, self._parts = trajectory, result.pipes.parts
+        self.view, self.discovery = clearest(result.pipes), Discovery.of(result, trajectory)
         self._fit(*size)
-        parts = len(self._pipes.parts)
-        self._known_from = np.zeros(parts, np.intp) if known_from is None else known_from
         self._plates = [self._pixels(rim) for rim in result.plate_rims()]
         self._goals = self._pixels(result.goal_points())
-        self._show_parts(0)
+        self._show_discovered(0)
         step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
         # A point a centimetre of travel: more would only take longer to draw.
         marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
@@ -234,7 +222,8 @@ class MapPanel(_Panel):
 
     def _fit(self, width: int, height: int) -> None:
         """Choose the size of the map and its scale."""
-        parts = self._pipes.parts
+        ever = self.discovery.parts < len(self.trajectory.time)
+        parts = [part for part, seen in zip(self._parts, ever, strict=True) if seen]
         axes = np.concatenate([self.view.flat(line) for p in parts for line in axis_lines(p)])
         radius = max(part.fitting.radius for part in parts)
         low, high = axes.min(axis=0) - radius, axes.max(axis=0) + radius
@@ -249,8 +238,8 @@ class MapPanel(_Panel):
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
-        if (self._on_map != (self._known_from <= row)).any():
-            self._show_parts(row)
+        if self._shown != self.discovery.count(row):
+            self._show_discovered(row)
         self._travel(int(np.searchsorted(self._rows, row, side="right")))
         panel = self._small.copy()
         self._robot(panel, row)
@@ -260,32 +249,32 @@ class MapPanel(_Panel):
         image.paste(panel.convert("RGB"), (0, 0), panel.getchannel("A"))
         corner[:] = np.asarray(image)
 
-    def _show_parts(self, row: int) -> None:
-        """Draw panel, pipes that are on the map at sample ``row``, plates and goals."""
-        self._on_map = self._known_from <= row
+    def _show_discovered(self, row: int) -> None:
+        """Draw panel, pipes, plates and goals that are on the map at sample ``row``."""
+        discovery, self._shown = self.discovery, self.discovery.count(row)
         self._background = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw, unit = ImageDraw.Draw(self._background), self.unit
         edges = (0, 0, self.size[0] - 1, self.size[1] - 1)
         draw.rounded_rectangle(edges, round(10 * unit), fill=_PANEL)
-        parts = [p for p, on in zip(self._pipes.parts, self._on_map, strict=True) if on]
-        for radius, ends in self.view.segments(parts):  # from the farthest to the nearest
+        parts = [self._parts[i] for i in np.flatnonzero(discovery.parts <= row)]
+        for number, ends in self.view.segments(parts):  # from the farthest to the nearest
             corners = self.offset + self.metre * ends * [1, -1]
             line = [tuple(corner) for corner in corners.tolist()]
-            thick = max(5 * unit, 2 * self.metre * radius)
+            thick = max(5 * unit, 2 * self.metre * parts[number].fitting.radius)
             # The dark edge ends square, so that it shows at crossings only and not where pieces
             # meet.
             draw.line(line, fill=_EDGE, width=round(thick + 3 * unit))
             draw.line(line, fill=_PIPE, width=round(thick))
             for corner in corners:
                 _disc(draw, corner, thick / 2, fill=_PIPE)
-        for rim in self._plates:
-            line = [tuple(corner) for corner in rim.tolist()]
+        for i in np.flatnonzero(discovery.plates <= row):
+            line = [tuple(corner) for corner in self._plates[i].tolist()]
             draw.polygon(line, fill=_PLATE)
             draw.line(line, fill=_PLATE, width=round(3 * unit))
         angle = np.pi * np.arange(10) / 5
         star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
-        for goal in self._goals:
-            _polygon(draw, goal + unit * star.T, _GOAL)
+        for i in np.flatnonzero(discovery.goals <= row):
+            _polygon(draw, self._goals[i] + unit * star.T, _GOAL)
         self._forget_travel()
 
     def _forget_travel(self) -> None:
@@ -365,32 +354,6 @@ def _disc(draw: ImageDraw.ImageDraw, centre: Array, radius: float, **look) -> No
 
 def _polygon(draw: ImageDraw.ImageDraw, corners: Array, colour: tuple[int, int, int]) -> None:
     draw.polygon([tuple(corner) for corner in corners.tolist()], fill=colour, outline=_EDGE)
-
-
-def known_from(
-    trajectory: Trajectory, routes: Sequence[Route], half: float, sight: float
-) -> NDArray[np.intp]:
-    """For each part of an explored map the first sample at which it can have been seen; the number
-    of samples for what never was.
-
-    Args:
-        trajectory: the record.
-        routes: of each leg, through the map.
-        half: from the robot's centre to its front, m.
-        sight: range of sight ahead of that, m.
-    """
-    first = np.full(len(routes[0].network.parts), len(trajectory.time))
-    for leg, route in enumerate(routes):
-        rows = np.flatnonzero((trajectory["leg"] == leg) & np.isfinite(trajectory["distance"]))
-        front = trajectory["distance"][rows] + half
-        corner = -np.inf  # end of the last fitting; what lies beyond is not seen from before it
-        for passage in route.passages:
-            in_sight = (front + sight >= passage.s_enter) & (front + SIGHT.port >= corner)
-            if in_sight.any():
-                first[passage.index] = min(first[passage.index], rows[np.argmax(in_sight)])
-            if not route.network.parts[passage.index].fitting.is_plain:
-                corner = passage.s_leave
-    return first
 
 
 @cache

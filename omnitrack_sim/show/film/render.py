@@ -427,18 +427,14 @@ def render_strip(
 def strip_times(result: Result, count: int = FRAMES) -> list[float]:
     """Times, s, evenly from just before the first fitting that bends, branches or narrows to just
     after the last; over the whole run where there is none."""
-    parts = [
-        route.network.parts[passage.index]
-        for route in result.routes()
-        for passage in route.passages
-    ]
-    plain = {part.name for part in parts if part.fitting.is_plain}
-    visits = [visit for visit in result.timeline() if visit.name not in plain]
-    first, last = result.trajectory.time[[0, -1]].tolist()
-    if visits:
-        leave = visits[-1].time_leave_s
-        first = max(first, visits[0].time_enter_s - BEFORE)
-        last = last if leave is None else min(last, leave + BEFORE)
+    from omnitrack_sim.show.whereabouts import stays
+
+    time = result.trajectory.time
+    first, last = time[[0, -1]].tolist()
+    bends = [stay for stay in stays(result, result.trajectory) if not stay.part.fitting.is_plain]
+    if bends:
+        first = max(first, float(time[bends[0].first]) - BEFORE)
+        last = min(last, float(time[bends[-1].last]) + BEFORE)
     return np.linspace(first, last, count).tolist()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
-from omnitrack_sim.pipes import Assembly, Part, Route
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.looks import (
     FIELD_OF_VIEW,
@@ -123,22 +123,22 @@ WALL = 0.004
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
 _NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
 _SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
-# Weights of the costs: a view along the pipe shows nothing and costs most, then a hidden robot; the
-# direction that is liked only decides between equals.
+# Weights of the costs: a view along the robot shows nothing and costs most, then a hidden robot;
+# the direction that is liked only decides between equals.
 _ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5
-_FREE = 0.25  # cosine to the pipe's axis below which one looks across it well enough
+_FREE = 0.25  # cosine to the robot's axis below which one looks across it well enough
 
 
-def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: ArrayLike) -> Array:
+def view_directions(trajectory: Trajectory, network: Assembly, liking: ArrayLike) -> Array:
     """Unit vectors (T, 3), world frame, from the robot to the viewer, which change slowly.
 
     Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
-    direction is cheap if it looks across the pipe's axis and across the plane of a bend or tee, not
+    direction is cheap if it looks across the robot and across the plane of a bend or tee, not
     through other pipes, and lies near ``liking``; turning costs, too.
 
     Args:
         trajectory: the record.
-        routes: of each leg.
+        network: the true pipes.
         liking: (3,) direction to prefer where nothing speaks against it.
     """
     liking = unit(liking)
@@ -146,10 +146,12 @@ def view_directions(trajectory: Trajectory, routes: Sequence[Route], liking: Arr
     up, around = (a.ravel() for a in np.meshgrid(_ELEVATIONS, _AZIMUTHS, indexing="ij"))
     rings = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
     choices = np.concatenate([liking[None], rings])
-    tangent, plane = _geometry(trajectory, routes, rows)
-    along = np.maximum(np.abs(tangent @ choices.T) - _FREE, 0.0) ** 2
+    position, parts = trajectory["position"][rows], network.parts
+    nose = matrix_from_quaternion(trajectory["quaternion"][rows])[:, :, 2]
+    along = np.maximum(np.abs(nose @ choices.T) - _FREE, 0.0) ** 2
+    plane = _planes(parts, position)
     bend = np.where((plane != 0).any(axis=1)[:, None], 1 - (plane @ choices.T) ** 2, 0.0)
-    hidden = _hidden(routes[0].network.parts, trajectory["position"][rows], choices)
+    hidden = _hidden(parts, position, choices)
     cost = _ALONG * along + _BEND * bend + _HIDDEN * hidden + _LIKING * (1 - choices @ liking)
     turn = np.arccos(np.clip(choices @ choices.T, -1, 1)) ** 2
     chosen = choices[_cheapest(cost, _TURN * turn)]
@@ -209,24 +211,15 @@ def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
     return rows[np.isfinite(trajectory["position"][rows]).all(axis=1)], travel
 
 
-def _geometry(
-    trajectory: Trajectory, routes: Sequence[Route], rows: NDArray[np.intp]
-) -> tuple[Array, Array]:
-    """For each row the centreline's tangent and the normal of a bend's or tee's plane, (N, 3).
-
-    The normal is 0 away from bends and tees.
-    """
-    tangent, plane = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
-    for index, route in enumerate(routes):
-        on = np.flatnonzero(trajectory["leg"][rows] == index)
-        distance = trajectory["distance"][rows[on]]
-        tangent[on] = route.centreline.at(distance)[1]
-        for passage in route.passages:
-            if passage.asks_orientation:
-                here = (distance > passage.s_enter - _NEAR) & (distance < passage.s_leave + _NEAR)
-                entry = route.centreline.at(np.array([passage.s_enter]))[1]
-                plane[on[here]] = unit(cross(entry, passage.turn_direction[None]))
-    return tangent, plane
+def _planes(parts: Sequence[Part], centres: Array) -> Array:
+    """Normals (N, 3) of the plane of a bend or tee at ``centres`` (N, 3) m; 0 away from them."""
+    plane = np.zeros(centres.shape)
+    for part in parts:
+        if not part.fitting.is_axial:
+            beside = part.signed_distance(centres)[0] > -WALL
+            # Fittings that bend or branch are symmetric about y = 0, the plane of all their axes.
+            plane[beside & (part.extent(centres) > -_NEAR)] = part.pose.rotation[:, 1]
+    return plane
 
 
 def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
@@ -372,18 +365,17 @@ class FollowCamera(FilmCamera):
 
     Args:
         trajectory: the record.
-        routes: of each leg.
+        network: the pipes.
         aspect: width over height of the pictures.
         reach: of the robot about its centre, m.
     """
 
     def __init__(
-        self, trajectory: Trajectory, routes: Sequence[Route], aspect: float, reach: float
+        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float
     ) -> None:
-        network = routes[0].network
         super().__init__(network, aspect)
         self._reach = reach
-        self._back = view_directions(trajectory, routes, follow_direction(network))  # (T, 3)
+        self._back = view_directions(trajectory, network, follow_direction(network))  # (T, 3)
 
     def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
         """See ``FilmCamera``."""

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from bisect import bisect_right
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from omnitrack_sim.autonomy.camera_sight import CAMERA_SIGHT
-from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP, look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
-from omnitrack_sim.show.film.overlay import (
-    BOTH_PANELS,
-    CameraPanel,
-    MapPanel,
-    StatusPanel,
-    known_from,
-)
+from omnitrack_sim.show.film.overlay import BOTH_PANELS, CameraPanel, MapPanel, StatusPanel
 from omnitrack_sim.show.film.shots import (
     PANEL,
     FilmCamera,
@@ -37,6 +28,7 @@ from omnitrack_sim.show.film.shots import (
 from omnitrack_sim.show.playback import smooth_belts, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
+from omnitrack_sim.show.whereabouts import stays
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter, PixelRect
@@ -90,8 +82,10 @@ class Stage:
         self._status = StatusPanel(*size) if overlay else None
         album = result.album if overlay else None
         self._pictures = None if album is None else CameraPanel(album, *size)
-        self._map = self._map_of(size) if inset and camera != "side" else None
-        self._part_names = self._parts_passed()
+        mapped = inset and camera != "side" and needs_map(result)
+        self._map = MapPanel(result, self.trajectory, size) if mapped else None
+        self._stays = stays(result, self.trajectory)
+        self._stays_begin = [stay.first for stay in self._stays]
         self._still: Image | None = None
 
     def __enter__(self) -> Stage:
@@ -114,7 +108,8 @@ class Stage:
         row = self.row(time)
         frame = self.paint(row, self._qpos[row])
         if self._status is not None:
-            self._status.write(frame, self.trajectory, row, self._part_names[row])
+            stay = self._stays[bisect_right(self._stays_begin, row) - 1]
+            self._status.write(frame, self.trajectory, row, stay.part.name)
         if self._pictures is not None:
             gear = int(self.trajectory["gear"][row])
             self._pictures.write(frame, float(self.trajectory.time[row]), gear)
@@ -191,7 +186,7 @@ class Stage:
         away = np.linalg.norm(self.data.xpos[self._bodies] - self._chassis()[0], axis=1)
         reach = _REACH * float((away + np.linalg.norm(centres, axis=1) + radii).max())
         if name == "follow":
-            return FollowCamera(self.trajectory, result.routes(), self._aspect, reach)
+            return FollowCamera(self.trajectory, result.pipes, self._aspect, reach)
         height = PANEL if result.album is None else BOTH_PANELS
         covered = height if panels else 0.0
         return SideCamera(self.trajectory, result.pipes, self._aspect, reach, covered)
@@ -223,25 +218,6 @@ class Stage:
             lamp=self._camera.lamp,
             sun=self._camera.still_sun,
         )
-
-    def _map_of(self, size: tuple[int, int]) -> MapPanel | None:
-        """The map for the corner of the pictures; None where the run is too short to need one."""
-        result, routes, known = self._result, self._result.routes(), None
-        if not needs_map(routes):
-            return None
-        if result.map is not None and result.scenario.exploration is not None:
-            robot, by_camera = result.scenario.robot, result.scenario.sensing.kind == "onboard"
-            sight = (CAMERA_SIGHT.reach if by_camera else SIGHT.reach) * robot.nominal_bore
-            known = known_from(self.trajectory, routes, robot.length / 2, sight)
-        return MapPanel(result, self.trajectory, size, known)
-
-    def _parts_passed(self) -> Sequence[str]:
-        """For each sample, the name of the part that the robot's centre is in."""
-        routes = self._result.routes()
-        names = [[route.network.parts[p.index].name for p in route.passages] for route in routes]
-        passages = passage_indices(self.trajectory, routes).tolist()
-        legs = self.trajectory["leg"].astype(int).tolist()
-        return [names[leg][passage] for leg, passage in zip(legs, passages, strict=True)]
 
 
 def _open_context(width: int, height: int) -> Any:

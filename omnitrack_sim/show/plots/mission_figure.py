@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.record.events import FellOff
 from omnitrack_sim.record.timeline import (
     FORCE_WINDOW,
     RETRY_PHASE,
     ROLL_PHASE,
-    passage_indices,
     phase_starts,
     running_mean,
 )
@@ -37,6 +36,7 @@ from omnitrack_sim.show.plots.style import (
     page,
 )
 from omnitrack_sim.show.projection import Projection, aligned, bore_faces
+from omnitrack_sim.show.whereabouts import stays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +103,8 @@ def plot_mission(
     """Plot map and time chart of a run, as wide as a page (7.16 inches).
 
     The map shows the pipes in elevation and plan, with the path of the robot's centre in them, and
-    over them, in another colour, those in the map of a robot that explores. On the left the colour
+    over them, in another colour, those in the map of a robot that explores; all names are those of
+    the true parts. On the left the colour
     of the path is the slip ratio, the mean of the modules' magnitudes over 10 mm of travel; on the
     right the least normal force of a module there, of a mean over 0.1 s. Travel tail first is drawn
     beside the axis, on the right-hand side of its direction, with a dashed core. The chart below
@@ -139,8 +140,7 @@ class _Mission:
     def __init__(self, result: Result) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-        self.result, self.trajectory, self.routes = result, result.trajectory, result.routes()
-        self.pipes = self.routes[0].network if result.map is None else result.pipes
+        self.result, self.trajectory, self.pipes = result, result.trajectory, result.pipes
         self.faces = bore_faces(self.pipes)
         self.marks, self.travel = marks_of(result), list(_travel_of(self.trajectory))
         # Height of the row of the time chart that names the legs.
@@ -246,12 +246,12 @@ class _Mission:
 
         i, j = view.columns[::-1] if view.falls else view.columns
         for leg, value in zip(self.travel, values, strict=True):
-            points, route = self.trajectory["position"][leg.rows], self.routes[leg.index]
+            points = self.trajectory["position"][leg.rows]
             if leg.tail_first:  # beside the axis, to the right of the direction of travel
-                tangent = route.centreline.at(self.trajectory["distance"][leg.rows])[1]
-                shift = np.zeros_like(tangent)
-                shift[:, i], shift[:, j] = tangent[:, j], -tangent[:, i]
-                points = points + BESIDE * route.passages[0].radius * shift
+                tail = -matrix_from_quaternion(self.trajectory["quaternion"][leg.rows])[:, :, 2]
+                shift = np.zeros_like(tail)
+                shift[:, i], shift[:, j] = tail[:, j], -tail[:, i]
+                points = points + BESIDE * self.pipes.parts[0].fitting.radius * shift
             flat = points[:, list(view.columns)]
             pieces = np.stack([flat[:-1], flat[1:]], axis=1)
             axis.plot(*flat.T, color=INK, linewidth=3.0, solid_capstyle="round", zorder=3)
@@ -331,19 +331,15 @@ class _Mission:
         strip.set_axis_off()
         strip.set_ylim(0, top)
         leg, time = self.trajectory["leg"].astype(int), self.trajectory.time
-        passages = passage_indices(self.trajectory, self.routes)
         shades: dict[str, str] = {}
-        for first, last in spans(leg, passages):
-            route = self.routes[leg[first]]
-            passage = route.passages[passages[first]]
-            shade = shades[passage.words] = SHADES.get(passage.words, SHADES["straight"])
-            start, end = float(time[first]), float(time[last])
+        for stay in stays(self.result, self.trajectory):
+            shade = shades[stay.words] = SHADES.get(stay.words, SHADES["straight"])
+            start, end = float(time[stay.first]), float(time[stay.last])
             for axis in panels:
                 axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)
             strip.fill_between([start, end], self.legs, top, color=shade, linewidth=0)
             strip.plot([start, start], [self.legs, top], color="white", linewidth=1.2)
-            name = route.network.parts[passage.index].name
-            self._name_band(strip, name, (start, end), (self.legs, top))
+            self._name_band(strip, stay.part.name, (start, end), (self.legs, top))
         if self.legs:
             self._name_legs(strip, leg)
         order = [words for words in dict.fromkeys([*SHADES, *shades]) if words in shades]

@@ -7,7 +7,6 @@ import base64
 import io
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -17,11 +16,10 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.pipes import Assembly, Route
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.record.events import Note
-from omnitrack_sim.record.timeline import passage_indices
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory, spans
+from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import MODULES
@@ -39,6 +37,7 @@ from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest, needs_map
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
+from omnitrack_sim.show.whereabouts import Discovery, stays
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 
 STEPS = 65534
@@ -163,25 +162,21 @@ def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
     ]
 
 
-def fittings_table(trajectory: Trajectory, routes: Sequence[Route]) -> list[dict[str, Any]]:
+def fittings_table(result: Result, trajectory: Trajectory) -> list[dict[str, Any]]:
     """The fittings that the robot's centre was in, in order, with times in s."""
-    leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
-    table = []
-    for first, last in spans(leg, place, trajectory["gear"]):
-        route = routes[int(leg[first])]
-        passage = route.passages[int(place[first])]
-        table.append(
-            {
-                "name": route.network.parts[passage.index].name,
-                "manoeuvre": passage.words,
-                "colour": SHADES.get(passage.words, SHADES["straight"]),
-                "leg": int(leg[first]) + 1 if len(routes) > 1 else None,
-                "tail": bool(trajectory["gear"][first] < 0),
-                "start": float(trajectory.time[first]),
-                "end": float(trajectory.time[last]),
-            }
-        )
-    return table
+    leg, several = trajectory["leg"].astype(int), len(result.routes()) > 1
+    return [
+        {
+            "name": stay.part.name,
+            "manoeuvre": stay.words,
+            "colour": SHADES.get(stay.words, SHADES["straight"]),
+            "leg": int(leg[stay.first]) + 1 if several else None,
+            "tail": bool(trajectory["gear"][stay.first] < 0),
+            "start": float(trajectory.time[stay.first]),
+            "end": float(trajectory.time[stay.last]),
+        }
+        for stay in stays(result, trajectory)
+    ]
 
 
 def events_table(result: Result) -> dict[str, Any]:
@@ -219,21 +214,36 @@ def _nice(value: float) -> float:
     return max(step * power for step in (1, 2, 5) if step * power <= value * (1 + 1e-9))
 
 
-def map_table(result: Result) -> dict[str, Any] | None:
+def map_table(result: Result, trajectory: Trajectory) -> dict[str, Any] | None:
     """Pieces of the pipes' axes from the farthest to the nearest, goals and plates, in m to the
-    right and up; None where the route is too short to need a map."""
-    if not needs_map(result.routes()):
+    right and up, each with the sample from which on it is on the map; None where the route is too
+    short to need a map."""
+    if not needs_map(result):
         return None
-    view = clearest(result.pipes)
+    parts, view, end = result.pipes.parts, clearest(result.pipes), len(trajectory.time)
+    discovery = Discovery.of(result, trajectory)
     return {
         "beside": BESIDE,
         "view": rounded(view.axes[:, :2].T, 7),
         "pieces": [
-            [round(radius, 4), *rounded(ends, 4)]
-            for radius, ends in view.segments(result.pipes.parts)
+            {
+                "radius": round(parts[number].fitting.radius, 4),
+                "ends": rounded(ends, 4),
+                "from": int(discovery.parts[number]),
+            }
+            for number, ends in view.segments(parts)
+            if discovery.parts[number] < end
         ],
-        "goals": rounded(view.flat(result.goal_points()), 4),
-        "plates": [rounded(view.flat(rim), 4) for rim in result.plate_rims()],
+        "goals": [
+            {"point": rounded(view.flat(point), 4), "from": int(first)}
+            for point, first in zip(result.goal_points(), discovery.goals, strict=True)
+            if first < end
+        ],
+        "plates": [
+            {"rim": rounded(view.flat(rim), 4), "from": int(first)}
+            for rim, first in zip(result.plate_rims(), discovery.plates, strict=True)
+            if first < end
+        ],
     }
 
 
@@ -412,7 +422,6 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
 def follow_table(result: Result, trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
     """Return distance, m, and direction at each sample of the camera that keeps with the robot, as
     in films."""
-    routes = result.routes()
-    directions = view_directions(trajectory, routes, follow_direction(result.pipes))
+    directions = view_directions(trajectory, result.pipes, follow_direction(result.pipes))
     distance = FARTHER * DISTANCE * result.scenario.robot.scale
     return {"distance": distance, "directions": pack.steps(directions, 1e-4)}

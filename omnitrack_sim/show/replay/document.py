@@ -162,7 +162,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         ],
         "pipes": contents.pipes_table(network, models[0], shapes),
         "follow": contents.follow_table(first, trajectory, pack),
-        "map": contents.map_table(first),
+        "map": contents.map_table(first, trajectory),
         "pictures": contents.pictures_table(first.album, trajectory),
         "panels": contents.panels_table(first.trajectory),
         "colours": [[round(255 * part) for part in colour] for colour in MODULE_COLOURS],
@@ -186,7 +186,7 @@ def _run_table(
             "robot": contents.robot_table(result, trajectory, model, pack, shapes),
             "curves": contents.curves_table(trajectory, pack),
             "phases": contents.phases_table(trajectory),
-            "fittings": contents.fittings_table(trajectory, result.routes()),
+            "fittings": contents.fittings_table(result, trajectory),
             **contents.events_table(result),
         }
 

@@ -1,4 +1,4 @@
-// The map of the pipes: the way so far, the robot and its goals.
+// The map of the pipes that the robot knows so far: its way, the robot and its goals.
 import { Quaternion, Vector3 } from "three";
 import { sized } from "replay/words";
 
@@ -11,8 +11,8 @@ export class Chart {
     this.canvas = document.getElementById("map");
     this.picture = document.createElement("canvas");
     this.canvas.hidden = false;
-    const points = map.pieces.flatMap(([, a, b]) => [a, b]);
-    const widest = Math.max(...map.pieces.map(([radius]) => radius));
+    const points = map.pieces.flatMap((piece) => piece.ends);
+    const widest = Math.max(...map.pieces.map((piece) => piece.radius));
     this.low = [0, 1].map((i) => points.reduce((m, p) => Math.min(m, p[i]), Infinity) - widest);
     this.high = [0, 1].map((i) => points.reduce((m, p) => Math.max(m, p[i]), -Infinity) + widest);
     const [xs, ys, zs] = motion.positions;
@@ -37,33 +37,48 @@ export class Chart {
     this.ratio = sized(this.canvas, ...size);
     this.picture.width = this.canvas.width;
     this.picture.height = this.canvas.height;
-    this.paint(this.picture.getContext("2d"));
+    this.paint();
   }
 
-  paint(pen) {
+  /** Of pieces, plates or goals those that the robot has discovered by now. */
+  known(things) {
+    const { motion } = this;
+    return things.filter((thing) => thing.from <= (motion.share < 0.5 ? motion.row : motion.next));
+  }
+
+  /** How many of them these are, which changes whenever the map has to be painted anew. */
+  count() {
+    const { pieces, plates, goals } = this.map;
+    return [pieces, plates, goals].reduce((sum, things) => sum + this.known(things).length, 0);
+  }
+
+  paint() {
     const { map, ratio } = this;
+    const pen = this.picture.getContext("2d");
+    this.painted = this.count();
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, this.picture.width, this.picture.height);
     pen.lineCap = "round";
-    for (const [radius, a, b] of map.pieces) {
+    for (const { radius, ends } of this.known(map.pieces)) {
       const thick = Math.max(4, 2 * radius * this.scale);
       // The pale edge ends square, so that it shows at crossings and not where pieces meet.
       for (const [cap, width, colour] of [["butt", thick + 3, "#fff"], ["round", thick, "#b4bdc8"]]) {
         pen.lineCap = cap;
         pen.lineWidth = width;
         pen.strokeStyle = colour;
-        this.path(pen, [a, b]);
+        this.path(pen, ends);
         pen.stroke();
       }
     }
     pen.fillStyle = "#c8322b";
-    for (const plate of map.plates) {
-      this.path(pen, plate);
+    for (const { rim } of this.known(map.plates)) {
+      this.path(pen, rim);
       pen.fill();
       pen.lineWidth = 3;
       pen.strokeStyle = "#c8322b";
       pen.stroke();
     }
-    for (const goal of map.goals) this.star(pen, this.pixel(goal));
+    for (const { point } of this.known(map.goals)) this.star(pen, this.pixel(point));
   }
 
   path(pen, points) {
@@ -87,6 +102,7 @@ export class Chart {
 
   update() {
     const { canvas, ratio, motion } = this;
+    if (this.painted !== this.count()) this.paint();
     const pen = canvas.getContext("2d");
     pen.setTransform(1, 0, 0, 1, 0, 0);
     pen.clearRect(0, 0, canvas.width, canvas.height);
