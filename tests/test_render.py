@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import av
@@ -82,6 +84,14 @@ def test_a_webm_is_vp9(result, tmp_path):
     still = render_frame(result, time=1.0, camera="side", width=SIZE[0], height=SIZE[1])
     assert np.abs(frames[-1].astype(int) - still).mean() < 4
     assert [p.name for p in tmp_path.iterdir()] == ["run.webm"]
+
+
+def test_a_picture_is_made_whatever_has_loaded_opengl_before(result, tmp_path):
+    """PyOpenGL that a notebook has loaded for windows knows no offscreen context."""
+    result.save(tmp_path / "run")
+    picture = "ot.render_frame('run', time=0.1, width=64, height=48)"
+    code = f"import OpenGL.GL, omnitrack_sim as ot; {picture}"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
 
 
 @pytest.mark.parametrize("ending", ["mp4", "webm", "gif"])

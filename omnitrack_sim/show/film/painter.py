@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from OpenGL import GL
 from OpenGL.GL.shaders import compileProgram, compileShader
+from OpenGL.raw.GL.VERSION.GL_2_0 import glVertexAttribPointer
 
 from omnitrack_sim.show.film import shaders
 from omnitrack_sim.show.film.shots import Eye, Sun
@@ -54,7 +55,9 @@ class Painted:
         for place, size in enumerate(_SIZES):
             start = ctypes.c_void_p(data.itemsize * sum(_SIZES[:place]))
             GL.glEnableVertexAttribArray(place)
-            GL.glVertexAttribPointer(place, size, GL.GL_FLOAT, False, data.strides[0], start)
+            # Raw: PyOpenGL would keep the offset as a pointer, by a context that it does not find
+            # where something else has loaded it for another platform before.
+            glVertexAttribPointer(place, size, GL.GL_FLOAT, False, data.strides[0], start)
 
     def draw(self) -> None:
         """With the program in use."""
@@ -156,7 +159,7 @@ class Points:
         GL.glBindVertexArray(self._array)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
         GL.glEnableVertexAttribArray(0)
-        GL.glVertexAttribPointer(0, 2, GL.GL_FLOAT, False, 8, ctypes.c_void_p(0))
+        glVertexAttribPointer(0, 2, GL.GL_FLOAT, False, 8, ctypes.c_void_p(0))
 
     def draw(self, places: NDArray) -> None:
         """Points at ``places`` (n, 2), with the program in use."""
