@@ -11,6 +11,7 @@ from omnitrack_sim import (
     load_result,
     load_scenario,
     override,
+    run,
     run_batch,
 )
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
@@ -111,11 +112,22 @@ def test_a_goal_that_is_cut_off_on_the_way_is_no_success(monkeypatch):
 
 
 def test_two_goals_one_after_the_other():
-    """The robot tells each goal it reaches and backs out of the first."""
-    result = driven(mission_of("house_sewer", "sewer", "yard", "kitchen"))
+    """The robot tells each goal it reaches and backs out of the first. Its progress rises over all
+    legs, so that at the first goal a quarter of the way is done, and tells time and fitting."""
+    told: list[tuple[float, str]] = []
+    scenario = mission_of("house_sewer", "sewer", "yard", "kitchen")
+    result = run(scenario, no_load=False, progress=lambda *report: told.append(report))
     assert result.success, result.reason
     assert [leg.goal for leg in result.legs] == [0, -1, 1]
-    assert any(isinstance(event, GoalReached) and event.goal == "yard" for event in result.events)
+    (first,) = (event for event in result.events if isinstance(event, GoalReached))
+    assert first.goal == "yard"
+    parts = [part for part, _ in told]
+    assert parts == sorted(parts)
+    assert 0.95 < parts[-1] <= 1
+    at_goal = next(part for part, text in told if float(text.split()[0]) >= first.time)
+    ways = [leg.end - leg.begin for leg in result.legs]
+    assert at_goal == pytest.approx(ways[0] / sum(ways), abs=0.03)
+    assert told[0][1] == "1 s, cruise in collector_1"
     assert result.goal_points().shape == (2, 3)
 
 

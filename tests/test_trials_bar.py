@@ -58,13 +58,13 @@ def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch, terminal):
 
 def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
     """At once how many trials there are; the pace with the first that are done; then a line each
-    10 s at most, when a tenth more is done or five minutes have passed; and the end."""
+    5 s at most, when a tenth more is done or five minutes have passed; and the end."""
     with _bar() as tell:
         for after, done, lost in (
             (0, 2, 0),
             (4, 4, 0),
-            (9, 6, 0),  # too soon
-            (5, 6, 1),
+            (4, 6, 0),  # too soon
+            (10, 6, 1),
             (20, 6, 1),  # no headway
             (281, 6, 1),
             (20, 10, 1),
@@ -105,17 +105,18 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
 
 
 def test_without_a_terminal_work_that_takes_a_while_tells_lines(clock, capfd):
-    """How much there is; nothing in the first 10 s; then how far it is and what is left."""
+    """How much there is; nothing in the first 5 s, and then a line each 5 s at most: how far it
+    is, simulated time and place, and what is left."""
     with progress("run \x1b[2J", False) as tell:
         tell(0.0, "3 runs")
         for part in (0.1, 0.2, 0.25, 0.4, 1.0):
-            clock.s += 6.0
-            tell(part, "cruise")
+            clock.s += 3.0
+            tell(part, "12 s, cruise in t1")
     assert capfd.readouterr().err.splitlines() == [
         "run \\x1b[2J: 3 runs",
-        "run \\x1b[2J: 20 %, 0:00:48 left",
-        "run \\x1b[2J: 40 %, 0:00:36 left",
-        "run \\x1b[2J: done in 0:00:30",
+        "run \\x1b[2J: 20 %, 12 s, cruise in t1, 0:00:24 left",
+        "run \\x1b[2J: 40 %, 12 s, cruise in t1, 0:00:18 left",
+        "run \\x1b[2J: done in 0:00:15",
     ]
 
 

@@ -84,6 +84,12 @@ class Pilot(Protocol):
         """Goals of the mission that the legs so far do not lead to."""
         return ()
 
+    def done_at(self, distance: float) -> float:
+        """Return about what part of its task, 0 to 1, is done ``distance`` m along the leg at
+        hand, for those who wait."""
+        begin, end = self.leg.begin, self.leg.end
+        return min(max((distance - begin) / max(end - begin, 1e-9), 0.0), 1.0)
+
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """Decide at the end of the leg.
 
@@ -236,6 +242,11 @@ class MapPilot(Pilot):
         return Decision(None, events=[*events, GaveUp(self._number, time, cause)])
 
 
+def _way(legs: Sequence[Leg]) -> float:
+    """Way of the robot's centre on legs, m."""
+    return sum(leg.end - leg.begin for leg in legs)
+
+
 class Planned(MapPilot):
     """Drives a mission through a network whose map is known.
 
@@ -249,6 +260,7 @@ class Planned(MapPilot):
         super().__init__(number, falls)
         self.leg, self.planner, self._goals = planner.first, planner, planner.mission.goals
         self._goal = self.leg.goal  # the latest that a leg has led to
+        self._driven = 0.0  # m, way of the legs that are over
 
     @property
     def route_key(self) -> Hashable:
@@ -260,8 +272,24 @@ class Planned(MapPilot):
         """See ``Pilot``."""
         return self._goals[self._goal + 1 :]
 
+    def done_at(self, distance: float) -> float:
+        """See ``Pilot``: of the way to all goals, which is longer by what a detour adds."""
+        done = self._driven + distance - self.leg.begin
+        # Of the plan without detours all legs after that to the goal ahead are still to come.
+        plan, ahead = self.planner.plan(), self._goal_ahead
+        known = max(i for i, leg in enumerate(plan) if leg.goal == ahead) + 1
+        left = self.leg.end - distance + _way([*self._to_come, *plan[known:]])
+        return min(max(done / max(done + left, 1e-9), 0.0), 1.0)
+
+    @property
+    def _goal_ahead(self) -> int:
+        """Number of the goal that the leg at hand or one of those to come leads to."""
+        # Legs that only back out have no goal; the next one of those to come has.
+        return next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
+
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
+        self._driven += _way([self.leg])
         if self._to_come:
             return self._begin(time, [], self._to_come)
         following = self.leg.goal + 1
@@ -271,9 +299,7 @@ class Planned(MapPilot):
         return self._begin(time, events, self._plan(self._onward(distance), following))
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
-        # Legs that only back out have no goal; the next one of those to come has.
-        goal = next(leg.goal for leg in (self.leg, *self._to_come) if leg.goal >= 0)
-        return self._begin(time, events, self._plan(plan, goal))
+        return self._begin(time, events, self._plan(plan, self._goal_ahead))
 
     def _plan(self, plan: Replan, goal: int) -> list[Leg] | None:
         plans = (plan(self.planner, goal, closed) for closed in self._obstacles())

@@ -43,7 +43,7 @@ app = typer.Typer(
     help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
 )
 _Loaded = TypeVar("_Loaded")
-WAIT = 10.0
+WAIT = 5.0
 """Between two lines at least, and before the first one, s: what is over sooner tells nothing."""
 STEP, LONGEST = 0.1, 300.0
 """A line is due when so much of the work is done since the last one, or so many seconds ago."""
@@ -214,8 +214,8 @@ def _in_lines(lines: Lines) -> Callable[..., None]:
         if part == 0 and text:
             lines.say(text)
         pace = lines.elapsed / part if part else 0.0
-        left = f", {clock(pace * (1 - part))} left" if part else ""
-        lines.tell(part, f"{100 * part:.0f} %{left}")
+        left = f"{clock(pace * (1 - part))} left" if part else ""
+        lines.tell(part, ", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
 
     return tell
 
@@ -244,7 +244,7 @@ class Lines:
         """Tell ``words`` if a line is due when this part of the work, 0 to 1, is done. The end is
         told by ``end``."""
         since = time.monotonic() - self._told_at
-        far = abs(part - self._told) >= STEP  # the check of a study begins anew at 0
+        far = part - self._told >= STEP
         # Logs of long runs stay short: a line a tenth of the work, or every five minutes.
         if part < 1 and since >= WAIT and (self._first or far or since >= LONGEST):
             self._told, self._first = part, False

@@ -35,7 +35,7 @@ from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 
 Progress = Callable[[float, str], None]
-"""Called with the part done, 0 to 1, and a word about the run."""
+"""Called with the part done, 0 to 1, which never falls, and with simulated time and place."""
 MakePlant = Callable[[Scenario, Start, int], Plant]
 """Makes a plant from the first scenario of a batch, the start values of all, and the number of
 threads."""
@@ -143,6 +143,7 @@ class Simulation:
         self.endings: list[Ending | None] = [None] * self.n
         self.events: list[list[Event]] = [[] for _ in notes]
         self._near, self._tick, self._begun = np.zeros(self.n), 0, np.zeros(self.n, int)
+        self._progress = 0.0
         self._belt_command, self._roll_command = np.zeros((2, self.n, 3))
         self._phase, self._brake = np.zeros(self.n, int), None
         self._resting, self._over, self._given_up = np.zeros((3, self.n), bool)
@@ -493,14 +494,19 @@ class Simulation:
         )
 
     def _report(self, progress: Progress) -> None:
-        part = np.clip(self._location.distance / self.legs.end, 0, 1)
-        part = np.where(self.active, part, 1.0)
-        running = np.flatnonzero(self.active)
+        running, distance = np.flatnonzero(self.active), self._location.distance
         if len(running) == 0:
             return
-        phase = self.phases[self._phase[running[0]]]
-        text = phase if self.n == 1 else f"{len(running)} of {self.n} running"
-        progress(float(part.mean()), text)
+        part = np.ones(self.n)
+        part[running] = [self.legs.pilots[i].done_at(float(distance[i])) for i in running]
+        # A detour makes the way longer, and a robot may slide back: progress then stands still.
+        self._progress = max(self._progress, float(part.mean()))
+        text = f"{len(running)} of {self.n} running"
+        if self.n == 1:
+            route = self.legs.routes.routes[self.legs.route[0]]
+            passage = route.passages[route.index_at(float(distance[0]))]
+            text = f"{self.phases[self._phase[0]]} in {passage.part.name}"
+        progress(self._progress, f"{self.time.max():.0f} s, {text}")
 
     def results(
         self, no_load_slip: Sequence[float] | None = None, metrics: Sequence[Metric] = ()

@@ -36,7 +36,8 @@ class Status:
     """Progress of the trials of a sweep, a study or a benchmark.
 
     Attributes:
-        total: number of trials; of a study those of its search, and then those of its check.
+        total: number of trials; of a study those of its search and of its check, of which there
+            are fewer where one candidate is among the best in several ways.
         found: trials that were done before this run.
         done: trials that are done now.
         successes: how many of these succeeded.
@@ -103,9 +104,10 @@ class Engine:
         """Begin to count anew, up to ``total`` trials."""
         self.status = Status(total, stage=stage)
 
-    def enter(self, stage: str) -> None:
-        """Go on to another stage of the same trials."""
-        self.status = replace(self.status, stage=stage)
+    def enter(self, stage: str, total: int | None = None) -> None:
+        """Go on to another stage of the same trials, of which there are ``total`` where that is
+        known better by now."""
+        self.status = replace(self.status, stage=stage, total=total or self.status.total)
 
     def run(self, jobs: Sequence[Job]) -> list[pa.Table]:
         """Run the batches that their stores lack, and return the tables of all, in order.

@@ -500,7 +500,7 @@ def _excess(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
         yield Fault("generations", problem)
         return
     at_once = file.search_count * file.asked_each
-    chosen = 1 + file.search_count * (file.final.candidates + 1) if file.final.candidates else 0
+    chosen = file.most_checked(file.final.candidates)
     checked = {
         i: chosen * trial_count(len(sweep.bases), sweep.axes, file.final.samples or sweep.samples)
         for i, sweep in sweeps.items()

@@ -234,7 +234,8 @@ class _StudyRun:
         import pyarrow as pa
 
         study, engine = self.study, self.engine
-        engine.begin(study.candidate_count * study.size, "generation 1")
+        check = study.most_checked(study.final.candidates) * self._size_of_check
+        engine.begin(study.candidate_count * study.size + check, "generation 1")
         history = explore(study, self.search, self._after_generation)
         checked = self._checked(history)
         final = None if checked is None else final_table(study, checked)
@@ -258,6 +259,11 @@ class _StudyRun:
             self.folder.finish(files, lambda: draw_front(study, history, checked, best))
         return result
 
+    @property
+    def _size_of_check(self) -> int:
+        """Trials of a candidate in the check."""
+        return sum(sweep.size for sweep in self.study.unseen)
+
     def _after_generation(self, history: History) -> None:
         """Keep the history so far, unless all of the generation was there before."""
         status = self.engine.status
@@ -276,8 +282,8 @@ class _StudyRun:
         if not most:
             return None
         chosen = to_be_checked(self.study, history, most)
-        size = sum(sweep.size for sweep in self.study.unseen)
-        self.engine.begin(len(chosen) * size, "check of the best")
+        total = self.engine.status.done + len(chosen) * self._size_of_check
+        self.engine.enter("check of the best", total)
         return list(zip(chosen, self.check(chosen), strict=True))
 
     def _summary(

@@ -181,3 +181,8 @@ class SearchPlan(Table):
     def candidate_count(self) -> int:
         """Candidates of the whole search: the start, the generations, and the centres."""
         return 1 + self.search_count * (self.generations * self.asked_each + 1)
+
+    def most_checked(self, best: int) -> int:
+        """Most candidates of a check of the ``best`` ones of each search, its centre, and the
+        start; 0 where there is none."""
+        return 1 + self.search_count * (best + 1) if best else 0
