@@ -23,14 +23,17 @@ RNG = np.random.default_rng(0)
 N = 400
 PRELOAD = Spread("robot.preload", "N", RNG.uniform(5, 40, N))
 FRICTION = Spread("world.friction", "1", RNG.uniform(0.3, 1.2, N))
-KIND = Spread("control.kind", "", ["a", "b"] * (N // 2), ("a", "b"))
+KIND = Spread("control.kind", "", ["a", "b"] * (N // 2), ("a", "b"), compared=True)
+WORD = replace(KIND, compared=False)
 ORIENTATION = Spread(THETA5, "deg", np.linspace(-60, 59, N))
 PASSED = (np.asarray(PRELOAD.values, float) > 20).astype(float)
 FORMS = {
     "orientation": [ORIENTATION],
     "orientation by word": [ORIENTATION, KIND],
     "map": [PRELOAD, FRICTION],
-    "effects": [FRICTION, PRELOAD, KIND],
+    "maps by word": [PRELOAD, FRICTION, KIND],
+    "effects": [FRICTION, PRELOAD, WORD],
+    "effects by word": [FRICTION, PRELOAD, ORIENTATION, KIND],
     "one word": [KIND],
 }
 
@@ -178,13 +181,34 @@ def test_a_result_without_all_trials_is_refused():
 def test_main_effects_are_sorted_by_their_spread():
     """The axis that decides comes first; ten bins of a draw hold the rates of the trials in
     them."""
-    figure = sweep_figure([FRICTION, KIND, PRELOAD], PASSED)
+    figure = sweep_figure([FRICTION, WORD, PRELOAD], PASSED)
     panels = [axis for axis in figure.axes if axis.get_visible()]
     assert panels[0].get_xlabel() == "robot.preload [N]"
     rates = panels[0].lines[0].get_ydata()
     assert len(rates) == 10
     assert (rates[0], rates[-1]) == (0, 100)
     assert np.mean(rates) == pytest.approx(100 * PASSED.mean())
+
+
+def test_groups_that_are_compared_are_drawn_apart():
+    """Each word has a map of its own over two numbers, and curves of its own over more; no panel
+    mixes trials of both. Every figure has the sweep and the count as its title."""
+    passed = np.where(np.array(KIND.values) == "a", 1.0, 0.0)
+    maps = sweep_figure([PRELOAD, FRICTION, KIND], passed, name="sweep")
+    panels = [axis for axis in maps.axes if axis.get_title(loc="left")]
+    titles = [axis.get_title(loc="left") for axis in panels]
+    assert titles == ["a: 200 of 200 passed", "b: 0 of 200 passed"]
+    for axis, rate in zip(panels, (100, 0), strict=True):
+        assert set(np.ma.asarray(axis.collections[0].get_array()).compressed()) == {rate}
+    effects = sweep_figure([PRELOAD, FRICTION, ORIENTATION, KIND], passed, name="sweep")
+    for axis in (axis for axis in effects.axes if axis.get_xlabel() == "world.friction"):
+        curves, words = axis.get_legend_handles_labels()
+        assert words == ["a", "b"]
+        assert [set(curve.lines[0].get_ydata()) for curve in curves] == [{100}, {0}]
+    assert [text.get_text() for text in effects.legends[0].get_texts()] == ["a", "b"]
+    rows = sweep_figure([ORIENTATION, KIND], passed, name="sweep")
+    heads = [maps.get_suptitle(), effects.get_suptitle(), rows.axes[0].get_title(loc="left")]
+    assert all(head.startswith("sweep: 200 of 400 passed") for head in heads)
 
 
 def test_gravity_is_shown_by_its_angle_to_the_run():

@@ -22,7 +22,7 @@ from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.style import save_figure
-from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, sweep_figure
+from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, groups_of, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
@@ -277,9 +277,14 @@ def plot_sweep(
         raise InputError(Fault("result", problem))
     passed = _passed(result.table)
     if over is None and ax is None:
-        return page(lambda: sweep_figure(spreads(sweep), passed, turn_case(sweep)), path, format)
-    chosen = _chosen(spreads(sweep), over)
-    return chart(lambda axis: draw_chart(axis, chosen, passed), CHART, path, ax, format)
+        return page(lambda: _figure(sweep, passed), path, format)
+    axes = spreads(sweep)
+    chosen, groups = _chosen(axes, over), groups_of(axes)
+    return chart(lambda axis: draw_chart(axis, chosen, passed, groups), CHART, path, ax, format)
+
+
+def _figure(sweep: Sweep, passed: Array) -> Figure:
+    return sweep_figure(spreads(sweep), passed, turn_case(sweep), sweep.name)
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
@@ -299,7 +304,7 @@ def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """Draw ``success_map.png``."""
     buffer = io.BytesIO()
-    save_figure(sweep_figure(spreads(sweep), _passed(table), turn_case(sweep)), buffer, "png")
+    save_figure(_figure(sweep, _passed(table)), buffer, "png")
     return buffer.getvalue()
 
 
@@ -331,7 +336,8 @@ def spreads(sweep: Sweep) -> list[Spread]:
             axes.append(Spread(name, unit_of(name) or "1", np.array(values, float)))
         else:
             order = tuple(sweep.label(name, value) for value in sweep.crossed[name])
-            axes.append(Spread(name, "", [sweep.label(name, value) for value in values], order))
+            words = [sweep.label(name, value) for value in values]
+            axes.append(Spread(name, "", words, order, compared=True))
     return axes
 
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
+_GROUPS = (MODULE_COLOURS[1], MODULE_COLOURS[0], MODULE_COLOURS[2], INK)
+"""Colours of groups that are compared, at most ``MOST_ROWS``."""
 _NO_OUTCOME = "#dfe2e6"
 """Colour of cells in which no trial has an outcome."""
 PERIOD = 120.0
@@ -54,6 +56,7 @@ def success_figure(
     passed: Mapping[str, ArrayLike],
     sector_deg: float,
     real_margin_deg: float | None = None,
+    title: str = "",
 ) -> Figure:
     """Plot which start orientations pass a fitting, beside the singular range of the formula.
 
@@ -64,6 +67,7 @@ def success_figure(
             that orientation.
         sector_deg: deg, singular sector on the pipe's circumference.
         real_margin_deg: deg, half-width of the safe range in the real geometry.
+        title: above the figure.
 
     Returns:
         Two panels: on the left rows over theta5 [deg] with their success rates [%], on the right
@@ -87,6 +91,7 @@ def success_figure(
         _draw_rings(ring, list(rows.values()), margin, real_margin_deg)
         _draw_margins(line, margin, real_margin_deg)
         _orientation_legend(figure, rows, margin, real_margin_deg)
+        line.set_title(title, loc="left", size=8, color=INK)  # the legend is above the figure
         return figure
 
     return styled(draw, PAPER)
@@ -213,78 +218,113 @@ class Spread:
         unit: of its numbers.
         values: (n,) numbers, or n words.
         order: the different words; empty for numbers.
+        compared: its words are what is compared, on the same trials, such as controllers.
     """
 
     name: str
     unit: str
     values: Array | Sequence[str]
     order: tuple[str, ...] = ()
+    compared: bool = False
 
     @property
     def label(self) -> str:
         """Name and unit."""
         return Display(self.name, self.unit).label()
 
+    def split(self, passed: Array) -> dict[str, Array]:
+        """Return the outcomes (n,) of the trials of each word that has any; those of other trials
+        are not numbers."""
+        word = np.array(self.values)
+        by_word = {name: np.where(word == name, passed, np.nan) for name in self.order}
+        return {name: own for name, own in by_word.items() if np.isfinite(own).any()}
 
-def sweep_figure(axes: Sequence[Spread], passed: Array, case: TurnCase | None = None) -> Figure:
+
+def groups_of(axes: Sequence[Spread]) -> Spread | None:
+    """Return the axis whose words are drawn apart: the first of at most four that are compared."""
+    few = (axis for axis in axes if axis.compared and 1 < len(axis.order) <= MOST_ROWS)
+    return next(few, None)
+
+
+def sweep_figure(
+    axes: Sequence[Spread], passed: Array, case: TurnCase | None = None, name: str = ""
+) -> Figure:
     """Plot success over what was varied.
 
     The kind of figure depends on the axes. If only ``start.theta5_deg`` was varied, or it and at
     most four words, the figure is a map of the orientations, with the singular range of ``case``
-    behind it. Two numbers give a map. Everything else gives one panel for each axis with its main
-    effect, the largest first.
+    behind it. Two numbers give a map, for each group that is compared. Everything else gives one
+    panel for each axis with its main effect, the largest first, with a curve for each group.
 
     Args:
         axes: what was varied.
         passed: (n,) 1 passed, 0 failed, not a number where a trial has no outcome.
         case: robot and tee, if the trials turn in a tee.
+        name: of the sweep, for the title.
     """
     numbers = [axis for axis in axes if not axis.order]
     words = [axis for axis in axes if axis.order]
+    groups, title = groups_of(axes), f"{name}: {_count(passed)}".removeprefix(": ")
     if np.isfinite(passed).any():
         if [axis.name for axis in numbers] == [THETA5] and (
             not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)
         ):
-            return _orientations(numbers[0], words[0] if words else None, passed, case)
-        if len(numbers) == 2 and not words:
-            return styled(lambda: _one_map(numbers, passed), PAPER)
-    return styled(lambda: _main_effects(axes, passed), PAPER)
+            return _orientations(numbers[0], words[0] if words else None, passed, case, title)
+        if len(numbers) == 2 and words in ([], [groups]):
+            return styled(lambda: _maps(numbers, groups, passed, title), PAPER)
+    return styled(lambda: _main_effects(axes, groups, passed, title), PAPER)
 
 
-def draw_chart(axis: Axes, over: Sequence[Spread], passed: Array) -> None:
-    """Success in one chart: the rates over one axis of a sweep with their Wilson 95 % intervals, or
-    a map over two that are numbers."""
+def _count(passed: Array) -> str:
+    known = np.isfinite(passed)
+    return f"{int(passed[known].sum())} of {int(known.sum())} passed"
+
+
+def draw_chart(
+    axis: Axes, over: Sequence[Spread], passed: Array, groups: Spread | None = None
+) -> None:
+    """Success in one chart: the rates over one axis of a sweep with their Wilson 95 % intervals, a
+    curve for each of ``groups``, or a map over two that are numbers."""
     axis.tick_params(**TICKS)
     if len(over) == 2:
         _draw_map(axis, over[0], over[1], passed)
-    else:
-        effect = _Effect(over[0], passed)
-        _draw_effect(axis, effect, effect.lowest)
-        axis.set_ylabel("success rate [%]")
+        return
+    effects = _grouped(over[0], groups, passed)
+    _draw_effects(axis, effects, min(effect.lowest for effect in effects.values()))
+    axis.set_ylabel("success rate [%]")
+    if len(effects) > 1:
+        axis.legend()
 
 
 def _orientations(
-    theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None
+    theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None, title: str
 ) -> Figure:
     degrees = np.asarray(theta5.values, float)
     if len(np.unique(degrees)) > MOST_ORIENTATIONS:
         degrees = np.round(degrees)
-    by_row = {"all trials": passed}
-    if rows is not None:
-        word = np.array(rows.values)
-        by_row = {name: np.where(word == name, passed, np.nan) for name in rows.order}
-        by_row = {name: values for name, values in by_row.items() if np.isfinite(values).any()}
+    by_row = {"all trials": passed} if rows is None else rows.split(passed)
     if case is None:
-        return success_figure(degrees, by_row, 0.0)
+        return success_figure(degrees, by_row, 0.0, title=title)
     real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
-    return success_figure(
-        degrees, by_row, float(np.degrees(case.sector)), real_margin_deg=real if real > 0 else None
-    )
+    margin = real if real > 0 else None
+    return success_figure(degrees, by_row, float(np.degrees(case.sector)), margin, title)
 
 
-def _one_map(over: Sequence[Spread], passed: Array) -> Figure:
-    figure = new_figure(CHART, layout="constrained")
-    draw_chart(figure.subplots(), over, passed)
+def _maps(over: Sequence[Spread], groups: Spread | None, passed: Array, title: str) -> Figure:
+    """One map, or one for each group."""
+    by_group = {"": passed} if groups is None else groups.split(passed)
+    columns = 1 if groups is None else 2
+    rows = math.ceil(len(by_group) / columns)
+    size = (CHART[0] if columns == 1 else PAGE, rows * CHART[1])
+    figure = new_figure(size, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel, (word, own) in zip(panels, by_group.items(), strict=False):
+        draw_chart(panel, over, own)
+        if word:
+            panel.set_title(f"{word}: {_count(own)}", loc="left")
+    for panel in panels[len(by_group) :]:
+        panel.set_axis_off()
+    figure.suptitle(title, size=8, color=INK)
     return figure
 
 
@@ -322,7 +362,7 @@ def _name_colours(axis: Axes, gaps: bool) -> None:
     colours = [(PASSED_COLOUR, "passed"), (FAILED_COLOUR, "failed")]
     colours += [(_NO_OUTCOME, "no outcome")] if gaps else []
     handles = [Patch(fc=colour, label=text) for colour, text in colours]
-    axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.02), ncols=len(handles))
+    axis.legend(handles=handles, loc="upper right", bbox_to_anchor=(1.0, -0.2), ncols=len(handles))
 
 
 def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
@@ -385,38 +425,56 @@ class _Effect:
         return 0.0 if least < NEARLY_ALL else 5 * float(np.floor(least / 5))
 
 
-def _main_effects(axes: Sequence[Spread], passed: Array) -> Figure:
-    """One panel for each axis, with the success rate over its values; that of the largest
-    difference first."""
-    effects = [_Effect(axis, passed) for axis in axes]
-    effects.sort(key=lambda effect: -np.ptp(effect.rates) if len(effect.rates) else 0.0)
+def _grouped(axis: Spread, groups: Spread | None, passed: Array) -> dict[str, _Effect]:
+    """Effects of an axis, one for each group by its word; one of all trials for the groups
+    themselves, and without groups."""
+    split = {} if groups is None or groups is axis else groups.split(passed)
+    return {word: _Effect(axis, own) for word, own in (split or {"": passed}).items()}
+
+
+def _main_effects(
+    axes: Sequence[Spread], groups: Spread | None, passed: Array, title: str
+) -> Figure:
+    """One panel for each axis, with the success rate over its values, of each group; that of the
+    largest difference first."""
+    rates = {axis.name: _Effect(axis, passed).rates for axis in axes}
+    first = sorted(axes, key=lambda axis: -np.ptp(rates[axis.name]) if len(rates[axis.name]) else 0)
+    effects = [_grouped(axis, groups, passed) for axis in first]
     columns = min(len(effects), 3)
     rows = -(-len(effects) // columns)
     width = COLUMN if columns == 1 else PAGE
     figure = new_figure((width, 1.9 * rows + 0.3), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    lowest = min(effect.lowest for effect in effects)
-    for panel, effect in zip(panels.flat, effects, strict=False):
+    lowest = min(effect.lowest for own in effects for effect in own.values())
+    for panel, own in zip(panels.flat, effects, strict=False):
         panel.tick_params(**TICKS)
-        _draw_effect(panel, effect, lowest)
+        _draw_effects(panel, own, lowest)
     for panel in panels.flat[len(effects) :]:
         panel.set_visible(False)
     for panel in panels[:, 0]:
         panel.set_ylabel("success rate [%]")
-    known = np.isfinite(passed)
-    text = f"{int(passed[known].sum())} of {int(known.sum())} passed; bars: Wilson 95 % intervals"
-    figure.suptitle(text, size=8, color=INK)
+    figure.suptitle(f"{title}; bars: Wilson 95 % intervals", size=8, color=INK)
+    curves = max(panels.flat, key=lambda panel: len(panel.get_legend_handles_labels()[0]))
+    handles, words = curves.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, words, loc="outside lower center", ncols=len(words))
     return figure
 
 
-def _draw_effect(panel: Axes, effect: _Effect, lowest: float) -> None:
-    """Draw the rates over one axis, on a scale from ``lowest`` % to 100 %."""
-    order = effect.axis.order
-    low, high = effect.intervals.T
-    errors = np.maximum(0.0, [effect.rates - low, high - effect.rates])
-    look: dict[str, Any] = {"color": PASSED_COLOUR, "marker": "o", "ms": 3}
-    look |= {"ecolor": GREY, "elinewidth": 0.8, "capsize": 2.0, "ls": "none" if order else "-"}
-    panel.errorbar(effect.places, effect.rates, errors, **look)
+def _draw_effects(panel: Axes, effects: Mapping[str, _Effect], lowest: float) -> None:
+    """Draw the rates of groups over one axis, on a scale from ``lowest`` % to 100 %."""
+    axis = next(iter(effects.values())).axis
+    order = axis.order
+    look: dict[str, Any] = {"marker": "o", "ms": 3, "elinewidth": 0.8, "capsize": 2.0}
+    look["ls"] = "none" if order else "-"
+    for number, (group, effect) in enumerate(effects.items()):
+        low, high = effect.intervals.T
+        errors = np.maximum(0.0, [effect.rates - low, high - effect.rates])
+        alone = {"color": PASSED_COLOUR, "ecolor": GREY}
+        own = {"color": _GROUPS[number], "label": group} if group else alone
+        # Words stand apart by one; there the groups stand beside each other.
+        aside = 0.12 * (number - (len(effects) - 1) / 2) if order else 0.0
+        panel.errorbar(effect.places + aside, effect.rates, errors, **look, **own)
     if order:
         panel.set_xticks(range(len(order)), [word.replace(" ", "\n", 1) for word in order])
         panel.set_xlim(-0.5, len(order) - 0.5)
@@ -424,7 +482,7 @@ def _draw_effect(panel: Axes, effect: _Effect, lowest: float) -> None:
         panel.locator_params(axis="x", nbins=6)
     room = 0.04 * (100 - lowest)
     panel.set_ylim(lowest - room, 100 + room)
-    panel.set_xlabel(effect.axis.label)
+    panel.set_xlabel(axis.label)
 
 
 _ACROSS = 3  # panels beside each other
