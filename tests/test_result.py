@@ -34,6 +34,14 @@ def test_every_outcome_has_advice():
     assert len({outcome.advice for outcome in Outcome}) == len(Outcome)
 
 
+def test_a_result_of_a_batch_is_saved_as_that_of_one_run(tmp_path):
+    """Also where its arrays are parts of those of all robots."""
+    scenario = ot.load_scenario("straight", {"run.time_limit": 0.1})
+    alone = ot.run(scenario).save(tmp_path / "alone")
+    for number, result in enumerate(ot.run_batch([scenario, scenario])):
+        assert contents(result.save(tmp_path / str(number))) == contents(alone)
+
+
 @pytest.mark.parametrize(
     ("expected", "outcome", "told"),
     [

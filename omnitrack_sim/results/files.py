@@ -117,7 +117,9 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     import pyarrow.parquet as pq
 
     schema = _schema(trajectory)
-    arrays = [trajectory.time, *(values for _, _, values in trajectory.columns())]
+    # Buffers have no strides; the times of one robot of a batch are a column of all.
+    time = np.ascontiguousarray(trajectory.time)
+    arrays = [time, *(values for _, _, values in trajectory.columns())]
     # From their buffers: ``pa.array`` would import pandas, to see whether it is given a Series.
     columns = [
         pa.Array.from_buffers(field.type, len(values), [None, pa.py_buffer(values)])

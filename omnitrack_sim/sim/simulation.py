@@ -267,7 +267,11 @@ class Simulation:
         return self.plant.model
 
     def data(self, robot: int) -> mujoco.MjData:
-        """Return a copy of MuJoCo's data of one robot, to look at or to render."""
+        """Return a copy of MuJoCo's data of one robot.
+
+        The model has no visual geoms: for pictures, put its ``qpos`` into the data of a model of
+        ``scenario.to_spec(looks=True)``.
+        """
         return self.plant.data(robot)
 
     @property
