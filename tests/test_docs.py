@@ -3,6 +3,7 @@
 import json
 import re
 import runpy
+import shlex
 import tomllib
 from pathlib import Path
 
@@ -10,17 +11,20 @@ import pytest
 from documents import page
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
+from typer.main import get_command
 
 import omnitrack_sim
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.naming import (
     shipped_networks,
+    shipped_policies,
     shipped_scenarios,
     shipped_studies,
     shipped_sweeps,
 )
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import assignment
 from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
@@ -33,7 +37,7 @@ from omnitrack_sim.robots.omnitrack.control.interface import (
     parameters_model,
 )
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
-from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
     ControlTable,
@@ -199,6 +203,79 @@ def test_links_of_the_documents_lead_somewhere():
         f"{page.name}: {target}" for page, target in links if not (page.parent / target).exists()
     ]
     assert broken == []
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FOLDERS = (".", "omnitrack_sim", "benchmarks")
+"""Folders that a path in a page may be relative to, besides the page's own."""
+PATH = re.compile(
+    r"(?<![\w/.-])(?:(?:omnitrack_sim|benchmarks|tests|scenarios|docs|models|assets)/[\w/.-]+"
+    r"|(?:[\w-]+/)*[\w-]+\.py)(?![\w/])"
+)
+"""A file or folder of the checkout, or a module."""
+
+
+def code_of(page: Path) -> list[str]:
+    """The lines of code in a page, and what stands in backticks."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"^```\w*\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    joined = "\n".join(blocks).replace("\\\n", " ")
+    return [*joined.splitlines(), *re.findall(r"`([^`\n]+)`", text)]
+
+
+def is_own(name: str) -> bool:
+    """Whether a name stands for something of the reader's."""
+    return name.isupper() or Path(name).name.startswith(("mine", "my_"))
+
+
+@pytest.mark.parametrize("document", PAGES, ids=lambda page: page.stem)
+def test_files_that_pages_name_are_there(document):
+    """Modules, and whatever is below a folder of the checkout, but for environments by name and
+    files of the reader's own."""
+    found = {path.rstrip(".") for line in code_of(document) for path in PATH.findall(line)}
+    places = [document.parent, *(ROOT / folder for folder in FOLDERS)]
+    missing = {path for path in found if not any((place / path).exists() for place in places)}
+    assert {path for path in missing if not is_own(path) and not path.endswith("-v0")} == set()
+
+
+NAMED = {
+    "run": shipped_scenarios,
+    "view": shipped_scenarios,
+    "drive": shipped_scenarios,
+    "sweep": shipped_sweeps,
+    "optimise": shipped_studies,
+    "network": shipped_networks,
+    "policies": shipped_policies,
+}
+"""What the first argument of a command names, unless it is a file."""
+
+
+@pytest.mark.parametrize("document", PAGES, ids=lambda page: page.stem)
+def test_commands_that_pages_show_name_what_there_is(document):
+    """Commands exist with their options; scenarios, sweeps, studies, networks and policies come
+    with the package, or are files of the checkout, of an earlier command (``out/``) or of the
+    reader's own."""
+    commands = {c.name or c.callback.__name__: c.callback for c in app.registered_commands}
+    for line in code_of(document):
+        if not line.startswith("omnitrack "):
+            continue
+        words = shlex.split(line, comments=True)
+        if len(words) < 2 or words[1].startswith("-"):
+            continue
+        assert words[1] in commands, line
+        options = get_command(app).commands[words[1]].params
+        known = {name for option in options for name in (*option.opts, "--help")}
+        assert {w.strip("[]").partition("=")[0] for w in words if w.startswith("--")} <= known, line
+        first = next((word for word in words[2:3] if not re.match(r"[-\[.]", word)), None)
+        if first is None or words[1] not in NAMED or is_own(first.partition("|")[0].split(".")[0]):
+            continue
+        there = (ROOT / first).exists() or first.startswith("out/")
+        assert there or first in NAMED[words[1]](), line
+        given = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+        # What the reader's own files and those of earlier commands hold is not known here.
+        known = all(text[0] != "@" and not is_own(text.split("=")[1]) for text in given)
+        if first in shipped_scenarios() and known:
+            assert load_scenario(first, dict(map(assignment, given))), line
 
 
 def test_the_channel_page_holds_the_table_of_the_schema():
