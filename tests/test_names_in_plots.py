@@ -62,7 +62,7 @@ def test_names_of_networks_parts_and_ends():
     ports = {"$from$": f"{PART_NAMES[0]}.start"}
     data = {"name": "$net$", "fittings": pipes, "joints": joints, "ports": ports}
     found = texts(plot_network(validate_network(data)))
-    assert {" $from$", *PART_NAMES} <= set(found)
+    assert {"$from$", *PART_NAMES} <= set(found)
     assert "$net$" in found
 
 

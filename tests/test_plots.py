@@ -20,6 +20,8 @@ from samples import sample_result, sample_trajectory, two_legs_result
 import omnitrack_sim as ot
 from omnitrack_sim import plot_channel, plot_summary
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.pipes.planning import shortest_route
+from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
@@ -259,3 +261,20 @@ def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
             bore = np.ptp(axis.transData.transform([[0, 0], [part.fitting.radius, 0]])[:, 0])
             most = bore + 13.5 * renderer.points_to_pixels(1.0)
             assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()
+
+
+@pytest.mark.parametrize("name", ["fig14", "house_sewer", "annex", "long"])
+def test_no_name_of_a_network_is_cut_at_the_margin(name):
+    """In every view, the one in space too, each text lies within the figure, whichever open ends a
+    route leads to and however long their names."""
+    network = random_network(7) if name == "long" else ot.load_network(name)
+    for goal in network.open_ends[1:]:
+        figure = ot.plot_network(network, route=shortest_route(network, network.open_ends[0], goal))
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        texts = [text for axis in figure.axes for text in axis.texts if text.get_text()]
+        assert sum(text.get_text().startswith(("from ", "to ")) for text in texts) == 2
+        for text in (*texts, *figure.texts):
+            box = text.get_window_extent(renderer)
+            assert min(box.x0, box.y0) >= 0, text
+            assert box.x1 <= figure.bbox.width, text
+            assert box.y1 <= figure.bbox.height, text

@@ -219,12 +219,32 @@ class _Drawing:
         space.add_collection3d(Line3DCollection(lines, colors=GREY, linewidths=0.5))
         if self.route is not None:
             space.plot(*self.path.T, color=ROUTE, linewidth=1.6)
-        for name, position, colour in self.ends:
+        for _, position, colour in self.ends:
             space.plot(*position[:, None], "o", color=colour, markersize=2.5)
-            space.text(*position, name and f" {name}", fontsize=self.letters, color=colour)
         space.set(**{f"{axis}lim": (self.low[i], self.high[i]) for i, axis in enumerate("xyz")})
         space.set_box_aspect(self.size, zoom=1.25)
         space.view_init(elev=24, azim=-58)
+        self._name_ends(space)
+
+    def _name_ends(self, space: Any) -> None:
+        """Write the names of the open ends beside them in space, on the left of those whose names
+        would be cut off by the right margin of the figure."""
+        from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+        figure = space.get_figure(root=True)
+        figure.draw_without_rendering()  # the axes take their place in the figure
+        size, to_figure = figure.get_size_inches() * 72, figure.transFigure.inverted().transform
+        gap = _GAPS[1]
+        for name, position, colour in self.ends:
+            flat = proj_transform(*position, space.get_proj())[:2]
+            x, y = size * to_figure(space.transData.transform(flat))  # points
+            look = {"fontsize": self.letters, "color": colour, "va": "center", "zorder": 6}
+            text = space.text2D(0, 0, name, transform=figure.transFigure, **look)
+            wide = text.get_window_extent().width * 72 / figure.dpi
+            beside = x + gap
+            if beside + wide > size[0]:
+                beside = max(0.0, x - gap - wide)
+            text.set_position((beside / size[0], y / size[1]))
 
     def _draw_view(self, axis: Axes, view: Projection) -> None:
         columns = list(view.columns)
