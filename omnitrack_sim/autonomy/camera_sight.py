@@ -24,7 +24,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Passage
+from omnitrack_sim.pipes import Elbow, Passage, Route
 from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
@@ -40,12 +40,18 @@ class CameraSightSettings:
         nearest: bores, from the lens up to which a fitting is ignored: a lens within a bend takes
             the bend to begin where the lens is.
         bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
+        least_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
+            tell anything.
+        past: bores, from a fitting to the lens up to which the fitting tells how the lens stands:
+            the picture shows the wall from 0.4 bores beyond the lens on.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
 
     reach: float = 2.2
     nearest: float = 0.15
+    least_free: float = 0.25
+    past: float = 0.6
     bore_step: float = 1e-3
     first_picture: int = 1_000_000
 
@@ -73,17 +79,17 @@ class CameraSight:
         self._looks[rows] = 0
 
     def look(
-        self, robot: int, truth: Pose, last: Passage, estimate: Pose | None = None
+        self, robot: int, truth: Pose, passage: Passage, estimate: Pose | None = None
     ) -> Ahead | None:
         """Return the sighting of one robot; see ``TrueSight.look``.
 
         Args:
             robot: index in its batch.
             truth: of the robot in its gear, which serves the camera.
-            last: part that the robot is in, as it is to be passed, by its map.
+            passage: of the part that it looks out of, by its map; see ``behind_lens``.
             estimate: of the robot's pose in its gear, on its map, of a look ahead.
         """
-        bore = 2 * last.part.fitting.port_radius(last.leave)
+        bore = 2 * passage.part.fitting.port_radius(passage.leave)
         bore = round(bore / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
@@ -92,15 +98,25 @@ class CameraSight:
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
         lens, nearest = self._eyes.mount.ahead, CAMERA_SIGHT.nearest * bore
-        if estimate is None or last.part.fitting.is_plain:
+        if estimate is None or passage.part.fitting.is_plain:
             return ahead_of(recogniser.single(picture), bore, lens, nearest)
         # Out of a fitting no straight wall shows that would tell how the camera stands in the pipe
         # beyond; the map does.
         position = estimate.position + lens * estimate.rotation[:, 2]
-        mean = numbers_at(last.part.port(last.leave), position, estimate.rotation)
-        bends = isinstance(last.part.fitting, Elbow)
+        mean = numbers_at(passage.part.port(passage.leave), position, estimate.rotation)
+        bends = isinstance(passage.part.fitting, Elbow)
         prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
         return ahead_of(recogniser.single(picture, prior), bore, lens, 0.0)
+
+
+def behind_lens(route: Route, lens: float) -> Passage:
+    """Return the passage that a lens at arc length ``lens`` m looks out of: the one that it is in, or
+    at the end of a route the fitting that it has just left."""
+    index = route.index_at(lens)
+    here = route.passages[index]
+    past = CAMERA_SIGHT.past * 2 * here.part.fitting.port_radius(here.enter)
+    new = here.part.fitting.is_plain and index == len(route.passages) - 1 and index > 0
+    return route.passages[index - 1] if new and lens - here.s_enter < past else here
 
 
 def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ahead | None:
@@ -125,6 +141,8 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         confidence=sighting.confidence,
         axis=frame[2],
     )
+    if sighting.kind == "straight" and sighting.distance < CAMERA_SIGHT.least_free * bore:
+        return None
     if sighting.kind == "straight" or sighting.distance > reach:
         return ahead
     along, about = np.sqrt(np.diag(sighting.covariance)).tolist()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.camera_sight import CameraSight
+from omnitrack_sim.autonomy.camera_sight import CameraSight, behind_lens
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
 from omnitrack_sim.autonomy.relocalisation import Search
@@ -318,8 +318,9 @@ class Onboard:
         """Return what a robot sees; the metric of looks compares it with the truth."""
         position = self._state["position"][robot]
         frame = frame_ahead(self._state["rotation"][robot], gear)
-        last = self._legs.routes.routes[self._legs.route[robot]].passages[-1]
-        ahead = self._sight.look(robot, Pose(frame, position), last, estimate)
+        route = self._legs.routes.routes[self._legs.route[robot]]
+        lens = float(self.location.distance[robot]) + self.eyes.mount.ahead
+        ahead = self._sight.look(robot, Pose(frame, position), behind_lens(route, lens), estimate)
         truth = self._true_sights[robot].look(robot, position, frame)
         if ahead is not None and truth is not None:
             self._comparable[robot] += 1

@@ -165,7 +165,10 @@ class Fit:
             side = -1.0 if number % 2 else 1.0  # edges may be on either side
             normal, gradient = self._equations(best, views, level, side)
             best = replace(best, normal=normal)
-            rows = [best, *(_stepped(best, gradient, damping) for damping in RECOGNISER.dampings)]
+            rows = [
+                best,
+                *(_stepped(best, gradient, damping, views) for damping in RECOGNISER.dampings),
+            ]
             tried = [self.costs(row, views, level) for row in rows[1:]]
             least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
             for i, row in enumerate(tried, 1):
@@ -369,7 +372,7 @@ def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
     return weights, off
 
 
-def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
+def _stepped(at: Tries, gradient: Array, damping: float, views: Views) -> Tries:
     """Rows one step on."""
     p = at.normal.shape[1]
     scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
@@ -383,6 +386,6 @@ def _stepped(at: Tries, gradient: Array, damping: float) -> Tries:
             grain = size.step / RECOGNISER.size_grain  # equal sizes share their walls
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
-    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], 0.0, RECOGNISER.farthest)
+    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], views.prior.nearest, RECOGNISER.farthest)
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], *RECOGNISER.gain_range)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)

@@ -91,6 +91,12 @@ class PosePrior:
     mean: Array
     std: Array
 
+    @property
+    def nearest(self) -> float:
+        """Least distance, m, of a fitting: in straight pipe it is ahead of the lens; beyond a known
+        port that the lens may have passed it begins there at the earliest."""
+        return 0.0 if self is CENTRED else float(self.mean[DISTANCE]) - RECOGNISER.port_std
+
 
 CENTRED = PosePrior(np.zeros(PLACES), RECOGNISER.camera_std)
 """Prior of a camera in straight pipe, of which the picture itself tells more."""

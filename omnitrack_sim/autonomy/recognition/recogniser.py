@@ -326,12 +326,12 @@ class Recogniser:
             many = len(form.starts)
             if many <= RECOGNISER.few_starts:
                 continue
-            numbers = fits.numbers[row]
+            numbers, nearest = fits.numbers[row], views.prior.nearest
             places = [*(numbers[DISTANCE] + RECOGNISER.restart_offsets), *joints]
             part = _combined(
                 replace(fits.take([row]), gains=np.ones((1, fits.gains.shape[1]))),
                 sizes=form.padded_starts,
-                distances=[place for place in places if 0 < place < RECOGNISER.farthest],
+                distances=[place for place in places if nearest < place < RECOGNISER.farthest],
                 turns=[numbers[TURN]],
                 stands=[pose[:DISTANCE], 0 * pose[:DISTANCE]],
             )
@@ -385,10 +385,12 @@ class Recogniser:
         """Return starting values of every form, and the free distance in straight pipe, m."""
         library, entries = self._library, self._library.entries
         cost = library.costs(library.look(views.pictures[0], pose))
+        place = entries.numbers[:, DISTANCE]
+        possible = (place == 0) | (place > views.prior.nearest)
         chosen: list[int] = []
         places: list[float] = []
         for which in range(len(self._forms)):
-            rows = np.flatnonzero(entries.form == which)
+            rows = np.flatnonzero((entries.form == which) & possible)
             kept: list[int] = []
             for row in rows[np.argsort(cost[rows])]:
                 if all(self._apart(row, other) for other in kept):
@@ -399,7 +401,7 @@ class Recogniser:
             places += entries.numbers[kept, DISTANCE].tolist()
             for joint in joints if self._forms[which].parameters else ():
                 off = np.abs(entries.numbers[rows, DISTANCE] - joint)
-                near = rows[off < RECOGNISER.joint_distance * self._bore]
+                near = rows[off < max(RECOGNISER.joint_distance * self._bore, off.min() + 1e-9)]
                 if len(near):
                     chosen.append(int(near[np.argmin(cost[near])]))
                     places.append(joint)
@@ -410,7 +412,7 @@ class Recogniser:
         starts = zip(chosen_forms, entries.start[chosen], strict=True)
         sizes = np.array([form.padded_starts[at] for form, at in starts])
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
-        possible = ~plain & (cost < cost[plain].min() + RECOGNISER.excluded_cost)
+        possible &= ~plain & (cost < cost[plain].min() + RECOGNISER.excluded_cost)
         straight = float(
             np.min(entries.numbers[possible, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )
@@ -429,7 +431,7 @@ class Recogniser:
         # Gradients do not see the edge of an end; positions around it are weighed by likelihood.
         rows = fits.take([0] * len(RECOGNISER.end_offsets))
         rows.numbers[:, DISTANCE] = np.clip(
-            rows.numbers[:, DISTANCE] + RECOGNISER.end_offsets, 0.0, None
+            rows.numbers[:, DISTANCE] + RECOGNISER.end_offsets, views.prior.nearest, None
         )
         cost = self._fit.costs(rows, views, level).cost / (
             2 * RECOGNISER.error_scale**2 * self._alike

@@ -21,7 +21,8 @@ class RecogniserSettings:
         scale_values: pixel values at which the scale of equal noise is tabulated.
         ring_rays: rays of each ring of a coarse picture, and directions of a form in the library.
         rings: (14,) angles of the rings from the axis, as parts of half the field of view.
-        library_distances: (20,) bores, distances of a form in the library.
+        library_distances: (24,) bores, distances of a form in the library; negative ones are those of
+            a lens that is in the fitting already.
         library_blur: standard deviations by which a coarse picture is off besides the library's
             steps: the camera's pose is roughly known, and sizes are those of the starts.
         library_cap: most that a ray of a coarse picture can cost.
@@ -57,6 +58,7 @@ class RecogniserSettings:
             and direction are unknown.
         bend_std: (6,) the same of a camera that looks out of a bend: its angle on the map is off by
             some degrees until the robot has passed it.
+        port_std: m, standard deviation of the distance of a known port.
         gain_std: prior standard deviation of the gain of a whole picture, its exposure.
         gain_range: bounds of that gain: from, to.
         joint_range: m, distances at which a joint is looked for: from, to, step.
@@ -82,7 +84,7 @@ class RecogniserSettings:
             [0.05, 0.08, 0.11, 0.14, 0.17, 0.21, 0.25, 0.3, 0.36, 0.43, 0.52, 0.63, 0.76, 0.88]
         )
     )
-    library_distances: Array = field(default_factory=lambda: np.arange(0.15, 3.8, 0.1875))
+    library_distances: Array = field(default_factory=lambda: np.arange(-0.6, 3.8, 0.1875))
     library_blur: float = 3.0
     library_cap: float = 9.0
     # Search
@@ -117,6 +119,7 @@ class RecogniserSettings:
         default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
     )
     bend_std: Array = field(default_factory=lambda: np.array([0.008, 0.008, 0.1, 0.1, 10.0, 10.0]))
+    port_std: float = 0.01
     gain_std: float = 0.02
     gain_range: tuple[float, float] = (0.8, 1.25)
     joint_range: tuple[float, float, float] = (0.02, 0.6, 0.004)
