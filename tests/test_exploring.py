@@ -16,6 +16,7 @@ from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import (
     EndInspected,
     ExplorationComplete,
+    ExplorationIncomplete,
     GoalReached,
     LoopClosed,
     TakenForClosed,
@@ -177,3 +178,14 @@ def test_a_port_known_by_kind_and_place_is_recognised():
     end = (arm, "end")
     assert belief.known_at(end, Tee(), "run_start") is None  # nothing is there
     assert belief.known_at((0, "start"), Elbow(0.24), "start") is None
+
+
+def test_a_port_that_was_not_seen_into_is_left_and_not_explored():
+    """Behind a plate that sight does not show: the explorer says which one it gives up and why."""
+    ghost = explored("fig14", "inlet", hidden=["chimney.start"])
+    assert not of_kind(ghost, ExplorationComplete)
+    (taken,) = of_kind(ghost, TakenForClosed)
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    port = ghost.explorer.belief.network.ports["impassable_1"]
+    assert incomplete.left == ghost.explorer.left == f"{port} (no way past {taken.port})"
+    assert incomplete.ends == 3

@@ -110,8 +110,8 @@ class CameraSight:
 
 
 def behind_lens(route: Route, lens: float) -> Passage:
-    """Return the passage that a lens at arc length ``lens`` m looks out of: the one that it is in, or
-    at the end of a route the fitting that it has just left."""
+    """Return the passage that a lens at arc length ``lens`` m looks out of: the one that it is in,
+    or at the end of a route the fitting that it has just left."""
     index = route.index_at(lens)
     here = route.passages[index]
     past = CAMERA_SIGHT.past * 2 * here.part.fitting.port_radius(here.enter)

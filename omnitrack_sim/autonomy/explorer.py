@@ -33,6 +33,7 @@ from omnitrack_sim.record.events import (
     EndInspected,
     Event,
     ExplorationComplete,
+    ExplorationIncomplete,
     FittingFound,
     GoalReached,
     LoopClosed,
@@ -101,6 +102,7 @@ class Explorer(MapPilot):
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
         self._complete = False
+        self._left: dict[End, str] = {}
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
         self.planner = self._through([])
@@ -116,6 +118,11 @@ class Explorer(MapPilot):
     def missed(self) -> tuple[str, ...]:
         """Goals that have not been reached."""
         return tuple(self.goals)
+
+    @property
+    def left(self) -> str:
+        """See ``Pilot``."""
+        return ", ".join(f"{self.belief.name(end)} ({why})" for end, why in self._left.items())
 
     # What happens to it
 
@@ -190,8 +197,7 @@ class Explorer(MapPilot):
             if port in self.belief.unexplored:
                 if self.belief.fitting(port[0]).is_plain:
                     self.belief.lengthen(port[0], -ahead)
-                self.belief.note(port, "impassable")
-                self.belief.done(port)
+                self._give_up_port(port, "no headway")
         return super().on_blockage(time, distance, goal)
 
     # Looking once more
@@ -362,12 +368,21 @@ class Explorer(MapPilot):
         if self._complete:
             return []
         self._complete, belief = True, self.belief
+        hung = ", ".join(belief.name(end) for end in dict.fromkeys(self._closed))
         for end in belief.unexplored:
-            belief.note(end, "impassable")
-            belief.done(end)
+            self._give_up_port(end, f"no way past {hung}" if hung else "no way there is left")
         parts = belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
-        return [ExplorationComplete(self._number, time, fittings, len(belief.explored))]
+        ends = len(belief.explored) - len(self._left)
+        if self._left:
+            return [ExplorationIncomplete(self._number, time, fittings, ends, self.left)]
+        return [ExplorationComplete(self._number, time, fittings, ends)]
+
+    def _give_up_port(self, end: End, why: str) -> None:
+        """Leave a port unexplored."""
+        self.belief.note(end, "impassable")
+        self.belief.done(end)
+        self._left[end] = why
 
     def _least(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
         """Return legs to the one of some ports that asks for the least travel; None where no path

@@ -90,6 +90,11 @@ class Pilot(Protocol):
         begin, end = self.leg.begin, self.leg.end
         return min(max((distance - begin) / max(end - begin, 1e-9), 0.0), 1.0)
 
+    @property
+    def left(self) -> str:
+        """Ports of its own map that it has given up to explore, and why; "" for none."""
+        return ""
+
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """Decide at the end of the leg.
 

@@ -73,6 +73,26 @@ class MapDifference:
         """True if the map is complete, has nothing else, and all its sizes are right."""
         return self.complete and not (self.extra or self.wrong_sizes or self.angles)
 
+    @property
+    def consistent(self) -> bool:
+        """True if nothing that the map has is wrong, whatever it lacks: it has no other kinds,
+        directions and joints than the network, and its lengths are right to 3 % altogether."""
+        right = self.length_error <= LENGTHS * self.length
+        return right and not (self.kinds or self.loose or self.extra or self.angles)
+
+    def __str__(self) -> str:
+        names = {
+            "missing": self.missing,
+            "too many": self.extra,
+            "other kind": ["/".join(pair) for pair in self.kinds],
+            "other size": ["/".join(pair) for pair in self.wrong_sizes],
+            "other direction": ["/".join(pair) for pair in self.angles],
+            "not joined": ["/".join(pair) for pair in self.loose],
+        }
+        faults = [f"{what}: {', '.join(parts)}" for what, parts in names.items() if parts]
+        count = f"{self.found} of {self.parts} parts are in the map"
+        return "; ".join([count, f"lengths off by {self.length_error:.3f} m", *faults])
+
     def figures(self) -> dict[str, float]:
         """The metrics of a run that explores, see docs/reference/metrics.md."""
         return {

@@ -54,6 +54,11 @@ class Outcome(StrEnum):
         "start.distance, and gravity against the friction.",
     )
     TIMED_OUT = "timed_out", "Time ran out while the robot still moved: raise run.time_limit."
+    WRONG_MAP = (
+        "wrong_map",
+        "The robot is back from exploring, but its map is not that of the network: the reason "
+        "lists the differences, map.png shows them; try another sensing.camera or less noise.",
+    )
     LOST = (
         "lost",
         "The robot did not know where it was, or took itself to be at a goal where it was not: "
@@ -242,11 +247,22 @@ class LoopClosed(Event):
 
 @dataclass(frozen=True)
 class ExplorationComplete(Event):
-    """A robot has nothing left to explore: its map is complete except for what it cannot pass."""
+    """A robot has seen into every port of its map: a fitting, an open or a closed end."""
 
     fittings: int
     ends: int
     sentence = "explored all: {fittings} fittings, {ends} ends"
+
+
+@dataclass(frozen=True)
+class ExplorationIncomplete(Event):
+    """A robot that explores gives up ports that it has not seen into; ``left`` says which and
+    why."""
+
+    fittings: int
+    ends: int
+    left: str
+    sentence = "explored {fittings} fittings, {ends} ends; not explored: {left}"
 
 
 @dataclass(frozen=True)

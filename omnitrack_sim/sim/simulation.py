@@ -473,8 +473,26 @@ class Simulation:
             elif missed:
                 reason = f"no way to {', '.join(missed)} is left; {reason}"
                 outcome = Outcome.STUCK
+            else:
+                outcome, reason = self._judged_map(robot, reason)
         self.endings[robot] = Ending(outcome, reason)
         set_rows(self, np.array([robot]), active=False, end_time=time)
+
+    def _judged_map(self, robot: int, reason: str) -> tuple[Outcome, str]:
+        """Return the outcome and reason of a robot that is where it wanted to be, in view of its
+        map: what it says that it has not explored may be missing."""
+        left, network = self.legs.pilots[robot].left, self.legs.map(robot)
+        exploration = self.scenarios[robot].exploration
+        if left:
+            reason = f"not explored: {left}; {reason}"
+        # Who searches for goals has no need of a whole map.
+        if exploration is None or network is None or exploration.mission.task == "find":
+            return Outcome.REACHED_GOAL, reason
+        difference = exploration.difference(network)
+        if difference.same:
+            return Outcome.REACHED_GOAL, reason
+        right = difference.consistent and (left or difference.complete)
+        return Outcome.REACHED_GOAL if right else Outcome.WRONG_MAP, f"{difference}; {reason}"
 
     def _record(self) -> None:
         location, legs = self._location, self.legs

@@ -327,11 +327,12 @@ class Recogniser:
             if many <= RECOGNISER.few_starts:
                 continue
             numbers, nearest = fits.numbers[row], views.prior.nearest
-            places = [*(numbers[DISTANCE] + RECOGNISER.restart_offsets), *joints]
+            offsets = numbers[DISTANCE] + RECOGNISER.restart_offsets
+            places = np.unique(np.clip([*offsets, *joints], nearest, RECOGNISER.farthest)).tolist()
             part = _combined(
                 replace(fits.take([row]), gains=np.ones((1, fits.gains.shape[1]))),
                 sizes=form.padded_starts,
-                distances=[place for place in places if nearest < place < RECOGNISER.farthest],
+                distances=places,
                 turns=[numbers[TURN]],
                 stands=[pose[:DISTANCE], 0 * pose[:DISTANCE]],
             )

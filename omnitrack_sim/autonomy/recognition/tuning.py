@@ -21,8 +21,8 @@ class RecogniserSettings:
         scale_values: pixel values at which the scale of equal noise is tabulated.
         ring_rays: rays of each ring of a coarse picture, and directions of a form in the library.
         rings: (14,) angles of the rings from the axis, as parts of half the field of view.
-        library_distances: (24,) bores, distances of a form in the library; negative ones are those of
-            a lens that is in the fitting already.
+        library_distances: (24,) bores, distances of a form in the library; negative ones are those
+            of a lens that is in the fitting already.
         library_blur: standard deviations by which a coarse picture is off besides the library's
             steps: the camera's pose is roughly known, and sizes are those of the starts.
         library_cap: most that a ray of a coarse picture can cost.
