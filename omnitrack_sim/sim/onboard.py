@@ -183,9 +183,13 @@ class Onboard:
         self._tick = self._tick + 1
         self._due = self._tick % self._every == 0
         felt = self._proprioception.read(state)
+        pose = self.localiser.filter
+        before = pose.position, pose.rotation
         self.localiser.feel(felt)
-        bias = self.localiser.filter.bias
-        self.turned = self.turned @ turned_by(felt.turned - bias * self._period)
+        # The estimate of a robot whose run is over stays as it was, however long the others run.
+        pose.position = np.where(active[:, None], pose.position, before[0])
+        pose.rotation = np.where(active[:, None, None], pose.rotation, before[1])
+        self.turned = self.turned @ turned_by(felt.turned - pose.bias * self._period)
         if self.can_look:
             # The ends take turns, the leading one first.
             behind = (self._pictures % 2 == 1) & self._table.both_ends

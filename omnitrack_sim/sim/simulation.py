@@ -407,8 +407,9 @@ class Simulation:
                 sent.append(robot)
                 self._follow(robot, decision)
                 continue
-            self.events[robot] += decision.events
+            # Who may be elsewhere than he takes himself to be looks around before he gives up.
             if outcome is not Outcome.LEFT_PIPE or not self.senses.doubt(robot):
+                self.events[robot] += decision.events
                 self._end(robot, outcome or self.monitor.cause(robot, self._location))
         self._locate_again(sent)
 
