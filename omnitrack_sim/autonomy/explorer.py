@@ -124,6 +124,11 @@ class Explorer(MapPilot):
         """See ``Pilot``."""
         return ", ".join(f"{self.belief.name(end)} ({why})" for end, why in self._left.items())
 
+    def done_at(self, distance: float) -> float:
+        """See ``Pilot``: the part of the ends known so far, and of the way home as one more."""
+        done, to_come = len(self.belief.explored), len(self.belief.unexplored) + 1
+        return (done + super().done_at(distance)) / (done + to_come)
+
     # What happens to it
 
     def on_look(self, look: Look) -> Decision:
