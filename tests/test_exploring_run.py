@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from omnitrack_sim import (
     Outcome,
     ScenarioError,
+    Simulation,
     load_network,
     load_result,
     load_scenario,
@@ -64,6 +65,23 @@ def test_a_robot_explores_and_comes_back(tmp_path):
     (folder / "map.toml").write_text('name = "map"\n[[fittings]]\nname = "a"\nkind = "tee"\n')
     with pytest.raises(Exception, match=r"legs.0.path"):
         load_result(folder)
+
+
+def test_a_wrong_map_is_no_goal_reached():
+    """A robot that is back, and takes a pipe off its way home to be 0.5 m longer than it is, hears
+    of it with figures; what it has done never reads as all before it is back."""
+    sim, parts = Simulation([fork()]), [0.0]
+    pilot = sim.legs.pilots[0]
+    while sim.active.any():
+        parts.append(pilot.done_at(float(sim.location.distance[0])))
+        inspected = [event.port for event in sim.events[0] if isinstance(event, EndInspected)]
+        sim.step()
+        if len(inspected) == 1 and pilot.left == "" and len(pilot.belief.explored) == 2:
+            part, _ = pilot.belief.network.port(inspected[0])
+            pilot.belief.lengthen(part, 0.5)
+    assert sim.endings[0].outcome is Outcome.WRONG_MAP
+    assert "4 of 4 parts are in the map; lengths off by 0.5" in sim.endings[0].reason
+    assert max(parts) < 1
 
 
 def test_a_robot_finds_alone_as_in_a_batch():

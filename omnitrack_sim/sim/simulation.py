@@ -484,11 +484,11 @@ class Simulation:
         map: what it says that it has not explored may be missing."""
         left, network = self.legs.pilots[robot].left, self.legs.map(robot)
         exploration = self.scenarios[robot].exploration
-        if left:
-            reason = f"not explored: {left}; {reason}"
         # Who searches for goals has no need of a whole map.
         if exploration is None or network is None or exploration.mission.task == "find":
             return Outcome.REACHED_GOAL, reason
+        if left:
+            reason = f"not explored: {left}; {reason}"
         difference = exploration.difference(network)
         if difference.same:
             return Outcome.REACHED_GOAL, reason
