@@ -204,6 +204,17 @@ def test_a_robot_with_a_map_meets_its_plates():
     assert 0.04 < tip <= 0.08
 
 
+def test_a_plate_is_in_every_picture(runs):
+    """Of the camera that stands still from the first frame on, and of the other ones where the
+    robot has come to it: right before the nose it fills the picture."""
+    end = float(runs[0].trajectory.time[-1])
+    for camera, time, least in (("side", 0.0, 20), ("follow", end, 500), ("onboard", end, 20_000)):
+        look = {"camera": camera, "width": 640, "height": 360, "overlay": False}
+        (frame,) = render_frames(runs[0], times=[time], inset=False, **look)
+        red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
+        assert ((red > 60) & (red > 2 * green) & (red > 2 * blue)).sum() > least, camera
+
+
 def test_film_and_page_show_the_same_map(runs):
     """At any time both have the same parts, plates and goals, more and more of them."""
     run = runs[0]

@@ -269,7 +269,8 @@ PANEL = 0.33
 _PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
-_ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.086  # degrees; m before the robot's centre
+# Degrees; m before the robot's centre, less than its tip, which may touch a plate.
+_ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.066
 _FARTHEST = 30.0  # m seen by the moving cameras
 
 
@@ -417,7 +418,7 @@ class OnboardCamera(FilmCamera):
         """See ``FilmCamera``."""
         x, y, z = matrix_from_quaternion(quaternion).T
         frame = np.stack([y, x, -z], axis=-1)
-        eye = Eye(centre + self._ahead * z, frame, np.radians(_ONBOARD_ANGLE), 0.01, _FARTHEST)
+        eye = Eye(centre + self._ahead * z, frame, np.radians(_ONBOARD_ANGLE), 0.004, _FARTHEST)
         return Framing(eye, None, tuple(self._visible(eye)))
 
 

@@ -69,14 +69,16 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(scenario.robot))
         self._pose(self._qpos[0])
-        robot = np.flatnonzero(self.model.geom_group == ROBOT_GROUP).tolist()
+        shown = self.model.geom_group == ROBOT_GROUP
+        # Plates belong to the world: like pipes they stand still, also where no robot is painted.
+        self._plates = np.flatnonzero(shown & (self.model.geom_bodyid == 0)).tolist()
+        robot = np.flatnonzero(shown & (self.model.geom_bodyid > 0)).tolist()
         self._robot = geoms_surface(self.model, robot)
         # Light between the coils of a spring would be a row of dots.
         solid = [i for i in robot if not self.model.geom(i).name.startswith("look_spring")]
         self._casting = geoms_surface(self.model, solid)
         self._spheres = body_spheres(self._robot, self.model.nbody)
         self._bodies = np.flatnonzero(self._spheres[1] > 0)
-        self._bodies = self._bodies[self._bodies > 0]  # plates belong to the world
         self._camera = self._camera_of(camera, overlay)
         self._painter = self._painter_of(result.pipes, size, fine)
         self._status = StatusPanel(*size) if overlay else None
@@ -147,9 +149,8 @@ class Stage:
         robot = robot and not self._camera.lamp
         rotation = self.data.xmat.reshape(-1, 3, 3)
         poses = np.concatenate([rotation, self.data.xpos[:, :, None]], axis=2)
-        return self._painter.paint(
-            shot.eye, poses, shot.sun, [*shot.clearness, *seams], rect, robot
-        )
+        clearness = [*shot.clearness, *seams, *(1.0 for _ in self._plates)]
+        return self._painter.paint(shot.eye, poses, shot.sun, clearness, rect, robot)
 
     def _changed(self, shot: Framing) -> PixelRect | None:
         """The pixels that robot and shadow can change; None where that cannot be told."""
@@ -192,7 +193,7 @@ class Stage:
         return SideCamera(self.trajectory, result.pipes, self._aspect, reach, covered)
 
     def _painter_of(self, network: Assembly, size: tuple[int, int], fine: bool) -> Painter:
-        """The painter with robot, pipes and seams."""
+        """The painter with robot, pipes, seams and plates."""
         # PyOpenGL chooses its platform when it is imported, by that of the context.
         from omnitrack_sim.show.film.painter import Painter
 
@@ -208,6 +209,7 @@ class Stage:
             radius = min(a.fitting.port_radius(port), b.fitting.port_radius(other))
             pipes.append(seam(a.port(port), radius, cut))
             self._joined.append((i, j))
+        pipes += [geoms_surface(self.model, [plate]) for plate in self._plates]
         return Painter(
             self._robot,
             self._casting,

@@ -5,7 +5,7 @@ import { columnsOf } from "replay/unpack";
 
 export const CAMERAS = ["orbit", "follow", "onboard"];
 const ONBOARD_FOV = 88;
-const ONBOARD_PLACE = 0.086; // m ahead of the robot's centre, as in films
+const ONBOARD_PLACE = 0.086; // m ahead of the robot's centre, which is in the picture here
 const STEEPEST = 1.45; // rad, highest view of the camera that follows
 
 export class Cameras {
