@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ghosts import Ghost
+from network_samples import joint, straight
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.base.rotations import Pose
@@ -189,3 +190,23 @@ def test_a_port_that_was_not_seen_into_is_left_and_not_explored():
     port = ghost.explorer.belief.network.ports["impassable_1"]
     assert incomplete.left == ghost.explorer.left == f"{port} (no way past {taken.port})"
     assert incomplete.ends == 3
+
+
+def test_what_lies_beyond_a_sharp_turn_comes_last():
+    """From a wye's branch the run back is a turn of 135 degrees: the other arm is seen to its end
+    before."""
+    pipes = [straight("inlet"), {"kind": "wye", "name": "wye"}, straight("on"), straight("back")]
+    joints = [joint("inlet.end", "wye.branch")]
+    joints += [joint("wye.run_start", "on.start"), joint("wye.run_end", "back.start")]
+    network = validate({"name": "wye", "fittings": pipes, "joints": joints})
+    ghost = Ghost(network, "inlet.start")
+    ghost.run()
+    angle = {
+        port: np.degrees(network.pipes.parts[1].fitting.describe("branch", port).turn_angle)
+        for port in ("run_start", "run_end")
+    }
+    assert angle["run_end"] > 100 > angle["run_start"]
+    first, last = (event.port for event in of_kind(ghost, EndInspected))
+    joined = ghost.explorer.belief.network.joined_to
+    assert joined[first.replace("end", "start")] == "wye_1.run_start"
+    assert joined[last.replace("end", "start")] == "wye_1.run_end"

@@ -53,6 +53,9 @@ class ExplorerSettings:
         bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
         settling: m, travel after such a change in which a robot relocalises on the new map.
         confidence: probability from which on a robot believes an observation.
+        sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
+            that from a wye's branch back along its run: ports beyond such turns come last.
+        detour: m, travel that a robot prefers to such a turn.
         touch: m, before an observed end from which on a robot without progress has come to it.
     """
 
@@ -63,6 +66,8 @@ class ExplorerSettings:
     bend_tolerance: float = math.radians(0.5)
     settling: float = 0.05
     confidence: float = 0.5
+    sharp: float = math.radians(100)
+    detour: float = 20.0
     touch: float = 0.05
 
 
@@ -314,10 +319,12 @@ class Explorer(MapPilot):
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
         """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
-        where there is none, or where the robot has come too far to stand before it: fittings that
-        follow closely are prepared for together, before the first of them."""
+        where there is none but round a sharp turn, or where the robot has come too far to stand
+        before it: fittings that follow closely are prepared for together, before the first."""
         unexplored = self.belief.unexplored
         leaves = [end[1] for end in unexplored if end[0] == part]
+        fitting = self.belief.fitting(part)
+        leaves = [port for port in leaves if not _is_sharp(fitting, enter, port)]
         if not leaves:
             return None
         leave = min(
@@ -396,7 +403,7 @@ class Explorer(MapPilot):
         for closed in self._obstacles():
             # Rounded, so that equal paths do not swap by the last bit of a length.
             options = [
-                (round(_travel(legs), 6), goal, legs)
+                (round(self._cost(legs), 6), goal, legs)
                 for goal in range(len(goals))
                 if (legs := plan(planner, goal, closed))
             ]
@@ -404,6 +411,12 @@ class Explorer(MapPilot):
                 self.planner = planner
                 return min(options, key=lambda option: option[:2])[2]
         return None
+
+    def _cost(self, legs: Sequence[Leg]) -> float:
+        """Return the travel on legs, m, and what the sharp turns on them count for."""
+        edges = [edge for leg in legs if leg.gear > 0 and leg.goal >= 0 for edge in leg.path]
+        turns = sum(_is_sharp(self.belief.fitting(part), *ports) for part, *ports in edges)
+        return _travel(legs) + EXPLORER.detour * turns
 
     def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
         before, decision = self.leg, super()._begin(time, events, legs)
@@ -440,6 +453,10 @@ def _end_of(path: Sequence[Edge]) -> End:
     """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave
+
+
+def _is_sharp(fitting: Fitting, enter: str, leave: str) -> bool:
+    return fitting.describe(enter, leave).turn_angle > EXPLORER.sharp
 
 
 def _travel(legs: Sequence[Leg]) -> float:
