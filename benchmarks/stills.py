@@ -35,7 +35,7 @@ def main() -> None:
     seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
     still(seeing, 18.0, "follow", FILM, figures / "fig14_onboard.png")
     exploring = ot.run(ot.load_scenario("missions/explore_onboard"))
-    still(exploring, 30.0, "follow", FILM, figures / "explore_onboard.png")
+    still(exploring, 26.0, "follow", FILM, figures / "explore_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end"))
     still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
     ot.plot_mission(mission, path=figures / "mission_map.png")
