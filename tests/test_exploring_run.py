@@ -72,15 +72,19 @@ def test_a_wrong_map_is_no_goal_reached():
     of it with figures; what it has done never reads as all before it is back."""
     sim, parts = Simulation([fork()]), [0.0]
     pilot = sim.legs.pilots[0]
+    belief = pilot.belief
+    assert belief is not None
     while sim.active.any():
         parts.append(pilot.done_at(float(sim.location.distance[0])))
         inspected = [event.port for event in sim.events[0] if isinstance(event, EndInspected)]
         sim.step()
-        if len(inspected) == 1 and pilot.left == "" and len(pilot.belief.explored) == 2:
-            part, _ = pilot.belief.network.port(inspected[0])
-            pilot.belief.lengthen(part, 0.5)
-    assert sim.endings[0].outcome is Outcome.WRONG_MAP
-    assert "4 of 4 parts are in the map; lengths off by 0.5" in sim.endings[0].reason
+        if len(inspected) == 1 and pilot.left == "" and len(belief.explored) == 2:
+            part, _ = belief.network.port(inspected[0])
+            belief.lengthen(part, 0.5)
+    (ending,) = sim.endings
+    assert ending is not None
+    assert ending.outcome is Outcome.WRONG_MAP
+    assert "4 of 4 parts are in the map; lengths off by 0.5" in ending.reason
     assert max(parts) < 1
 
 

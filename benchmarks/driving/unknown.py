@@ -166,13 +166,14 @@ def tour(task: tuple[str, int]) -> Tour:
     sense, seed = task
     begin = time.perf_counter()
     (result,) = run_batch([random_exploration(seed, sense)], threads=1, no_load=False)
-    events = [str(event) for event in result.events]
+    events, difference = [str(event) for event in result.events], result.map_difference()
+    assert difference is not None
     return Tour(
         sense,
         seed,
         result.outcome.value,
         "; ".join([result.reason, *events[-4:]]),
-        result.map_difference(),
+        difference,
         result.duration_s,
         time.perf_counter() - begin,
         sum("does not know" in event for event in events),
