@@ -32,28 +32,28 @@ FITTINGS = {
     "tee_sharper": Tee(fillet_radius=0.002),
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
-LINE_CONTACTS = WORD(NUMBERS, NUMBERS, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 5)
+LINE_CONTACTS = WORD(NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3)
 
 
-def line_contacts(record, position, matrix, margin=0.0):
-    """Contacts (k, 10) of geom 1, a line, with geom 0, whose record is given."""
+def line_contacts(records, position, matrix, margin=0.0):
+    """Contacts (k, 10) of geom 1, a line, with geom 0; ``records`` (2, RECORD_SIZE) are theirs."""
     con = np.zeros((track.MOST_CONTACTS, track.CONTACT_SIZE))
-    room, record, *frames = pointers(con, record, position, matrix)
+    room, records, *frames = pointers(con, records, position, matrix)
     call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
-    return con[: call(room, record, 0, *frames, 1, 0, RADIUS, HALF, PITCH, margin, 1.0)]
+    return con[: call(room, records, 0, RECORD_SIZE, *frames, 1, 0, RADIUS, HALF, margin)]
 
 
-def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True)):
+def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True), side=0.0):
     """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its
-    line, m."""
+    line, m. Its module's x axis is as far towards +x as it can be."""
     box, _ = bounding_box(fitting)
     z = direction / np.linalg.norm(direction)
-    x = np.cross(z, [0.6, -0.8, 0.1])
+    x = np.array([1.0, 1e-3, 0.0]) - z * (z @ [1.0, 1e-3, 0.0])
     x /= np.linalg.norm(x)
     matrix = np.stack([np.eye(3), np.stack([x, np.cross(z, x), z], axis=-1)])
-    record = wall_record(fitting, ends[: len(fitting.ports)])
+    records = wall_record(fitting, ends[: len(fitting.ports)]), line_record(PITCH, 1.0, side)
     position = np.stack([box, centre]).ravel()
-    found = line_contacts(record, position, matrix.ravel(), margin)
+    found = line_contacts(np.array(records), position, matrix.ravel(), margin)
     lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)
     return found[:, 0], found[:, 1:4], found[:, 4:7], (lug - centre) @ z
 
@@ -160,6 +160,66 @@ def test_where_a_straight_wall_stops_carrying_there_is_a_contact():
     rim = -(tee.radius + tee.fillet_radius)
     assert np.abs(position[:, 2] - rim).min() < 0.004
     assert s.min() == pytest.approx(-HALF)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_run_touches_the_wall_that_it_faces(side):
+    """Each wall belongs to one run of the chain, that beside both to both."""
+    pipe = Straight(0.4)
+    offset = pipe.radius - RADIUS + 1e-4
+    for angle in np.radians([0, 60, 86, 89, 91, 94, 120, 180]):
+        out = offset * np.array([np.cos(angle), np.sin(angle), 0])
+        found, *_ = contacts(pipe, out + [0, 0, 0.2], np.array([0, 0, 1.0]), side=side)
+        assert len(found) == (2 if side * np.cos(angle) >= -track.BAND else 0)
+
+
+def test_the_depth_of_moving_a_row_back_does_not_count():
+    """At an end that faces along its row, beyond a depth that no spring gives; across it all
+    counts."""
+    elbow = Elbow(0.24)
+    spare = {}
+    for side in (0.0, 1.0):
+        centre = np.array([elbow.radius - RADIUS - 0.012, 0, 0.03])
+        spare[side] = contacts(elbow, centre, np.array([0.6, 0, 0.8]), side=side)
+    (deep, _, normal, s), (less, *_) = spare[0.0], spare[1.0]
+    end = int(np.argmax(s))
+    moved = PITCH * abs(normal[end] @ [0.6, 0, 0.8])
+    assert -deep[end] > track.END_DEPTH
+    assert less[end] == pytest.approx(min(-track.END_DEPTH, deep[end] + moved))
+
+
+@pytest.mark.parametrize("name", ["straight", "elbow_240", "tee"])
+def test_a_fast_ball_stays_in_its_pipe(name):
+    """A lug thrown at the wall at 6 m/s comes back; the wall's box leaves it that much room."""
+    fitting = FITTINGS[name]
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, 0]
+    add_exact_walls(spec, Assembly((Part("pipe", fitting, Pose()),)))
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[RADIUS, 1e-9, 0],
+        solref=[0.01, 1],
+        priority=1,
+        contype=1,
+        conaffinity=2,
+        userdata=line_record(PITCH, 1.0),
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    low, high = fitting.bounds
+    rng = np.random.default_rng(1)
+    starts = rng.uniform(low, high, (400, 3))
+    inside = (fitting.signed_distance(starts)[0] > RADIUS) & (fitting.extent(starts) > 0.03)
+    for start, direction in zip(starts[inside][:60], unit(rng.normal(size=(60, 3))), strict=False):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:3], data.qvel[:3] = start, 6.0 * direction
+        for _ in range(60):
+            mujoco.mj_step(model, data)
+            if fitting.extent(data.qpos[None, :3])[0] < 0:
+                break  # out of a port
+            assert fitting.signed_distance(data.qpos[None, :3])[0][0] > -RADIUS / 2
 
 
 def test_a_line_beyond_the_wall_belongs_to_another_pipe():

@@ -17,7 +17,6 @@ from omnitrack_sim import (
     override,
     shipped_scenarios,
 )
-from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.planning import Leg
@@ -48,7 +47,7 @@ def test_first_leg_goes_the_shortest_way_to_the_goal():
     ]
     assert (leg.gear, leg.goal, leg.begin) == (1, 0, 0.1)
     assert leg.end == pytest.approx(
-        plan.route(leg.path).centreline.length - LENGTH / 2 - LEG_PLANNER.nose_room
+        plan.route(leg.path).centreline.length - LENGTH / 2 - Robot().nose_room
     )
 
 
@@ -148,10 +147,10 @@ def test_back_to_the_start_goes_tail_first():
     assert (back.gear, back.goal) == (-1, 1)
     assert names(plan, back) == names(plan, there)[::-1]
     assert back.end == pytest.approx(
-        plan.route(back.path).centreline.length - LENGTH / 2 - LEG_PLANNER.nose_room
+        plan.route(back.path).centreline.length - LENGTH / 2 - Robot().nose_room
     )
     assert (onward.gear, onward.goal) == (1, 2)
-    assert onward.begin == pytest.approx(LENGTH / 2 + LEG_PLANNER.nose_room)
+    assert onward.begin == pytest.approx(LENGTH / 2 + Robot().nose_room)
 
 
 # What a user writes

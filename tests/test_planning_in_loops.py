@@ -58,7 +58,7 @@ def _best_travel(
             continue
         new = route_through(plan.network.pipes, (*leg.path[:index], *onward), plan.arcs)
         stand = min(at, _standing_place(new, index, plan.robot))
-        nose_room = plan.robot.length / 2 + planning.LEG_PLANNER.nose_room
+        nose_room = plan.robot.length / 2 + plan.robot.nose_room
         best.append(at - stand + new.centreline.length - nose_room - stand)
     return min(best, default=None)
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
-from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER, LegPlanner
+from omnitrack_sim.autonomy.leg_planner import LegPlanner
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
@@ -439,7 +439,7 @@ class Explorer(MapPilot):
 
     def _longer(self, leg: Leg) -> Leg:
         """Return a leg that ends where its path does."""
-        end = self.planner.route(leg.path).length - self._half - LEG_PLANNER.nose_room
+        end = self.planner.route(leg.path).length - self._half - self.robot.nose_room
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
     def _through(self, goals: Sequence[End]) -> LegPlanner:

@@ -42,9 +42,9 @@ class LegPlannerSettings:
     """Rooms and tolerances of planning legs.
 
     Attributes:
-        nose_room: m, between the robot's nose and the port of a goal when it arrives.
         rounding: m, difference of two lengths that may come from rounding.
-        at_nose: m, behind the nose up to which an obstacle may seem to be that stops a robot.
+        at_nose: m, for D = 160 mm, behind the nose up to which an obstacle may seem to be that
+            stops a robot.
         along: rad, angle between a robot and the axis of its pipe up to which it lies along the
             pipe; beyond it the robot lies across.
         across: rad, angle beyond which it is not known which way round the robot lies.
@@ -52,7 +52,6 @@ class LegPlannerSettings:
             pipe's axis.
     """
 
-    nose_room: float = 0.005
     rounding: float = 1e-9
     at_nose: float = 0.02
     along: float = math.radians(30)
@@ -123,7 +122,7 @@ class LegPlanner:
     def obstacle(self, leg: Leg, distance: float) -> End:
         """Return the port (part index, port) that stops a robot at arc length ``distance`` m of a
         leg."""
-        nose = distance + self.robot.length / 2 - LEG_PLANNER.at_nose
+        nose = distance + self.robot.length / 2 - float(self.robot.own_length(LEG_PLANNER.at_nose))
         part, _, leave = leg.path[self.route(leg.path).index_at(nose)]
         return part, leave
 
@@ -207,7 +206,7 @@ class LegPlanner:
             return self.replan_from(self.location(leg, distance), goal, closed)
         driven = self._driven(leg, distance)
         if self.ends[goal + 1] == leg.path[0][:2]:
-            return [self._back_out(driven, self.robot.length / 2 + LEG_PLANNER.nose_room, goal)]
+            return [self._back_out(driven, self.robot.length / 2 + self.robot.nose_room, goal)]
         plan = self._turn_off(driven, goal, closed)
         return None if plan is None else plan[1]
 
@@ -350,7 +349,7 @@ class LegPlanner:
 
     def leg_to(self, goal: int, path: tuple[Edge, ...], begin: float, gear: int = 1) -> Leg:
         """Return the leg along a path that ends with the nose, in its gear, at a goal."""
-        end = self.route(path).length - self.robot.length / 2 - LEG_PLANNER.nose_room
+        end = self.route(path).length - self.robot.length / 2 - self.robot.nose_room
         tail_first = "" if gear > 0 else ", tail first"
         return Leg(path, gear, begin, end, goal, f"to {self._names[goal]}{tail_first}")
 

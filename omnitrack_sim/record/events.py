@@ -27,10 +27,9 @@ class Outcome(StrEnum):
     STALLED = (
         "stalled",
         "A crawler motor stood still at its torque limit: with a tilt of a few degrees raise "
-        "robot.motor.torque_limit, lower robot.preload or take another robot.motor; with one of"
-        " tens of degrees the robot is wedged across the pipe, and none of these frees it: find"
-        " in the summary plot where it began to tilt, and try another start.theta5_deg or "
-        "control.kind.",
+        "robot.motor.torque_limit, lower robot.preload or take another robot.motor; with one of "
+        "tens of degrees none of these frees the robot: find in the summary plot where it began "
+        "to tilt, and try another start.theta5_deg or control.kind.",
     )
     STUCK = (
         "stuck",
@@ -38,6 +37,12 @@ class Outcome(StrEnum):
         "plot, and try another start.theta5_deg or robot.contact_length; if robot.drive is not "
         "three_motors, its belts may lack the speeds that the way asks for, or the force where "
         "a module has no wall, and three_motors shows whether that is the cause.",
+    )
+    WEDGED = (
+        "wedged",
+        "The robot ended across the pipe: find in the summary plot where it began to tilt, and "
+        "try another start.theta5_deg, more world.friction or robot.preload, or another "
+        "control.kind.",
     )
     SLIPPING = (
         "slipping",
@@ -144,6 +149,36 @@ class Note(Remark):
 
     def __str__(self) -> str:
         return self.words
+
+
+@dataclass(frozen=True)
+class Overloaded(Event):
+    """A module pressed the wall harder than the model of its contacts stands for."""
+
+    module: int
+    force: float
+    preloads: float
+
+    @property
+    def text(self) -> str:
+        """The largest normal force of the run, N, and how many times the preload that is."""
+        return (
+            f"module {self.module}: normal force of {self.force:.0f} N, {self.preloads:.0f} times "
+            "the preload; forces of this run are not to be relied on"
+        )
+
+
+@dataclass(frozen=True)
+class BeyondStop(Event):
+    """An arm stood beyond its stop."""
+
+    module: int
+    depth_mm: float
+
+    @property
+    def text(self) -> str:
+        """How far the arm stood beyond its stop at most."""
+        return f"arm {self.module}: stood {self.depth_mm:.1f} mm beyond its stop"
 
 
 @dataclass(frozen=True)

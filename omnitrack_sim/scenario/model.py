@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
 from omnitrack_sim.autonomy.explorer import Exploration
-from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
@@ -314,7 +313,7 @@ class Scenario(Table):
             return self.run.goal_distance
         if self.planner is not None:
             return self.planner.first.end
-        return self.route.centreline.length - self.robot.length / 2 - LEG_PLANNER.nose_room
+        return self.route.centreline.length - self.robot.length / 2 - self.robot.nose_room
 
     @property
     def plates(self) -> tuple[tuple[int, str], ...]:

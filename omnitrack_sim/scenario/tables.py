@@ -184,6 +184,9 @@ class MonitorTable(Table):
     robot's weight."""
     no_motion_cosine: Annotated[Part, Unit("1")] = 0.2
     """`no_motion_line`: the size of cos(roll) of all modules is below this."""
+    wedged_cosine: Annotated[Part, Unit("1")] = 0.7
+    """`wedged`: the size of the cosine of the tilt is below this when the run ends for want of
+    headway, or at the goal."""
     slipping_ratio: Annotated[Part, Unit("1")] = 0.5
     """`slipping`: two modules have a larger slip ratio than this; otherwise the robot is
     `stuck`."""
@@ -238,8 +241,8 @@ class RunTable(Table):
     legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
     expected_outcome: Outcome | None = None
     """`omnitrack run` says whether it came true: `reached_goal`, `motion_singularity`, `stalled`,
-    `stuck`, `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `wrong_map`, `lost`, `ended`
-    or `diverged`."""
+    `stuck`, `wedged`, `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `wrong_map`, `lost`,
+    `ended` or `diverged`."""
 
 
 class RecordTable(Table):

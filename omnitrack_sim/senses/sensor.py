@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 
@@ -48,14 +48,15 @@ class Addresses:
     Attributes:
         slide, pitch, roll: (3,) in ``qpos``.
         belts: (3, 2) in ``qpos``.
-        slide_dofs: (3,) in ``qvel``.
+        slide_dofs, pitch_dofs: (3,) in ``qvel``.
         belt_dofs: (3, 2) in ``qvel``.
         tracks: (3, 2) bodies.
         places: (3, 3) in ``xpos``, of the modules.
         forward: (3, 3) in ``xmat``: the modules' axes.
+        chassis: (3,) in ``xpos``.
+        frame: (3, 3) in ``xmat``: the chassis, axis by axis.
         contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
         touch: (3, 2) in ``sensordata``: sum of the normal forces of each track.
-        velocity, spin: (3, 3) in ``sensordata``, of the modules, world frame.
         belt_motors: (m,) actuators.
         roll_motors: (3,) actuators.
     """
@@ -65,14 +66,15 @@ class Addresses:
     roll: NDArray[np.intp]
     belts: NDArray[np.intp]
     slide_dofs: NDArray[np.intp]
+    pitch_dofs: NDArray[np.intp]
     belt_dofs: NDArray[np.intp]
     places: NDArray[np.intp]
     forward: NDArray[np.intp]
+    chassis: NDArray[np.intp]
+    frame: NDArray[np.intp]
     tracks: NDArray[np.intp]
     contact: NDArray[np.intp]
     touch: NDArray[np.intp]
-    velocity: NDArray[np.intp]
-    spin: NDArray[np.intp]
     belt_motors: NDArray[np.intp]
     roll_motors: NDArray[np.intp]
 
@@ -158,6 +160,7 @@ class State(dict[str, Array]):
         return self._before[name]
 
 
+_COS, _SIN = (f(MODULE_ANGLES)[:, None] for f in (np.cos, np.sin))  # (3, 1)
 AT_REST = 1e-3
 """Speed below which no slip ratio is formed, m/s."""
 
@@ -212,10 +215,19 @@ def _contact_position(state: State) -> Array:
 
 
 def _module_speed(state: State) -> Array:
+    # Friction acts on the velocities at the end of a step in the geometry at its beginning, to
+    # which positions and contacts belong; ``belt_speed`` is that of the end as well.
+    at, qvel = state.at, state.qvel
+    x, y, z = (state.xmat.take(axis, axis=1)[:, None] for axis in at.frame)  # (n, 1, 3)
+    slide, pitch = (qvel.take(dofs, axis=1)[..., None] for dofs in (at.slide_dofs, at.pitch_dofs))
+    spin = x * qvel[:, None, 3:4] + y * qvel[:, None, 4:5] + z * qvel[:, None, 5:6]
+    place = state["contact_position"]
+    from_centre = place - state.xpos.take(at.chassis, axis=1)[:, None]
     # A module that pitches or turns moves otherwise at the contact than at its centre.
-    arm = state["contact_position"] - state.xpos.take(state.at.places, axis=1)
-    velocity = state.sensordata.take(state.at.velocity, axis=1)
-    return dot(velocity + cross(state.sensordata.take(state.at.spin, axis=1), arm), _forward(state))
+    from_module = place - state.xpos.take(at.places, axis=1)
+    velocity = qvel[:, None, :3] + cross(spin, from_centre) + slide * (x * _COS + y * _SIN)
+    velocity += pitch * cross(y * _COS - x * _SIN, from_module)
+    return dot(velocity, _forward(state))
 
 
 def _slip_velocity(state: State) -> Array:

@@ -11,12 +11,20 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
 from omnitrack_sim.scenario.tables import MonitorTable
 
 # Rows of the averages that the cause of a failure is read from.
 NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = range(6)
+
+
+MOST_PRELOADS = 20.0
+"""Normal force of a module over the preload, or the robot's weight where that is more, from which
+on a result carries a note. Springs at their end press with 3 times the preload."""
+STOP_ROOM = 0.001
+"""Distance beyond its stop from which on an arm's place is noted, m, for a robot of scale 1."""
 
 
 class Verdict(NamedTuple):
@@ -176,6 +184,8 @@ class Monitor:
 
     def cause(self, robot: int, location: Location) -> Outcome:
         """Return the cause for which a robot makes no headway."""
+        if self.lies_across(robot, location):
+            return Outcome.WEDGED
         mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
         running = limits.stalled_speed * mean[BELT_COMMAND]
         # At its limit and slower than asked: a motor that only works hard is not stalled.
@@ -196,6 +206,10 @@ class Monitor:
             return Outcome.SLIPPING
         return Outcome.STUCK
 
+    def lies_across(self, robot: int, location: Location) -> bool:
+        """Return whether a robot lies across its pipe."""
+        return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
+
     def reason(self, robot: int, location: Location, goal: float, time: float) -> str:
         """Describe the end of a robot's run: its location, and the measurements there.
 
@@ -212,3 +226,22 @@ class Monitor:
             f"tilt {tilt:.1f} deg, normal force {forces} N, slip ratio {slips} "
             f"(means of the last {min(self._memory, time):.2g} s)"
         )
+
+
+def strains(trajectory: Trajectory, robot: Robot) -> list[Event]:
+    """Return notes on the largest force and travel of an arm that a run should not have shown."""
+    events: list[Event] = []
+    low, high = robot.slide_range
+    forces = np.nan_to_num(trajectory["normal_force"])  # (T, 3); no number where it has diverged
+    slide = np.nan_to_num(trajectory["slide"])
+    beyond = np.maximum(low - slide, slide - high)
+    sample, module = np.unravel_index(forces.argmax(), forces.shape)
+    force, preload = float(forces[sample, module]), max(robot.preload, robot.mass * GRAVITY)
+    if force > MOST_PRELOADS * preload:
+        time = float(trajectory.time[sample])
+        events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
+    sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)
+    depth = float(beyond[sample, arm])
+    if depth > STOP_ROOM * robot.scale:
+        events.append(BeyondStop(0, float(trajectory.time[sample]), int(arm) + 1, 1000 * depth))
+    return events

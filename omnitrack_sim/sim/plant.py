@@ -14,21 +14,12 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, set_rows, with_rows
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.body import (
-    LUG_CONAFFINITY,
-    LUG_CONTYPE,
-    friction_tendons,
-    lug_pitch,
-)
+from omnitrack_sim.robots.omnitrack.body import friction_tendons, lug_pitch
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.senses import SENSORS, Sensor, State
 from omnitrack_sim.senses.sensor import Addresses
 
 NUMBERS = (1, 2, 3)
-BOTH_TRACKS_COSINE = 0.5
-"""Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the
-wall is left out."""
-
 SEATING_ROOM = 0.1
 """Largest movement of an arm before the first step, in radii of a lug."""
 SEATING_HALVINGS = 20
@@ -104,7 +95,6 @@ class Plant:
         places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
         set_rows(self, rows, diverged=False)
-        self._leave_out_far_tracks()
         self._seat_arms(rows)
         self._warnings[rows] = self._count_warnings()[rows]
 
@@ -112,15 +102,11 @@ class Plant:
         b, model, at = self._batch, self.model, self._at
         self.qpos, self._ctrl = b.bind("qpos"), b.bind("ctrl")
         self._force_range = b.expand("actuator_forcerange")
-        self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
-        self._body_conaffinity = b.expand("body_conaffinity")
-        self._geom_conaffinity = b.expand("geom_conaffinity")
         # (3, 2, K) geoms of each track that collide: its lugs, or the one line in their place
         colliding = np.flatnonzero(model.geom_contype)
         bodies = model.geom_bodyid[colliding]
         self._lugs = np.array([[colliding[bodies == body] for body in pair] for pair in at.tracks])
         self._belts = at.belts
-        self._at_wall = np.ones((self.n, 3, 2), bool)
         self._drive = drive_of(self.robot.drive)
         self._gears: list[tuple[int, int]] = []
         if not self._drive.direct:
@@ -222,7 +208,6 @@ class Plant:
             if not self._drive.direct:
                 # Shafts are tied to their belts and have to be moved back with them.
                 self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
-        self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
         except batch.SimulationError as error:
@@ -245,24 +230,6 @@ class Plant:
             force = 0.0 if brake is None else self.robot.brake_force * brake
             self._belt_loss[:, self._at.belt_dofs[:, 0]] = force
 
-    def _leave_out_far_tracks(self) -> None:
-        """Switch off the contacts of tracks that face away from the wall: half of the collision
-        work."""
-        cosine = np.cos(self.qpos.take(self._at.roll, axis=1))
-        at_wall = np.empty((self.n, 3, 2), bool)
-        np.greater(cosine, -BOTH_TRACKS_COSINE, out=at_wall[..., 0])
-        np.less(cosine, BOTH_TRACKS_COSINE, out=at_wall[..., 1])
-        # Modules roll rarely: in most steps there is nothing to write.
-        if at_wall.tobytes() == self._at_wall.tobytes():
-            return
-        self._at_wall = at_wall
-        tracks = self._at.tracks
-        self._geom_contype[:, self._lugs] = at_wall[..., None] * LUG_CONTYPE
-        self._body_contype[:, tracks] = at_wall * LUG_CONTYPE
-        self._body_conaffinity[:, tracks] = at_wall * LUG_CONAFFINITY
-        # A geom touches where either mask fits, so both have to go.
-        self._geom_conaffinity[:, self._lugs] = at_wall[..., None] * LUG_CONAFFINITY
-
     def _count_warnings(self) -> NDArray[np.int64]:
         """MuJoCo warnings of each robot so far, (n,)."""
         last_info_and_number = self._batch.warning  # (n, kinds, 2)
@@ -283,9 +250,8 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def joints(kind: str) -> NDArray[np.intp]:
         return np.array([model.joint(f"{kind}_{i}").qposadr[0] for i in NUMBERS])
 
-    def sensors(kind: str) -> NDArray[np.intp]:
-        first = np.array([model.sensor(f"{kind}_{i}").adr[0] for i in NUMBERS])
-        return first[:, None] + np.arange(3)
+    def dofs(kind: str) -> NDArray[np.intp]:
+        return np.array([model.joint(f"{kind}_{i}").dofadr[0] for i in NUMBERS])
 
     def bodies(kind: str) -> NDArray[np.intp]:
         return np.array([model.body(f"{kind}_{i}").id for i in NUMBERS])
@@ -293,6 +259,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def of_tracks(kind: str) -> NDArray[np.intp]:
         return np.array([[model.sensor(f"{kind}_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS])
 
+    chassis = model.body("chassis").id
     actuators = [model.actuator(i) for i in range(model.nu)]
     return Addresses(
         slide=joints("slide"),
@@ -301,17 +268,18 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         belts=np.array(
             [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
         ),
-        slide_dofs=np.array([model.joint(f"slide_{i}").dofadr[0] for i in NUMBERS]),
+        slide_dofs=dofs("slide"),
+        pitch_dofs=dofs("pitch"),
         belt_dofs=np.array(
             [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
         ),
         places=3 * bodies("module")[:, None] + np.arange(3),
         forward=9 * bodies("module")[:, None] + np.arange(2, 9, 3),
+        chassis=3 * chassis + np.arange(3),
+        frame=9 * chassis + np.arange(9).reshape(3, 3).T,
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
         contact=of_tracks("contact")[:, :, None] + np.arange(7),
         touch=of_tracks("touch"),
-        velocity=sensors("velocity"),
-        spin=sensors("spin"),
         belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
     )

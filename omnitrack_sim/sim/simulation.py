@@ -30,7 +30,7 @@ from omnitrack_sim.scenario.model import METRIC_NAMES
 from omnitrack_sim.senses import SENSORS, Sensor
 from omnitrack_sim.sim.builder import each, settings_of, start_of
 from omnitrack_sim.sim.legs import Legs
-from omnitrack_sim.sim.monitor import Monitor, Verdict
+from omnitrack_sim.sim.monitor import Monitor, Verdict, strains
 from omnitrack_sim.sim.plant import Plant, Start
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 
@@ -474,8 +474,13 @@ class Simulation:
             elif missed:
                 reason = f"no way to {', '.join(missed)} is left; {reason}"
                 outcome = Outcome.STUCK
+            elif self.monitor.lies_across(robot, location):
+                outcome = Outcome.WEDGED
             else:
                 outcome, reason = self._judged_map(robot, reason)
+        elif outcome is Outcome.LEFT_PIPE:
+            place = ", ".join(f"{x:.3f}" for x in self._readings["position"][robot])
+            reason = f"left the pipe at ({place}) m, {location.offset[robot]:.3f} m off; {reason}"
         self.endings[robot] = Ending(outcome, reason)
         set_rows(self, np.array([robot]), active=False, end_time=time)
 
@@ -581,7 +586,9 @@ class Simulation:
             metrics=values | scenario.map_metrics(network) | dict(self.senses.metrics(robot)),
             trajectory=trajectory,
             provenance=provenance_of(scenario),
-            events=self.events[robot],
+            events=sorted(
+                [*self.events[robot], *strains(trajectory, scenario.robot)], key=lambda e: e.time
+            ),
             legs=self.legs.begun(robot),
             map=network,
             album=pictures,

@@ -19,7 +19,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, WORDS, c_function, calling, intrinsic
-from omnitrack_sim.walls.track import MARK, PITCH, RECORD_SIZE, SCALE, line_contacts
+from omnitrack_sim.walls.track import MARK, RECORD_SIZE, line_contacts
 
 # The height field comes first: the table is filled for pairs of ascending geom types only.
 _FIELD, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -84,10 +84,9 @@ def collide(model, data, contacts, wall, line, margin):
     # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
     sizes = doubles(model[word(SIZE)])
     radius, half = sizes[3 * line], sizes[3 * line + 1]
-    pitch, scale = records[track + PITCH], records[track + SCALE]
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
     return line_contacts(
-        contacts, records, w, position, matrix, line, wall, radius, half, pitch, margin, scale
+        contacts, records, w, track, position, matrix, line, wall, radius, half, margin
     )
 
 

@@ -35,10 +35,20 @@ RECORD_SIZE = SIZES + MOST_SIZES
 """Indices in the record of a wall, and its size: mark, addresses of the compiled ``surface`` and
 ``span``, centre of the bounding box (3), whether contact ends at each port, the fitting's
 ``sizes``."""
-PITCH, SCALE = 1, 2
-"""Indices in the record of a track: distance of its lugs, m, and the robot's scale."""
+PITCH, SCALE, SIDE = 1, 2, 3
+"""Indices in the record of a track: distance of its lugs, m, the robot's scale, and the side of
+its module that it is the run of: 1 towards the module's x axis, -1 away from it, 0 for a line
+that touches all round."""
+BAND = 0.05
+"""Cosine between a contact's normal and the plane between both runs of a chain up to which both
+touch. There the farther run is less deep by twice the tracks' offset times this: 0.1 mm."""
 ROOM = 0.002
 """Of the bounding box around the bore, m: deeper than any lug presses."""
+END_DEPTH = 0.0003
+"""Depth of an end's contact, m, for a robot of scale 1: 130 N, more than the springs press."""
+BACKSTOP = 0.5
+"""Depth, in radii of a line, down to which a wall is solid for its axis. A line in a neighbouring
+pipe is a radius deep at least."""
 CONTACT_SIZE = 10
 """Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
 (3)."""
@@ -72,11 +82,11 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...]) -> Array:
     return record
 
 
-def line_record(lug_pitch: float, scale: float) -> Array:
-    """Return the record (RECORD_SIZE,) of a track: mark, distance of its lugs, m, and the robot's
-    scale."""
+def line_record(lug_pitch: float, scale: float, side: float = 0.0) -> Array:
+    """Return the record (RECORD_SIZE,) of a track: mark, distance of its lugs, m, the robot's
+    scale, and its side, see ``SIDE``."""
     record = np.zeros(RECORD_SIZE)
-    record[0], record[PITCH], record[SCALE] = MARK, lug_pitch, scale
+    record[0], record[PITCH], record[SCALE], record[SIDE] = MARK, lug_pitch, scale, side
     return record
 
 
@@ -87,17 +97,20 @@ def bounding_box(fitting: Fitting) -> tuple[Array, Array]:
 
 
 @compiled
-def _add(con, n, surface, sizes, ray, s, radius, margin, out):
-    """Add the contact at s if the wall is that near; returns the number of contacts. Still in the
-    fitting's frame."""
+def _add(con, n, surface, sizes, ray, face, s, radius, margin, out):
+    """Add the contact at s if the wall is that near and faces the run; returns the number of
+    contacts. Still in the fitting's frame."""
     px, py, pz, ax, ay, az = ray
     x, y, z = px + s * ax, py + s * ay, pz + s * az
     d = call_surface(surface, sizes, x, y, z, out)
-    # A line whose axis lies within the wall belongs to another pipe.
+    # A line whose axis lies deep within the wall belongs to another pipe.
     # Beyond MOST_CONTACTS the rest is dropped: the ends and the first minima come first.
-    if d <= 0.0 or d - radius >= margin or n >= MOST_CONTACTS:
+    if d <= -BACKSTOP * radius or d - radius >= margin or n >= MOST_CONTACTS:
         return n
     gx, gy, gz = out[0], out[1], out[2]
+    # The wall behind a run belongs to the other run of its chain.
+    if gx * face[0] + gy * face[1] + gz * face[2] > BAND:
+        return n
     k = n * CONTACT_SIZE
     # MuJoCo places a contact half way between the two surfaces.
     middle = 0.5 * (d + radius)
@@ -105,6 +118,19 @@ def _add(con, n, surface, sizes, ray, s, radius, margin, out):
     con[k + 1], con[k + 2], con[k + 3] = x - middle * gx, y - middle * gy, z - middle * gz
     con[k + 4], con[k + 5], con[k + 6] = gx, gy, gz
     return n + 1
+
+
+@compiled
+def _add_end(con, n, surface, sizes, ray, face, s, radius, pitch, margin, scale, out):
+    """Add the contact of an end, see ``_add``. Of a run of a chain, the depth that moving it back
+    by a pitch may have made does not count beyond END_DEPTH."""
+    count = _add(con, n, surface, sizes, ray, face, s, radius, margin, out)
+    if count > n and face[3] > 0.0:
+        along = abs(out[0] * ray[3] + out[1] * ray[4] + out[2] * ray[5])
+        over = -con[n * CONTACT_SIZE] - END_DEPTH * scale
+        if over > 0.0:
+            con[n * CONTACT_SIZE] += min(over, pitch * along)
+    return count
 
 
 @compiled
@@ -156,7 +182,7 @@ def _rim_begins(surface, sizes, ray, a, face_a, b, out):
 
 
 @compiled
-def _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scale, out):
+def _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin, scale, out):
     """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
     straight wall. ``bounds``: the span, and whether contact ends at its ends."""
     low, high, low_ends, high_ends = bounds
@@ -181,12 +207,12 @@ def _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scal
                 if onto_rim > -PLATEAU:
                     s = _rim_begins(surface, sizes, ray, a, face_a, b, out)
             if first <= s <= last:
-                n = _add(con, n, surface, sizes, ray, s, radius, margin, out)
+                n = _add(con, n, surface, sizes, ray, face, s, radius, margin, out)
                 # Half a pitch is where the neighbouring lugs of a real track would touch the
                 # flanks.
                 for flank in (s - pitch / 2, s + pitch / 2):
                     if low <= flank <= high:
-                        n = _add(con, n, surface, sizes, ray, flank, radius, margin, out)
+                        n = _add(con, n, surface, sizes, ray, face, flank, radius, margin, out)
         a, d_a, slope_a, face_a = b, d_b, slope_b, face_b
     return n
 
@@ -213,27 +239,43 @@ def _in_fitting(wall, w, position, matrix, g_line, g_wall):
 
 
 @compiled
+def _towards(matrix, g_line, g_wall, side):
+    """Direction in which a run faces, three numbers in the frame of a fitting, and whether it is
+    one (over 0)."""
+    l, m = 9 * g_line, 9 * g_wall
+    x, y, z = side * matrix[l], side * matrix[l + 3], side * matrix[l + 6]
+    return (
+        matrix[m] * x + matrix[m + 3] * y + matrix[m + 6] * z,
+        matrix[m + 1] * x + matrix[m + 4] * y + matrix[m + 7] * z,
+        matrix[m + 2] * x + matrix[m + 5] * y + matrix[m + 8] * z,
+        abs(side),
+    )
+
+
+@compiled
 def line_contacts(
-    con, wall, w, position, matrix, g_line, g_wall, radius, half, pitch, margin, scale
+    con, wall, w, track, position, matrix, g_line, g_wall, radius, half, margin
 ):
     """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
 
     Args:
         con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
             the line.
-        wall: user data of all geoms, m; ``w`` is where this fitting's record begins.
+        wall: user data of all geoms; ``w`` and ``track`` are where the records of this fitting and
+            of the line begin.
         position, matrix: (3 per geom) m and (9 per geom, row major), frames of all geoms in the
             world.
         g_line, g_wall: geom numbers of the line and of the wall.
-        radius, half: of the capsule, m. pitch: distance of its lugs, m.
+        radius, half: of the capsule, m.
         margin: distance up to which contacts count, m.
-        scale: size of the robot that the line belongs to, 1 for 160 mm pipes.
     """
     surface, sizes, out = int(wall[w + SURFACE]), at(wall, w + SIZES), scratch()
     # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
     # end.
     ray = _in_fitting(wall, w, position, matrix, g_line, g_wall)
     px, py, pz, ax, ay, az = ray
+    face = _towards(matrix, g_line, g_wall, wall[track + SIDE])
+    pitch, scale = wall[track + PITCH], wall[track + SCALE]
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 1.0, 1.0
     span = int(wall[w + SPAN])
     within = call_span(span, sizes, at(wall, w + ENDS), px, py, pz, ax, ay, az, out)
@@ -243,12 +285,12 @@ def line_contacts(
     n = 0
     # A line that goes on into the next fitting gets that end's contact there, not here as well.
     if low_ends:
-        n = _add(con, n, surface, sizes, ray, low, radius, margin, out)
+        n = _add_end(con, n, surface, sizes, ray, face, low, radius, pitch, margin, scale, out)
     if high_ends:
-        n = _add(con, n, surface, sizes, ray, high, radius, margin, out)
+        n = _add_end(con, n, surface, sizes, ray, face, high, radius, pitch, margin, scale, out)
     if within > 0.0 and high > low:
         bounds = low, high, low_ends, high_ends
-        n = _add_within(con, n, surface, sizes, ray, bounds, radius, pitch, margin, scale, out)
+        n = _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin, scale, out)
     for i in range(n):
         _into_world(con, i * CONTACT_SIZE, wall, w, position, matrix, g_line, g_wall)
     return n

@@ -31,13 +31,14 @@ FRICTION = 0.9
 """Of a lug on the wall in a model as it is built; the plant sets each robot's own."""
 LUG_IMPEDANCE = (0.95, 0.99)
 """Impedance of a lug's contact at its surface and from the robot's ``contact_depth`` on."""
-LINE_IMPEDANCE = (0.993, 0.9987)
+LINE_IMPEDANCE = (0.993, 0.993)
 """Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together
 should be as stiff: (1 - d) / d is 2/15 of the lugs'."""
 CHAIN_TIME = 0.004
 """Time constant of the tie between the two runs of a chain, which move as one, s; numerical."""
-STOP_TIME = 0.02
-"""Time constant of the stops of an arm's slide and pitch, s; MuJoCo's own default."""
+STOP_TIME, STOP_IMPEDANCE = 0.005, (0.95, 0.99)
+"""Time constant, s, and impedance of the stops of an arm's slide and pitch: 1 kN/mm, so that no
+arm stands beyond its stop."""
 TIE_DEPTH = 0.001
 """Travel over which ties and stops come to their full stiffness, m; MuJoCo's own default. At a
 pitch stop it is an angle, rad, which does not scale."""
@@ -58,7 +59,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     runs of one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i``
     (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt). Sensors
     ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
-    ``touch_lower_i`` (sum of its normal forces), ``velocity_i`` and ``spin_i`` of the modules.
+    ``touch_lower_i`` (sum of its normal forces).
     """
     chassis = add_chassis(spec, robot)
     for number, angle in enumerate(MODULE_ANGLES, start=1):
@@ -72,7 +73,6 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
         add_roll_motor(spec, robot, number)
         # The lower run of a chain follows the upper one.
         tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
-        add_motion_sensors(spec, number)
     add_belt_motors(spec, robot)
     return chassis
 
@@ -111,7 +111,7 @@ def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) ->
         range=robot.slide_range,
         damping=[robot.slide_damping, 0, 0],
         solref_limit=stop_time,
-        solimp_limit=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
+        solimp_limit=impedance(*STOP_IMPEDANCE, sized(robot, TIE_DEPTH, "m")),
     )
     arm.add_joint(
         name=f"pitch_{number}",
@@ -121,6 +121,7 @@ def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) ->
         range=[-robot.pitch_limit, robot.pitch_limit],
         damping=[robot.pitch_damping, 0, 0],
         solref_limit=stop_time,
+        solimp_limit=impedance(*STOP_IMPEDANCE, TIE_DEPTH),
     )
     return arm
 
@@ -128,7 +129,8 @@ def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) ->
 def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
     """A module without tracks: it rolls about its own axis, z."""
     module = arm.add_body(name=f"module_{number}")
-    set_cylinder_inertia(module, robot.module_mass, robot.lug_radius, robot.length)
+    mass = robot.module_mass - len(TRACKS) * robot.track_mass
+    set_cylinder_inertia(module, mass, robot.lug_radius, robot.length)
     module.add_joint(
         name=f"roll_{number}",
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -169,7 +171,7 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
             # MuJoCo measures a capsule without its caps: half of the way from first to last lug.
             size=[radius, places[-1], 0],
             solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
-            userdata=line_record(lug_pitch(robot), robot.scale),
+            userdata=line_record(lug_pitch(robot), robot.scale, side),
             **contact_of_lugs(robot),
         )
         return
@@ -337,6 +339,8 @@ def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str) -> None:
 OUTPUT_INERTIA = 0.02
 """Inertia of a belt with its sprockets behind gears that it shares with others, as a part of the
 reflected inertia of a motor: 0.2 kg; numerical."""
+SHAFT_MASS = 1e-9
+"""Of a shaft's body, kg: its inertia is its joint's armature, the mass that of the modules."""
 GEAR_TIME, GEAR_IMPEDANCE, FRICTION_IMPEDANCE = 0.004, (0.99, 0.99), (0.9995, 0.9995)
 """Time constant, s, impedance of the tie between a shaft and its belts, and that of friction
 in gears and brakes; numerical."""
@@ -397,10 +401,11 @@ def _hold_well(rubbing: mujoco.MjsJoint | mujoco.MjsTendon, robot: Robot) -> Non
 def _add_shaft(spec: mujoco.MjSpec, robot: Robot, number: int, row: np.ndarray) -> str:
     """A motor's shaft, geared to belts with coefficients (3,); the name of its joint."""
     joint, inertia = f"shaft_{number}", drive_of(robot.drive).size * belt_inertia(robot)
-    body = spec.worldbody.add_body(name=joint, mass=inertia, inertia=[inertia] * 3)
+    body = spec.worldbody.add_body(name=joint, mass=SHAFT_MASS, inertia=[SHAFT_MASS] * 3)
     # A shaft stands for gears inside the robot: gravity must not drive it.
     body.explicitinertial, body.gravcomp = True, 1.0
-    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    body.add_joint(name=joint, type=slide, axis=[0, 0, 1], armature=inertia)
     _add_tendon(spec, f"belts_{number}", row)
     spec.add_tendon(name=joint).wrap_joint(joint, 1.0)
     spec.add_equality(

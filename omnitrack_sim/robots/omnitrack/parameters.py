@@ -177,7 +177,7 @@ class Robot(QuantityModel):
         1e-3,
         "kg",
         "numerical",
-        "one run of lugs; small, for module_mass counts the chain already",
+        "one run of lugs, of which module_mass counts two",
         (1e-5, 1.0),
     )
     contact_time: float = quantity(
@@ -289,6 +289,9 @@ class Robot(QuantityModel):
         if self.track_offset > self.lug_radius / 2:
             problem = f"must be at most half of lug_radius, {self.lug_radius / 2:.6g} m"
             yield "track_offset", problem
+        if 2 * self.track_mass >= self.module_mass:
+            problem = f"must be under half of module_mass, {self.module_mass / 2:.6g} kg"
+            yield "track_mass", problem
         press, most = self.preload / self.module_stiffness, LONGEST_PRESS * self.scale
         if press > most * (1 + ROUNDING):
             problem = (
@@ -392,6 +395,11 @@ class Robot(QuantityModel):
         """Tip to tip along the robot axis, m: outermost lug centres and a lug radius at each
         end."""
         return self.contact_length + 2 * self.lug_radius
+
+    @property
+    def nose_room(self) -> float:
+        """Room, m, between the nose and the port of a goal where the robot arrives: D/32."""
+        return self.nominal_pipe_radius / 16
 
     @property
     def standing_room(self) -> float:
