@@ -168,8 +168,8 @@ def test_a_run_touches_the_wall_that_it_faces(side):
     pipe = Straight(0.4)
     offset = pipe.radius - RADIUS + 1e-4
     for angle in np.radians([0, 60, 86, 89, 91, 94, 120, 180]):
-        out = offset * np.array([np.cos(angle), np.sin(angle), 0])
-        found, *_ = contacts(pipe, out + [0, 0, 0.2], np.array([0, 0, 1.0]), side=side)
+        centre = np.array([offset * np.cos(angle), offset * np.sin(angle), 0.2])
+        found, *_ = contacts(pipe, centre, np.array([0, 0, 1.0]), side=side)
         assert len(found) == (2 if side * np.cos(angle) >= -track.BAND else 0)
 
 

@@ -11,6 +11,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
+from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.walls.geoms import new_spec
 
@@ -31,7 +32,7 @@ def model() -> mujoco.MjModel:
     [
         ("chassis", ROBOT.chassis_mass, ROBOT.chassis_radius, ROBOT.chassis_length),
         ("arm_1", ROBOT.arm_mass, ROBOT.arm_radius, ROBOT.shaft_spacing),
-        ("module_2", ROBOT.module_mass, ROBOT.lug_radius, ROBOT.length),
+        ("module_2", ROBOT.module_mass - 2 * ROBOT.track_mass, ROBOT.lug_radius, ROBOT.length),
     ],
 )
 def test_bodies_have_the_inertia_of_a_cylinder(
@@ -45,6 +46,15 @@ def test_bodies_have_the_inertia_of_a_cylinder(
     expected, found = spec.compile().body("b"), model().body(body)
     assert found.mass == pytest.approx(expected.mass)
     assert found.inertia == pytest.approx(expected.inertia)
+
+
+@pytest.mark.parametrize("drive", ["three_motors", "differential"])
+@pytest.mark.parametrize("add", [add_robot, add_turning_robot])
+def test_the_model_weighs_what_its_parameters_say(drive, add):
+    """Tracks are part of their module, and gears have inertia but no mass."""
+    spec = mujoco.MjSpec()
+    add(spec, Robot(drive=drive))
+    assert spec.compile().body_mass.sum() == pytest.approx(ROBOT.mass, rel=1e-6)
 
 
 def passive(**joints: float) -> dict[str, float]:

@@ -253,9 +253,7 @@ def _towards(matrix, g_line, g_wall, side):
 
 
 @compiled
-def line_contacts(
-    con, wall, w, track, position, matrix, g_line, g_wall, radius, half, margin
-):
+def line_contacts(con, wall, w, track, position, matrix, g_line, g_wall, radius, half, margin):
     """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
 
     Args:
@@ -290,7 +288,9 @@ def line_contacts(
         n = _add_end(con, n, surface, sizes, ray, face, high, radius, pitch, margin, scale, out)
     if within > 0.0 and high > low:
         bounds = low, high, low_ends, high_ends
-        n = _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin, scale, out)
+        n = _add_within(
+            con, n, surface, sizes, ray, face, bounds, radius, pitch, margin, scale, out
+        )
     for i in range(n):
         _into_world(con, i * CONTACT_SIZE, wall, w, position, matrix, g_line, g_wall)
     return n
