@@ -357,7 +357,7 @@ def test_a_robot_that_lies_across_a_tee_rights_itself() -> None:
             "mission.start": "c.start",
             "mission.goals": ["a.start"],
             "world.gravity": [0.0, 0.0, 9.81],
-            "world.friction": 0.5,
+            "world.friction": 0.45,
             "robot.preload": 20.0,
             "control.cruise_speed": 0.1,
             "control.align": True,
