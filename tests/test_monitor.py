@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
+from samples import sample_trajectory
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.scenario.tables import MonitorTable
-from omnitrack_sim.sim.monitor import Monitor, Verdict
+from omnitrack_sim.sim.monitor import Monitor, Verdict, strains
 
 PERIOD, SPEED, LENGTH = 0.01, 0.1, 0.8
 ROUTES = RouteMap([ot.load_scenario("straight").route])
@@ -201,6 +204,29 @@ def test_the_limits_of_the_cause_are_the_scenarios() -> None:
     watching = monitor(1, slipping_ratio=0.95)
     looks(watching, 1.0, [0.3], slip_ratio=np.array([[0.9, -0.9, 0.0]]))
     assert watching.cause(0, location([0.3])) is ot.Outcome.STUCK
+
+
+def test_a_robot_across_its_pipe_is_wedged() -> None:
+    """Whatever else holds it; one that lies along the pipe, either way round, is not."""
+    watching, here = monitor(n=3), location([0.3, 0.3, 0.3])
+    looks(watching, 0.2, [0.3] * 3, saturated=np.ones((3, 3), bool), belt_speed=np.zeros((3, 3)))
+    leaning = [rotation_about([1, 0, 0], np.radians(tilt)) for tilt in (20, 80, 160)]
+    here = dataclasses.replace(here, frame=here.frame @ np.array(leaning))
+    causes = [watching.cause(robot, here) for robot in range(3)]
+    assert causes == [ot.Outcome.STALLED, ot.Outcome.WEDGED, ot.Outcome.STALLED]
+
+
+def test_forces_and_places_that_should_not_be_are_noted() -> None:
+    """A force of over 20 preloads, and an arm beyond its stop by over 1 mm, once each."""
+    run, robot = sample_trajectory(), ot.Robot()
+    assert strains(run, robot) == []
+    force, slide = run["normal_force"].copy(), run["slide"].copy()
+    force[50, 1], slide[70, 2] = 21 * robot.preload, robot.slide_range[1] + 0.0012
+    loaded, beyond = strains(sample_trajectory(normal_force=force, slide=slide), robot)
+    assert (loaded.time, loaded.module) == (run.time[50], 2)
+    assert (beyond.time, beyond.module) == (run.time[70], 3)
+    assert "21 times the preload" in loaded.text
+    assert "1.2 mm beyond its stop" in beyond.text
 
 
 def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from omnitrack_sim.robots.omnitrack.control import Settings
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import PhysicsTable
 from omnitrack_sim.sim.plant import Start
+from omnitrack_sim.walls.geoms import TIMESTEP
 
 EACH: Mapping[str, str] = {
     "distance": "start.distance",
@@ -128,8 +129,8 @@ def settings_of(
         # The outer module's way is longer than the centre's by this factor.
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
-        speed = _speed_note(scenario, most, factor)
-        notes.append([*speed, *_spring_note(scenario), *_idle_note(scenario.physics)])
+        speed, step = _speed_note(scenario, most, factor), _step_note(scenario)
+        notes.append([*speed, *step, *_spring_note(scenario), *_idle_note(scenario.physics)])
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
@@ -139,6 +140,16 @@ def settings_of(
         reach=np.array([s.robot.reach for s in scenarios]),
     )
     return settings, notes
+
+
+def _step_note(scenario: Scenario) -> Iterator[str]:
+    """Warning of a time step whose slip is not that of small steps."""
+    step, longest = scenario.physics.timestep, TIMESTEP * scenario.robot.time_scale
+    if step > longest * (1 + 1e-9):
+        yield (
+            f"physics.timestep is {step:.4g} s: above {longest:.4g} s slip comes out too large, "
+            "twice at 2.5 times that step"
+        )
 
 
 def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
