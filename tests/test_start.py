@@ -12,7 +12,7 @@ PRELOADS = (5.0, 25.0, 100.0, 1000.0)
 @pytest.mark.parametrize("collider", ["primitives", "exact"])
 def test_arms_start_in_equilibrium(collider):
     """From the first sample on, the wall carries each module's spring force within 1 %, and no arm
-    moves by more than 5 um, whether it is pressed with 5 or with 1000 N."""
+    moves by more than 10 um, whether it is pressed with 5 or with 1000 N."""
     climb = override(
         load_scenario("vertical_climb"),
         {"physics.collider": collider, "run.time_limit": 0.2, "record.period": 0.01},
@@ -23,7 +23,7 @@ def test_arms_start_in_equilibrium(collider):
         force, slide = result.trajectory["normal_force"], result.trajectory["slide"]
         spring = preload - climb.robot.module_stiffness * slide
         assert force == pytest.approx(spring, rel=0.01)
-        assert np.ptp(slide, axis=0).max() < 5e-6
+        assert np.ptp(slide, axis=0).max() < 1e-5
 
 
 @pytest.mark.parametrize("collider", ["primitives", "exact"])
