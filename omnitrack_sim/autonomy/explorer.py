@@ -439,7 +439,7 @@ class Explorer(MapPilot):
 
     def _longer(self, leg: Leg) -> Leg:
         """Return a leg that ends where its path does."""
-        end = self.planner.route(leg.path).length - self._half - self.robot.nose_room
+        end = self.planner.route(leg.path).length - self._half - self._robot.nose_room
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
     def _through(self, goals: Sequence[End]) -> LegPlanner:
