@@ -49,7 +49,7 @@ def test_its_estimate_is_as_good_as_it_says(turn):
     assert np.abs(error[half:]).max() < 0.02
     assert 1e-4 < np.median(channels["distance_std"][half:]) < 0.02
     metrics = turn.metrics
-    assert metrics["localisation_error_rel"] < 0.03
+    assert metrics["localisation_error_rel"] < 0.05
     assert metrics["localisation_error_mean_m"] <= metrics["localisation_error_max_m"]
 
 
