@@ -18,14 +18,11 @@ from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaterni
 from omnitrack_sim.robots.omnitrack.body import FREE_SPRING_LENGTH, lug_pitch, lug_places
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.senses.sensor import AT_REST
-from omnitrack_sim.sim.plant import NUMBERS, Plant, Start
+from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
 
 JOINTS_PER_MODULE = 5
 SLIDE, PITCH, ROLL, UPPER, LOWER = range(JOINTS_PER_MODULE)
-BOTH_TRACKS_COSINE = 0.5
-"""Size of cos(roll) below which both tracks of a module can touch; beyond, the track away from the
-wall is left out."""
 
 
 class BulletPlant:

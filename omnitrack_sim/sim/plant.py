@@ -14,12 +14,20 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, set_rows, with_rows
 from omnitrack_sim.record.channels import CHANNELS, TRACKS
 from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.body import friction_tendons, lug_pitch
+from omnitrack_sim.robots.omnitrack.body import (
+    LUG_CONAFFINITY,
+    LUG_CONTYPE,
+    friction_tendons,
+    lug_pitch,
+)
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.senses import SENSORS, Sensor, State
 from omnitrack_sim.senses.sensor import Addresses
 
 NUMBERS = (1, 2, 3)
+BOTH_TRACKS_COSINE = 0.5
+"""Size of cos(roll) below which both rows of lugs of a module can touch; beyond, the one away
+from the wall is left out."""
 SEATING_ROOM = 0.1
 """Largest movement of an arm before the first step, in radii of a lug."""
 SEATING_HALVINGS = 20
@@ -95,6 +103,7 @@ class Plant:
         places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
         set_rows(self, rows, diverged=False)
+        self._leave_out_far_tracks()
         self._seat_arms(rows)
         self._warnings[rows] = self._count_warnings()[rows]
 
@@ -102,11 +111,15 @@ class Plant:
         b, model, at = self._batch, self.model, self._at
         self.qpos, self._ctrl = b.bind("qpos"), b.bind("ctrl")
         self._force_range = b.expand("actuator_forcerange")
+        self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
+        self._body_conaffinity = b.expand("body_conaffinity")
+        self._geom_conaffinity = b.expand("geom_conaffinity")
         # (3, 2, K) geoms of each track that collide: its lugs, or the one line in their place
         colliding = np.flatnonzero(model.geom_contype)
         bodies = model.geom_bodyid[colliding]
         self._lugs = np.array([[colliding[bodies == body] for body in pair] for pair in at.tracks])
         self._belts = at.belts
+        self._at_wall = np.ones((self.n, 3, 2), bool)
         self._drive = drive_of(self.robot.drive)
         self._gears: list[tuple[int, int]] = []
         if not self._drive.direct:
@@ -208,6 +221,7 @@ class Plant:
             if not self._drive.direct:
                 # Shafts are tied to their belts and have to be moved back with them.
                 self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
+        self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
         except batch.SimulationError as error:
@@ -229,6 +243,26 @@ class Plant:
         if self.robot.brake_force > 0:
             force = 0.0 if brake is None else self.robot.brake_force * brake
             self._belt_loss[:, self._at.belt_dofs[:, 0]] = force
+
+    def _leave_out_far_tracks(self) -> None:
+        """Switch off the contacts of rows of lugs that face away from the wall: half of the
+        collision work. Of tracks that are lines the collider tells by the wall itself."""
+        if self._lugs.shape[-1] == 1:
+            return
+        cosine = np.cos(self.qpos.take(self._at.roll, axis=1))
+        at_wall = np.empty((self.n, 3, 2), bool)
+        np.greater(cosine, -BOTH_TRACKS_COSINE, out=at_wall[..., 0])
+        np.less(cosine, BOTH_TRACKS_COSINE, out=at_wall[..., 1])
+        # Modules roll rarely: in most steps there is nothing to write.
+        if at_wall.tobytes() == self._at_wall.tobytes():
+            return
+        self._at_wall = at_wall
+        tracks = self._at.tracks
+        self._geom_contype[:, self._lugs] = at_wall[..., None] * LUG_CONTYPE
+        self._body_contype[:, tracks] = at_wall * LUG_CONTYPE
+        self._body_conaffinity[:, tracks] = at_wall * LUG_CONAFFINITY
+        # A geom touches where either mask fits, so both have to go.
+        self._geom_conaffinity[:, self._lugs] = at_wall[..., None] * LUG_CONAFFINITY
 
     def _count_warnings(self) -> NDArray[np.int64]:
         """MuJoCo warnings of each robot so far, (n,)."""
