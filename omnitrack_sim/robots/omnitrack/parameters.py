@@ -143,10 +143,10 @@ class Robot(QuantityModel):
         (0.01, 1.0),
     )
     pitch_limit: float = quantity(
-        math.radians(4.0),
+        math.radians(6.0),
         "rad",
         "assumed",
-        "slot clearance on the shafts (Section II.A)",
+        "slot clearance on the shafts (Section II.A); with 4 degrees turns jam in tees",
         (1e-3, 0.5),
     )
     slide_damping: float = quantity(
