@@ -132,7 +132,8 @@ def needs_map(result: Result) -> bool:
     robot that makes a map."""
     routes = result.routes()
     explores = result.map is not None
-    return explores or len(routes) > 1 or len(routes[0].passages) > FEW_FITTINGS
+    many = any(len(route.passages) > FEW_FITTINGS for route in routes)
+    return explores or len(routes) > 1 or many
 
 
 def axis_lines(part: Part, straight: float = np.inf) -> list[Array]:

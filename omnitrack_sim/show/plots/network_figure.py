@@ -236,7 +236,8 @@ class _Drawing:
         size, to_figure = figure.get_size_inches() * 72, figure.transFigure.inverted().transform
         gap = _GAPS[1]
         for name, position, colour in self.ends:
-            flat = proj_transform(*position, space.get_proj())[:2]
+            along_x, along_y, along_z = position
+            flat = proj_transform(along_x, along_y, along_z, space.get_proj())[:2]
             x, y = size * to_figure(space.transData.transform(flat))  # points
             look = {"fontsize": self.letters, "color": colour, "va": "center", "zorder": 6}
             text = space.text2D(0, 0, name, transform=figure.transFigure, **look)

@@ -470,8 +470,9 @@ def _draw_effects(panel: Axes, effects: Mapping[str, _Effect], lowest: float) ->
     for number, (group, effect) in enumerate(effects.items()):
         low, high = effect.intervals.T
         errors = np.maximum(0.0, [effect.rates - low, high - effect.rates])
-        alone = {"color": PASSED_COLOUR, "ecolor": GREY}
-        own = {"color": _GROUPS[number], "label": group} if group else alone
+        own: dict[str, Any] = {"color": PASSED_COLOUR, "ecolor": GREY}
+        if group:
+            own = {"color": _GROUPS[number], "label": group}
         # Words stand apart by one; there the groups stand beside each other.
         aside = 0.12 * (number - (len(effects) - 1) / 2) if order else 0.0
         panel.errorbar(effect.places + aside, effect.rates, errors, **look, **own)
