@@ -104,7 +104,7 @@ def test_a_robot_that_drives_downward_on_a_slippery_wall_passes_by_its_sway() ->
     down = 9.81 * base.route.centreline.at(np.zeros(1))[1][0]
     slippery = [
         ot.override(base, {"world.gravity": down.tolist(), "world.friction": friction})
-        for friction in (0.48, 0.50, 0.52)
+        for friction in (0.54, 0.56, 0.58)
     ]
     none = {"control.parameters.sway.lean_deg": 0.0}
     without = [ot.override(scenario, none) for scenario in slippery]
