@@ -212,9 +212,9 @@ class Plant:
         self._force_range[:, self._belt_motors, 0] = lowest
         self._force_range[:, self._belt_motors, 1] = highest
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
-        # back.
+        # back. Both runs of a chain go together, as the tie between them would pull them level.
         travel = self.qpos.take(self._belts, axis=1)
-        pitches = np.rint(travel / self._pitch_of_lugs) * active[:, None, None]
+        pitches = np.rint(travel[..., :1] / self._pitch_of_lugs) * active[:, None, None]
         if np.count_nonzero(pitches):
             back = self._pitch_of_lugs * pitches
             self.qpos[:, self._belts] = travel - back
