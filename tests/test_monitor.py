@@ -25,7 +25,7 @@ def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
     """A monitor of n robots that begin 0.1 m into a straight pipe."""
     begin, speed = np.full(n, 0.1), np.full(n, SPEED)
     table = MonitorTable(**limits)
-    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, PERIOD)
+    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, 1)
 
 
 def location(distance: list[float], aside: float = 0.0) -> Location:
@@ -186,7 +186,7 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
     robot, limits = ot.Robot(), MonitorTable()
     routes = RouteMap([ot.load_scenario("tee_turn").route])
     one = np.ones(1)
-    watching = Monitor(routes, robot, limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, PERIOD)
+    watching = Monitor(routes, robot, limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, 1)
     weight = robot.mass * 9.81
     force = np.array([[25.0, share * limits.lost_contact * weight, 25.0]])
     for _ in range(100):

@@ -65,21 +65,21 @@ def test_nothing_of_the_truth_reaches_the_controller():
     """With the truth poisoned while it decides, the controller gives the same commands."""
     simulation, clean = (ot.Simulation([onboard()]) for _ in range(2))
     for _ in range(300):
-        truth = simulation._readings, simulation._location
+        truth = simulation.readings, simulation.location
         fields = {
             field.name: value * np.nan
-            for field in dataclasses.fields(simulation._location)
-            if isinstance(value := getattr(simulation._location, field.name), np.ndarray)
+            for field in dataclasses.fields(simulation.location)
+            if isinstance(value := getattr(simulation.location, field.name), np.ndarray)
             and value.dtype.kind == "f"
         }
-        simulation._location = dataclasses.replace(simulation._location, **fields)
-        simulation._readings = {
+        simulation.location = dataclasses.replace(simulation.location, **fields)
+        simulation.readings = {
             name: np.full_like(value, np.nan)
-            for name, value in simulation._readings.items()
+            for name, value in simulation.readings.items()
             if np.asarray(value).dtype.kind == "f"
         }
         command = simulation.controller.step(simulation.observation)
-        simulation._readings, simulation._location = truth
+        simulation.readings, simulation.location = truth
         wanted = clean.controller.step(clean.observation)
         assert command.belt_speed.tobytes() == wanted.belt_speed.tobytes()
         assert command.roll.tobytes() == wanted.roll.tobytes()

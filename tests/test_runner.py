@@ -16,7 +16,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.record.trajectory import RECORDED
-from omnitrack_sim.sim import simulation as recorder
+from omnitrack_sim.sim import recorder
 
 
 def _short_tee(**changes):

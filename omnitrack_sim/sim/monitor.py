@@ -1,5 +1,5 @@
 """Decides when a run is over, and why. It returns verdicts; what follows from them is decided by
-the simulation."""
+the supervisor."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Monitor:
         cruise_speed: (n,) m/s.
         time_limit: (n,) s.
         period: s, between two looks.
-        sample_period: s, between two samples of the averages.
+        sample_every: looks between two samples of the averages.
     """
 
     def __init__(
@@ -57,11 +57,11 @@ class Monitor:
         cruise_speed: Array,
         time_limit: Array,
         period: float,
-        sample_period: float,
+        sample_every: int,
     ):
         n = len(start)
         self.routes, self.limits, self.period = routes, limits, period
-        self._sample_period = sample_period
+        self._sample_every, self._sample_period = sample_every, period * sample_every
         self._progress, self._slide_back, self._patience_length = (
             float(robot.own_length(length))
             for length in (limits.progress, limits.slide_back, limits.patience)
@@ -72,7 +72,7 @@ class Monitor:
         self._exit = robot.length / 2
         # s of patience, s since the last progress, s, m
         self._patience, self._waiting, self._time_limit, self._farthest = np.zeros((4, n))
-        self._steps = np.zeros(n, int)
+        self._looks, self._samples = np.zeros((2, n), int)
         self._mean, self._sample = np.zeros((2, n, 6, 3))
         self._version = -1
         self.reset(np.arange(n), start, cruise_speed, time_limit)
@@ -86,7 +86,8 @@ class Monitor:
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
         # Times are sums of steps: 1e-9 s keeps their rounding from adding a step.
         self._time_limit[rows], self._farthest[rows] = time_limit - 1e-9, start
-        self._waiting[rows], self._steps[rows], self._mean[rows] = 0.0, 0, 0.0
+        self._waiting[rows], self._mean[rows] = 0.0, 0.0
+        self._looks[rows], self._samples[rows] = 0, 0
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -159,19 +160,23 @@ class Monitor:
         readings: Mapping[str, Array],
         belt_command: Array,
         saturated: NDArray[np.bool_],
-        due: NDArray[np.bool_],
+        robots: NDArray[np.bool_],
     ) -> None:
-        """Add one sample to the averages that the cause of a failure is read from.
+        """Add to the averages that the cause of a failure is read from, where a sample is due.
 
         Args:
             readings: of the sensors.
             belt_command: (n, 3) m/s.
             saturated: (n, 3) motors at their torque limit.
-            due: (n,) robots whose sample it is, at every ``sample_period`` of their runs.
+            robots: (n,) those that run.
         """
-        self._steps += due
+        due = robots & (self._looks % self._sample_every == 0)
+        self._looks += robots
+        if not np.count_nonzero(due):
+            return
+        self._samples += due
         # A plain mean until the memory is full.
-        part = np.maximum(self._sample_period / self._memory, 1 / np.maximum(self._steps, 1))
+        part = np.maximum(self._sample_period / self._memory, 1 / np.maximum(self._samples, 1))
         weight = np.where(due, part, 0.0)[:, None, None]
         sample = self._sample
         sample[:, NORMAL_FORCE] = readings["normal_force"]
