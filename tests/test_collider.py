@@ -173,6 +173,22 @@ def test_a_run_touches_the_wall_that_it_faces(side):
         assert len(found) == (2 if side * np.cos(angle) >= -track.BAND else 0)
 
 
+def test_lugs_half_a_pitch_away_push_against_the_flanks_of_a_bend():
+    """A line along the inner side of an elbow touches at its nearest point and half a pitch to
+    either side, each as deep as the wall is there."""
+    elbow = Elbow(0.24)
+    middle = math.radians(45)
+    towards = np.array([math.cos(middle), 0.0, -math.sin(middle)])
+    centre = np.array([elbow.mean_radius, 0, 0]) - towards * (
+        elbow.mean_radius - elbow.radius + RADIUS - 3e-4
+    )
+    along = np.array([math.sin(middle), 0.0, math.cos(middle)])
+    distance, _, _, s = contacts(elbow, centre, along)
+    nearest = s[np.argmin(distance)]
+    np.testing.assert_allclose(np.sort(s - nearest), [-PITCH / 2, 0.0, PITCH / 2], atol=1e-6)
+    assert distance.min() == pytest.approx(-3e-4, abs=1e-7)
+
+
 def test_the_depth_of_moving_a_row_back_does_not_count():
     """At an end that faces along its row, beyond a depth that no spring gives; across it all
     counts."""

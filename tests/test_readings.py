@@ -11,7 +11,10 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, rotation_about
+from omnitrack_sim.senses.draws import keys
+from omnitrack_sim.senses.proprioception import Proprioception
 from omnitrack_sim.senses.sensor import SENSORS, Addresses, State
+from omnitrack_sim.senses.settings import ImuTable, SensingTable
 
 THREE = np.arange(3)
 CONTACT = np.arange(42).reshape(3, 2, 7)
@@ -173,6 +176,20 @@ def test_slip_is_the_lead_of_the_belt_over_the_robot(
     assert state["wall_speed"][0] == pytest.approx([belt] * 3)
     assert state["slip_velocity"][0] == pytest.approx([slip] * 3)
     assert state["slip_ratio"][0] == pytest.approx([ratio] * 3)
+
+
+@pytest.mark.parametrize("period", [0.004, 0.02, 0.1])
+def test_noise_of_the_gyro_is_white(period: float) -> None:
+    """Over a control step the angle of a robot at rest has the density of the noise times the root
+    of the step, so that the angle after a second does not depend on the steps."""
+    table = SensingTable(imu=ImuTable(gyro_bias_deg=0.0, gyro_walk_deg=0.0, gyro_noise_deg=0.01))
+    n, state = 1, state_of()
+    state.qpos[:, 3] = 1.0
+    gyro = Proprioception(table, ot.Robot(), period, 0.006, n)
+    gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), np.ones(n), state)
+    angles = np.array([gyro.read(state).turned[0] for _ in range(2000)])
+    assert angles.std() == pytest.approx(np.radians(0.01) * np.sqrt(period), rel=0.05)
+    assert abs(angles.mean()) < 4 * angles.std() / np.sqrt(angles.size)
 
 
 CLIMB = {"run.time_limit": 1.5, "start.distance": 0.3}
