@@ -12,7 +12,6 @@ import pytest
 from omnitrack_sim.base.errors import (
     InputError,
     NetworkError,
-    OutputError,
     ScenarioError,
     StudyError,
     SweepError,
@@ -21,7 +20,6 @@ from omnitrack_sim.base.reading import MOST_BYTES
 from omnitrack_sim.base.text import printable
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.pipes.network import load_network
-from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import load_scenario
 from omnitrack_sim.trials.study import load_study
 from omnitrack_sim.trials.sweep import load_sweep
@@ -130,38 +128,6 @@ def test_paths_that_cannot_be_looked_at_are_faults(tmp_path):
 def test_names_of_another_kind_and_misspelt_names_are_told(load, source, message):
     """A shipped name of another kind names the command that takes it, a misspelt one the name."""
     assert message in told(load, source)
-
-
-@pytest.mark.parametrize("load", [load_scenario, load_sweep, load_study, load_network])
-def test_a_misspelt_file_is_asked_back_by_the_one_beside_it(load, tmp_path, monkeypatch):
-    """In another folder and in the working folder, with its ending or without; a shipped name that
-    is nearer goes before it, and nothing is asked where nothing is near."""
-    (tmp_path / "my_scenario.toml").touch()
-    (tmp_path / "my_scenario.txt").touch()
-    meant = f"did you mean {str(tmp_path / 'my_scenario.toml')!r}?"
-    assert meant in told(load, tmp_path / "my_scenaro.toml")
-    assert meant in told(load, tmp_path / "my_scenario")
-    assert "did you mean" not in told(load, tmp_path / "elsewhere" / "xq.toml")
-    monkeypatch.chdir(tmp_path)
-    assert "did you mean 'my_scenario.toml'?" in told(load, "my_scenaro.toml")
-    assert "did you mean 'my_scenario.toml'?" in told(load, "my_scenaro")
-    (tmp_path / "straight_mine.toml").touch()
-    assert "did you mean 'straight'?" in told(load_scenario, "straigt")
-
-
-def test_a_misspelt_run_is_asked_back_by_the_one_beside_it(tmp_path):
-    """Where a run is read, and where a scenario is, for which the folder of its run stands; a
-    folder that is no run is not meant."""
-    (tmp_path / "tee_turnip").mkdir()
-    run = tmp_path / "tee_turn"
-    run.mkdir()
-    for name in ("result.json", "scenario.json"):
-        (run / name).touch()
-    with pytest.raises(OutputError, match=f"no such folder; did you mean '{run}'"):
-        load_result(tmp_path / "tee_turni")
-    assert f"did you mean '{run}'?" in told(load_scenario, tmp_path / "tee_turni")
-    with pytest.raises(OutputError, match=r"no such folder$"):
-        load_result(tmp_path / "elbow")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Objects and files by name: choices, ``module:Object``, shipped files, and near misses.
+"""Objects and files by name: choices, ``module:Object``, and shipped files.
 
 Imports stay light, because shell completion loads this module.
 """
@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import importlib
 import os
-import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TypeVar
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.text import nearest, no_such
+from omnitrack_sim.base.text import no_such
 
-_ENDING = re.compile(r"\.(toml|json)$", re.IGNORECASE)
 _HANDED_OVER: dict[str, Any] = {}
 _Value = TypeVar("_Value")
 
@@ -95,30 +93,6 @@ def _own(module: Any) -> list[str]:
         if not imported and not name.startswith("_"):
             names.append(f"{module.__name__}:{name}")
     return names
-
-
-def without_ending(name: str) -> str:
-    """Return a file's name without ``.toml`` or ``.json``; a folder's unchanged."""
-    return _ENDING.sub("", name)
-
-
-def entries_beside(path: Path, fits: Callable[[Path], bool]) -> dict[str, Path]:
-    """Fitting entries of the folder of ``path`` by their names without ending.
-
-    Empty where the folder cannot be read.
-    """
-    try:
-        entries = [path.with_name(name) for name in sorted(os.listdir(path.parent))]
-        return {without_ending(entry.name): entry for entry in entries if fits(entry)}
-    except (OSError, ValueError):  # no such folder, no permission, too long, a null character
-        return {}
-
-
-def near_entry(path: Path, fits: Callable[[Path], bool]) -> Path | None:
-    """Fitting entry beside a path that does not exist whose name is close to the path's."""
-    entries = entries_beside(path, fits)
-    meant = nearest(without_ending(path.name), list(entries))
-    return None if meant is None else entries[meant]
 
 
 def _scenario_folder() -> Path:

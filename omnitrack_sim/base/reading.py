@@ -19,12 +19,10 @@ from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import (
-    entries_beside,
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
     shipped_sweeps,
-    without_ending,
 )
 from omnitrack_sim.base.table import keys_at
 from omnitrack_sim.base.text import nearest, shown
@@ -249,30 +247,12 @@ def _unknown(name: str, kind: Kind) -> Fault:
     if name in others:
         return Fault(name, _is_another(others[name], kind, name))
     problem = f"no such file, nor a shipped {kind.noun} of that name"
-    path = Path(name)
-    files = entries_beside(path, lambda entry: _may_be(entry, kind))
-    bare = without_ending(path.name)
-    file = nearest(bare, list(files)) if bare != name else None  # of a path, no shipped name
-    meant = nearest(name, [*shipped, *others, *files])
-    if file is None and meant not in (*shipped, *others):
-        file = meant
-    if file is not None:
-        return Fault(name, f"{problem}; did you mean {str(files[file])!r}?", shipped)
+    meant = nearest(name, [*shipped, *others])
     if meant in others and meant not in shipped:
         of = others[meant]
         problem += f"; did you mean the {of.noun} {meant!r} (`omnitrack {of.command}`)?"
         return Fault(name, problem, shipped)
     return Fault(name, problem, shipped, given=name)
-
-
-def _may_be(entry: Path, kind: Kind) -> bool:
-    """Return whether an entry may be a file of a kind, by its ending.
-
-    The folder of a run stands for its scenario.
-    """
-    if kind is SCENARIO and is_file(entry / "scenario.json"):
-        return True
-    return entry.suffix.lower() in (".toml", ".json") and is_file(entry)
 
 
 def _is_another(actual: Kind, wanted: Kind, name: str) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 TRACKS = ("upper", "lower")
 """Order of the two tracks of a module in channels of shape (3, 2)."""
@@ -155,200 +155,160 @@ class Vector(Channel):
 
 
 _FORWARD = "positive drives forward when the upper track is at the wall"
-CHANNELS: Mapping[str, Channel] = {
-    channel.name: channel
-    for channel in (
-        Channel("time", (), "s", "simulated time", recorded=False),
-        Vector("position", (3,), "m", "robot centre", "world"),
-        Vector(
-            "quaternion",
-            (4,),
-            "1",
-            "robot frame in the world, (w, x, y, z); z forward, x towards module 1",
-            "world",
-            tail_first="behind",
-        ),
-        Channel(
-            "rotation",
-            (3, 3),
-            "1",
-            "the same as a matrix, robot axes as columns",
-            "world",
-            tail_first="facing",
-            recorded=False,
-        ),
-        Vector(
-            "angular_velocity",
-            (3,),
-            "rad/s",
-            "rotation rate of the chassis",
-            "robot",
-            tail_first="turned",
-            recorded=False,
-        ),
-        Channel(
-            "leg",
-            (),
-            "code",
-            "index of the leg at hand: a way through the pipes, driven in one gear",
-            source="leg",
-            whole=True,
-        ),
-        Channel("gear", (), "1", "1: nose first; -1: tail first", source="leg"),
-        Channel(
-            "distance",
-            (),
-            "m",
-            "arc length of the robot's centre along the centreline of the leg's route",
-            "route",
-            source="route",
-        ),
-        Channel(
-            "offset",
-            (),
-            "m",
-            "distance of the robot's centre from the centreline",
-            "route",
-            source="route",
-        ),
-        Channel(
-            "tilt",
-            (),
-            "rad",
-            "angle between the robot axis and the centreline's tangent at the robot's centre",
-            "route",
-            source="route",
-        ),
-        Channel(
-            "theta5",
-            (),
-            "rad",
-            "module 1 from the turning direction of the fitting being passed or next",
-            "route",
-            source="route",
-        ),
-        Channel(
-            "phase",
-            (),
-            "code",
-            "index into the trajectory's phase names",
-            source="command",
-            whole=True,
-        ),
-        Channel(
-            "belt_speed_command",
-            (3,),
-            "m/s",
-            f"belt speed asked of each motor; {_FORWARD}",
-            source="command",
-            tail_first="negated",
-        ),
-        Channel(
-            "belt_speed",
-            (3,),
-            "m/s",
-            f"belt speed of each module; {_FORWARD}",
-            tail_first="negated",
-        ),
-        Channel(
-            "wall_speed",
-            (3,),
-            "m/s",
-            "forward speed of each module that its belt asks for at the wall: belt_speed x belt "
-            "sign",
-            tail_first="negated",
-        ),
-        Channel(
-            "motor_torque",
-            (3,),
-            "N m",
-            "torque that the motors give each belt's shaft through the gears of the drive; with a "
-            "motor for each belt, that motor's; positive drives +belt_speed",
-            tail_first="negated",
-        ),
-        Channel(
-            "traction",
-            (3,),
-            "N",
-            "wall force on each module along its axis, forward positive",
-            tail_first="negated",
-        ),
-        Channel(
-            "normal_force",
-            (3,),
-            "N",
-            "sum of the normal forces between wall and lugs, each module",
-            tail_first="swapped",
-        ),
-        Channel(
-            "slip_velocity",
-            (3,),
-            "m/s",
-            "belt surface relative to the wall at the contact; positive: the belt runs ahead",
-            tail_first="negated",
-        ),
-        Channel(
-            "slip_ratio",
-            (3,),
-            "1",
-            "slip_velocity over the larger of belt and module speed, -1 to 1; 0 at rest",
-            tail_first="negated",
-        ),
-        Channel(
-            "contact_count",
-            (3, 2),
-            "1",
-            "contact points, per module and track (upper, lower); a lug may touch two wall pieces",
-            tail_first="swapped",
-            whole=True,
-        ),
-        Channel(
-            "contact_position",
-            (3, 3),
-            "m",
-            "force-weighted centre of each module's contacts; its last place when there is none",
-            "world",
-            tail_first="swapped",
-        ),
-        Channel(
-            "module_speed",
-            (3,),
-            "m/s",
-            "speed of each module over the wall at its contact, along its axis",
-            tail_first="negated",
-            recorded=False,
-        ),
-        Channel(
-            "slide",
-            (3,),
-            "m",
-            "arm travel from the nominal pipe, outward positive",
-            tail_first="swapped",
-        ),
-        Channel(
-            "pitch",
-            (3,),
-            "rad",
-            "arm pitch; positive: the module's nose points away from the robot axis",
-            tail_first="negated",
-        ),
-        Channel(
-            "roll",
-            (3,),
-            "rad",
-            "module roll phi about its own axis; 0: upper track at the wall",
-            tail_first="negated",
-        ),
-        Channel(
-            "roll_command",
-            (3,),
-            "rad",
-            "roll asked of each rotary motor",
-            source="command",
-            tail_first="negated",
-        ),
-    )
-}
+
+
+def _of_module(name: str, unit: str, meaning: str, tail_first: TailFirst, **more: Any) -> Channel:
+    """A number of each module."""
+    return Channel(name, (MODULE_COUNT,), unit, meaning, tail_first=tail_first, **more)
+
+
+def _on_route(name: str, unit: str, meaning: str) -> Channel:
+    """A number that follows from the pose and the route."""
+    return Channel(name, (), unit, meaning, "route", source="route")
+
+
+_SHIPPED = (
+    Channel("time", (), "s", "simulated time", recorded=False),
+    Vector("position", (3,), "m", "robot centre", "world"),
+    Vector(
+        "quaternion",
+        (4,),
+        "1",
+        "robot frame in the world, (w, x, y, z); z forward, x towards module 1",
+        "world",
+        tail_first="behind",
+    ),
+    Channel(
+        "rotation",
+        (3, 3),
+        "1",
+        "the same as a matrix, robot axes as columns",
+        "world",
+        tail_first="facing",
+        recorded=False,
+    ),
+    Vector(
+        "angular_velocity",
+        (3,),
+        "rad/s",
+        "rotation rate of the chassis",
+        "robot",
+        tail_first="turned",
+        recorded=False,
+    ),
+    Channel(
+        "leg",
+        (),
+        "code",
+        "index of the leg at hand: a way through the pipes, driven in one gear",
+        source="leg",
+        whole=True,
+    ),
+    Channel("gear", (), "1", "1: nose first; -1: tail first", source="leg"),
+    _on_route(
+        "distance",
+        "m",
+        "arc length of the robot's centre along the centreline of the leg's route",
+    ),
+    _on_route("offset", "m", "distance of the robot's centre from the centreline"),
+    _on_route(
+        "tilt",
+        "rad",
+        "angle between the robot axis and the centreline's tangent at the robot's centre",
+    ),
+    _on_route(
+        "theta5",
+        "rad",
+        "module 1 from the turning direction of the fitting being passed or next",
+    ),
+    Channel(
+        "phase",
+        (),
+        "code",
+        "index into the trajectory's phase names",
+        source="command",
+        whole=True,
+    ),
+    _of_module(
+        "belt_speed_command",
+        "m/s",
+        f"belt speed asked of each motor; {_FORWARD}",
+        "negated",
+        source="command",
+    ),
+    _of_module("belt_speed", "m/s", f"belt speed of each module; {_FORWARD}", "negated"),
+    _of_module(
+        "wall_speed",
+        "m/s",
+        "forward speed of each module that its belt asks for at the wall: belt_speed x belt sign",
+        "negated",
+    ),
+    _of_module(
+        "motor_torque",
+        "N m",
+        "torque that the motors give each belt's shaft through the gears of the drive; with a "
+        "motor for each belt, that motor's; positive drives +belt_speed",
+        "negated",
+    ),
+    _of_module(
+        "traction", "N", "wall force on each module along its axis, forward positive", "negated"
+    ),
+    _of_module(
+        "normal_force",
+        "N",
+        "sum of the normal forces between wall and lugs, each module",
+        "swapped",
+    ),
+    _of_module(
+        "slip_velocity",
+        "m/s",
+        "belt surface relative to the wall at the contact; positive: the belt runs ahead",
+        "negated",
+    ),
+    _of_module(
+        "slip_ratio",
+        "1",
+        "slip_velocity over the larger of belt and module speed, -1 to 1; 0 at rest",
+        "negated",
+    ),
+    Channel(
+        "contact_count",
+        (3, 2),
+        "1",
+        "contact points, per module and track (upper, lower); a lug may touch two wall pieces",
+        tail_first="swapped",
+        whole=True,
+    ),
+    Channel(
+        "contact_position",
+        (3, 3),
+        "m",
+        "force-weighted centre of each module's contacts; its last place when there is none",
+        "world",
+        tail_first="swapped",
+    ),
+    _of_module(
+        "module_speed",
+        "m/s",
+        "speed of each module over the wall at its contact, along its axis",
+        "negated",
+        recorded=False,
+    ),
+    _of_module("slide", "m", "arm travel from the nominal pipe, outward positive", "swapped"),
+    _of_module(
+        "pitch",
+        "rad",
+        "arm pitch; positive: the module's nose points away from the robot axis",
+        "negated",
+    ),
+    _of_module(
+        "roll", "rad", "module roll phi about its own axis; 0: upper track at the wall", "negated"
+    ),
+    _of_module(
+        "roll_command", "rad", "roll asked of each rotary motor", "negated", source="command"
+    ),
+)
+CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _SHIPPED}
 """Every shipped channel, in the order of the file."""
 
 _MM, _DEG = 1e3, 180.0 / math.pi

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import OutputError
-from omnitrack_sim.base.naming import near_entry
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
 from omnitrack_sim.record.timeline import Visit
@@ -89,9 +88,7 @@ def reading(path: Path) -> Iterator[Path]:
         folder = path.parent
         if folder.exists():
             raise OutputError(f"{folder}: is no run: {path.name} is missing") from error
-        meant = near_entry(folder, lambda entry: (entry / RESULT_FILE).is_file())
-        question = "" if meant is None else f"; did you mean {str(meant)!r}?"
-        raise OutputError(f"{folder}: no such folder{question}") from error
+        raise OutputError(f"{folder}: no such folder") from error
     except NotADirectoryError as error:
         file = path.parent
         hint = f"; {file.parent} is one" if (file.parent / RESULT_FILE).exists() else ""
