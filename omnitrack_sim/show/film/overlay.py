@@ -241,8 +241,9 @@ class MapPanel(_Panel):
         if self._shown != self.discovery.count(row):
             self._show_discovered(row)
         self._travel(int(np.searchsorted(self._rows, row, side="right")))
-        panel = self._small.copy()
+        panel = self._large.copy()
         self._robot(panel, row)
+        panel = panel.reduce(_FINER)
         left, top = self.place
         corner = frame[top : top + panel.height, left : left + panel.width]
         image = Image.fromarray(np.ascontiguousarray(corner))
@@ -275,19 +276,13 @@ class MapPanel(_Panel):
         star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
         for i in np.flatnonzero(discovery.goals <= row):
             _polygon(draw, self._goals[i] + unit * star.T, _GOAL)
-        self._forget_travel()
-
-    def _forget_travel(self) -> None:
         self._large, self._travelled = self._background.copy(), 0
-        self._small = self._large.reduce(_FINER)
 
     def _travel(self, count: int) -> None:
         """Have the path drawn up to the first ``count`` of its points, in the colour of the
         gear."""
         if count < self._travelled:
-            self._forget_travel()
-        if count == self._travelled:
-            return
+            self._large, self._travelled = self._background.copy(), 0
         rows = self._rows[max(0, self._travelled - 1) : count]
         points, gear = self._points[rows], self.trajectory["gear"][rows]
         draw, thick = ImageDraw.Draw(self._large), max(1, round(3.2 * self.unit))
@@ -298,22 +293,6 @@ class MapPanel(_Panel):
             for end in ends:
                 _disc(draw, end, thick / 2 - 0.5, fill=colour)
         self._travelled = count
-        margin = 4 * self.unit
-        box = self._box(points.min(axis=0) - margin, points.max(axis=0) + margin)
-        if box is not None:  # only what has changed is reduced anew
-            self._small.paste(self._crop(box).reduce(_FINER), box[:2])
-
-    def _crop(self, box: tuple[int, int, int, int]) -> Image.Image:
-        """Return the part of the large map that shows in a box of the small one."""
-        left, top, right, bottom = (_FINER * edge for edge in box)
-        return self._large.crop((left, top, right, bottom))
-
-    def _box(self, low: Array, high: Array) -> tuple[int, int, int, int] | None:
-        """Return the pixels of the small map that two corners of the large one span, if any."""
-        size = self._small.size
-        left, top = np.floor(low / _FINER).astype(int).clip(0, size).tolist()
-        right, bottom = np.ceil(high / _FINER).astype(int).clip(0, size).tolist()
-        return (left, top, right, bottom) if right > left and bottom > top else None
 
     def _pixels(self, points: Array) -> Array:
         """Points (n, 3) m in pixels of the large map, (n, 2) to the right and down."""
@@ -325,13 +304,8 @@ class MapPanel(_Panel):
         places = np.stack([self._points[row], self._estimates[row]])
         if not np.isfinite(places).all():
             return
-        reach = 24 * self.unit
-        box = self._box(places.min(axis=0) - reach, places.max(axis=0) + reach)
-        if box is None:
-            return
-        near, unit = self._crop(box), self.unit
-        draw = ImageDraw.Draw(near)
-        centre, estimate = places - _FINER * np.array(box[:2])
+        draw, unit = ImageDraw.Draw(panel), self.unit
+        centre, estimate = places
         nose = matrix_from_quaternion(self.trajectory["quaternion"][row])[:, 2]
         ahead = self.view.flat(nose) * [1, -1]
         aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)
@@ -344,7 +318,6 @@ class MapPanel(_Panel):
             for radius, colour, thick in ((9.2, _EDGE, 4.6), (8.2, _ESTIMATE, 2.4)):
                 width = max(1, round(thick * unit))
                 _disc(draw, estimate, radius * unit, outline=colour, width=width)
-        panel.paste(near.reduce(_FINER), box[:2])
 
 
 def _disc(draw: ImageDraw.ImageDraw, centre: Array, radius: float, **look) -> None:
