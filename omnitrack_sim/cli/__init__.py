@@ -41,7 +41,7 @@ def _options(
 def _show(message: Warning | str, *_: object) -> None:
     """Print a warning as the commands print everything, without the line of code it came from."""
     for line in str(message).splitlines():
-        err.print(f"[yellow]warning:[/yellow] {plain(line)}", soft_wrap=True)
+        err.say(f"[yellow]warning:[/yellow] {plain(line)}")
 
 
 def main() -> None:
@@ -79,7 +79,7 @@ def _refuse_empty(arguments: list[str]) -> None:
 
 def _tell(message: str) -> None:
     for line in message.splitlines():
-        err.print(f"[red]error:[/red] {plain(clipped(line, _LONGEST))}", soft_wrap=True)
+        err.say(f"[red]error:[/red] {plain(clipped(line, _LONGEST))}")
 
 
 def _tell_usage(error: Any) -> int:
@@ -90,5 +90,5 @@ def _tell_usage(error: Any) -> int:
     if type(error).__name__ != "NoArgsIsHelpError":  # which has printed the help already
         _tell(error.format_message())
         if error.ctx is not None:
-            err.print(f"`{error.ctx.command_path} --help` lists the options", soft_wrap=True)
+            err.say(f"`{error.ctx.command_path} --help` lists the options")
     return error.exit_code

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -56,6 +56,10 @@ class Screen(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
 
+    def say(self, text: str) -> None:
+        """Print a text whose lines the terminal breaks, not this console."""
+        self.print(text, soft_wrap=True)
+
 
 out = Screen(highlight=False, emoji=False)
 err = Screen(stderr=True, highlight=False, emoji=False)
@@ -71,6 +75,14 @@ def table_of(*heads: str, gap: int = 2) -> Table:
     return Table(*heads, box=None, padding=(0, gap))
 
 
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str | Text]], gap: int = 2) -> None:
+    """Print a table without lines; its texts as they are, but for those with a style."""
+    table = table_of(*heads, gap=gap)
+    for row in rows:
+        table.add_row(*(plain(cell) if isinstance(cell, str) else cell for cell in row))
+    out.print(table)
+
+
 def print_json(value: Any) -> None:
     """Print JSON for machines, and nothing in it that is none."""
     print(strict_json(value))
@@ -78,7 +90,7 @@ def print_json(value: Any) -> None:
 
 def print_saved(path: Path) -> None:
     """Print where something was saved."""
-    out.print(f"saved {plain(str(path))}", soft_wrap=True)
+    out.say(f"saved {plain(str(path))}")
 
 
 ScenarioArgument = Annotated[
@@ -89,6 +101,7 @@ ScenarioArgument = Annotated[
         autocompletion=complete.scenarios,
     ),
 ]
+JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

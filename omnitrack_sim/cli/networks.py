@@ -6,10 +6,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.text import Text
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli import complete
-from omnitrack_sim.cli.common import app, out, plain, print_json, print_saved, table_of
+from omnitrack_sim.cli.common import (
+    JsonOption,
+    app,
+    out,
+    plain,
+    print_json,
+    print_saved,
+    print_table,
+)
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes import Route
@@ -57,7 +66,7 @@ def network(
     to_file: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """A pipe network: its parts and open ends, the shortest route between two of these, figures and
     exports."""
@@ -198,21 +207,17 @@ def _passages(route: Route) -> list[dict[str, Any]]:
 
 def _print_network(net: Network) -> None:
     named = {port: name for name, port in net.ports.items()}
-    table = table_of("part", "kind", "sizes", "port", "joined to")
+    rows: list[tuple[str | Text, ...]] = []
     for i, part in enumerate(net.fittings):
-        for row, port in enumerate(net.pipes.parts[i].fitting.port_names):
+        for number, port in enumerate(net.pipes.parts[i].fitting.port_names):
             end = f"{part.name}.{port}"
-            other = net.joined_to.get(end)
-            to = (
-                plain(other)
-                if other
-                else "[yellow]open[/]" + (f" ({plain(named[end])})" if end in named else "")
-            )
-            head = (plain(part.name), part.kind, _sizes(part)) if row == 0 else ("", "", "")
-            table.add_row(*head, port, to)
-    out.print(table)
+            name = f" ({plain(named[end])})" if end in named else ""
+            to = net.joined_to.get(end) or Text.from_markup(f"[yellow]open[/]{name}")
+            head = ("", "", "") if number else (part.name, part.kind, _sizes(part))
+            rows.append((*head, port, to))
+    print_table(("part", "kind", "sizes", "port", "joined to"), rows)
     ends = ", ".join(f"{end} ({named[end]})" if end in named else end for end in net.open_ends)
-    out.print(f"open ends: {plain(ends) or 'none'}", soft_wrap=True)
+    out.say(f"open ends: {plain(ends) or 'none'}")
     out.print(f"{len(net.fittings)} parts, {net.length:.3f} m of axis in all")
 
 
@@ -234,10 +239,9 @@ def _sizes(part: NetworkFitting) -> str:
 
 
 def _print_route(route: Route) -> None:
-    table = table_of("passes", "manoeuvre", "from, m", "length, m")
-    for row in _passages(route):
-        table.add_row(
-            plain(row["name"]), row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}"
-        )
-    out.print(table)
+    rows = [
+        (row["name"], row["manoeuvre"], f"{row['from_m']:.3f}", f"{row['length_m']:.3f}")
+        for row in _passages(route)
+    ]
+    print_table(("passes", "manoeuvre", "from, m", "length, m"), rows)
     out.print(f"route: {route.centreline.length:.3f} m through {len(route.passages)} parts")

@@ -11,47 +11,38 @@ import typer
 
 from omnitrack_sim.base.errors import Fault, InputError, OutputError, ScenarioError
 from omnitrack_sim.cli import complete
-from omnitrack_sim.cli.common import app, load, out, plain, print_json, table_of
+from omnitrack_sim.cli.common import (
+    JsonOption,
+    app,
+    load,
+    out,
+    plain,
+    print_json,
+    print_table,
+    table_of,
+)
 
 if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.policy import Policy
 
 
 @app.command()
-def scenarios(
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
-) -> None:
+def scenarios(as_json: JsonOption = False) -> None:
     """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
     `optimise` and `network NAME` find them."""
-    from omnitrack_sim.base.naming import (
-        shipped_networks,
-        shipped_scenarios,
-        shipped_studies,
-        shipped_sweeps,
-    )
+    from omnitrack_sim.base.reading import KINDS, SCENARIO
 
-    kinds = {
-        "scenario": shipped_scenarios(),
-        "sweep": shipped_sweeps(),
-        "study": shipped_studies(),
-        "network": shipped_networks(),
-    }
-    comments = {
-        kind: {name: complete.comment(path) for name, path in files.items()}
-        for kind, files in kinds.items()
-    }
-    if as_json:
-        # Scenarios go by their bare names, as `run` takes them; the others behind their folder.
-        rows = dict(comments.pop("scenario"))
-        for folder, kind in (("sweeps", "sweep"), ("studies", "study"), ("networks", "network")):
-            rows |= {f"{folder}/{name}": text for name, text in comments[kind].items()}
-        print_json(rows)
-        return
-    for title, texts in comments.items():
-        table = table_of(title, "what it shows")
+    rows: dict[str, str] = {}
+    for kind in KINDS:
+        files = kind.shipped()
+        texts = {name: complete.comment(path) for name, path in files.items()}
         for name, text in texts.items():
-            table.add_row(name, plain(text))
-        out.print(table)
+            # Scenarios go by their bare names, as `run` takes them; the others behind their folder.
+            rows[name if kind is SCENARIO else f"{files[name].parent.name}/{name}"] = text
+        if not as_json:
+            print_table((kind.noun, "what it shows"), texts.items())
+    if as_json:
+        print_json(rows)
 
 
 @app.command()
@@ -63,7 +54,7 @@ def parameters(
             autocompletion=complete.scenarios,
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """The robot's parameters with unit, range, provenance and source."""
     from omnitrack_sim.robots.omnitrack import Robot
@@ -186,7 +177,7 @@ def policies(
             autocompletion=complete.policies,
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List the policies of the package, or tell what one is; `control.parameters.policy` names
     them."""
@@ -203,11 +194,11 @@ def policies(
     if not shipped:
         out.print("the package comes with none; docs/how-to/policies.md says what a policy file is")
         return
-    table = table_of("policy", "acts", "network", "what it is")
-    for name, contents in shipped.items():
-        acts, note = contents["acting"]["name"], contents["record"]["note"]
-        table.add_row(name, plain(acts), _layers(contents), plain(note))
-    out.print(table)
+    rows = [
+        (name, one["acting"]["name"], _layers(one), one["record"]["note"])
+        for name, one in shipped.items()
+    ]
+    print_table(("policy", "acts", "network", "what it is"), rows)
 
 
 def _print_policy(policy: Policy, as_json: bool) -> None:

@@ -11,6 +11,7 @@ import typer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
+    JsonOption,
     app,
     err,
     out,
@@ -67,7 +68,7 @@ def singularity(
         str,
         typer.Option(help="Which one: all, sections, orientations, sector, definitions or map."),
     ] = "all",
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
     out of it."""
@@ -174,21 +175,19 @@ def _check_output(plot: Path | None, figure: str) -> None:
 
 def _print_singularity(summary: dict[str, Any]) -> None:
     real = summary["real_geometry"]
-    out.print(
+    out.say(
         f"pipe {1e3 * summary['pipe_diameter_m']:.1f} mm, reach {1e3 * summary['reach_m']:.3f} mm, "
         f"turn {summary['turn_angle_deg']:g} deg, {summary['modules']} modules, "
-        f"best theta5 {summary['best_theta5_deg']:g} deg",
-        soft_wrap=True,
+        f"best theta5 {summary['best_theta5_deg']:g} deg"
     )
     table = table_of("region", "sector, deg", "margin, deg", "failure rate", "success rate")
     for name, rates in summary["definitions"].items():
         table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
     table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))
     out.print(table)
-    out.print(
+    out.say(
         f"  real geometry: {100 * real['keeps_contact_rate']:.1f} % of the orientations keep all "
-        f"modules on the wall (arc of {1e3 * real['bend_radius_m']:.0f} mm)",
-        soft_wrap=True,
+        f"modules on the wall (arc of {1e3 * real['bend_radius_m']:.0f} mm)"
     )
     if "orientation" in summary:
         _print_orientation(summary["orientation"])
@@ -208,16 +207,15 @@ def _print_orientation(orientation: dict[str, Any]) -> None:
     verdict = "[yellow]singular[/]" if orientation["singular"] else "[green]safe[/]"
     out.print(f"theta5 {orientation['theta5_deg']:g} deg: {verdict}")
     if not plan["exists"]:
-        out.print(f"  no plan: {plan['reason']}", soft_wrap=True)
+        out.say(f"  no plan: {plan['reason']}")
     elif plan["roll_change_deg"] == 0:
         out.print("  no roll needed")
     else:
-        out.print(
+        out.say(
             f"  roll the modules by {plan['roll_change_deg']:.1f} deg to {plan['roll_deg']:.1f}: "
             "theta5 becomes "
             f"{plan['theta5_deg']:.2f} deg, and the belts then drive "
-            f"{'forward' if plan['belt_sign'] > 0 else 'backward'} for a positive speed",
-            soft_wrap=True,
+            f"{'forward' if plan['belt_sign'] > 0 else 'backward'} for a positive speed"
         )
 
 
@@ -260,7 +258,7 @@ def reproduce(
     for claim in claims:
         if claim.difference:
             mark = "[red]changed[/]" if claim.changed else "[yellow]not decided[/]"
-            err.print(f"{mark}: {plain(claim.difference)}", soft_wrap=True)
+            err.say(f"{mark}: {plain(claim.difference)}")
     # Only a changed verdict fails; one that few trials could not decide does not.
     raise typer.Exit(1 if any(claim.changed for claim in claims) else 0)
 
@@ -276,9 +274,9 @@ def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
     out.print(table)
     for claim in claims:
         if claim.reason:
-            out.print(f"{claim.id}: {_verdict(claim)}. {plain(claim.reason)}", soft_wrap=True)
+            out.say(f"{claim.id}: {_verdict(claim)}. {plain(claim.reason)}")
     counts = ", ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
-    out.print(f"{counts}; {plain(str(folder / 'report.html'))}", soft_wrap=True)
+    out.say(f"{counts}; {plain(str(folder / 'report.html'))}")
 
 
 def _verdict(claim: Claim) -> str:

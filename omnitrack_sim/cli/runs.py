@@ -117,41 +117,36 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
 
 def print_result(result: Result, target: Path) -> None:
     colour = "green" if result.success else "yellow"
-    out.print(
-        f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}", soft_wrap=True
-    )
-    out.print(f"  {plain(result.reason)}", soft_wrap=True)
+    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}")
+    out.say(f"  {plain(result.reason)}")
     for event in result.events:
-        out.print(f"  {plain(str(event))}", soft_wrap=True)
+        out.say(f"  {plain(str(event))}")
     # It is None where the scenario expects nothing, which is no reason to warn.
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
         out.print(_visit_table(result))
-        out.print(
-            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean",
-            soft_wrap=True,
+        out.say(
+            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean"
         )
     out.print(_module_table(result))
     metrics = result.metrics
-    out.print(
+    out.say(
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
         f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
         f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J; slip without "
-        f"load {metrics['no_load_slip_m_s']:.1e} m/s",
-        soft_wrap=True,
+        f"load {metrics['no_load_slip_m_s']:.1e} m/s"
     )
     if result.scenario.sensing.kind == "onboard":
-        out.print(
+        out.say(
             f"  by its own sensors: place known to {metrics['localisation_error_mean_m']:.4f} m on "
             f"average, {metrics['localisation_error_max_m']:.4f} m at worst; theta5 to "
-            f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time",
-            soft_wrap=True,
+            f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time"
         )
     difference = result.map_difference() if result.map is not None else None
     if difference is not None:
-        out.print(f"  {_map_in_words(difference)}", soft_wrap=True)
-    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
+        out.say(f"  {_map_in_words(difference)}")
+    out.say(f"  saved in {plain(str(target))}")
 
 
 def _map_in_words(difference: MapDifference) -> str:
@@ -493,17 +488,17 @@ def _print_comparison(comparison: Comparison) -> None:
     for side, run in (("A", comparison.a), ("B", comparison.b)):
         colour = "green" if run.success else "yellow"
         ended = f"[bold {colour}]{run.outcome.value}[/] after {run.duration_s:.2f} s"
-        out.print(f"{side}  {plain(run.scenario.name)}: {ended}", soft_wrap=True)
-        out.print(f"   {plain(run.reason)}", soft_wrap=True)
+        out.say(f"{side}  {plain(run.scenario.name)}: {ended}")
+        out.say(f"   {plain(run.reason)}")
     if comparison.values:
         _print_rows(("scenario value", "unit", "A", "B"), map(value_row, comparison.values))
     else:
-        out.print("the scenarios are the same", soft_wrap=True)
+        out.say("the scenarios are the same")
     changed = [one for one in comparison.figures if one.differs]
     if changed:
         _print_rows(("figure", "unit", "A", "B", "B - A"), map(figure_row, changed))
     else:
-        out.print("all figures are the same", soft_wrap=True)
+        out.say("all figures are the same")
 
 
 def _print_rows(heads: tuple[str, ...], rows) -> None:

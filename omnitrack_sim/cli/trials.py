@@ -26,6 +26,7 @@ from omnitrack_sim.cli.common import (
     out,
     plain,
     print_json,
+    print_table,
     table_of,
     with_changes,
 )
@@ -259,7 +260,7 @@ def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
             done = f"{last[0].stage}, {counted(last[0].done, 'trial')} done"
         elif last:
             done = f"{last[0].done} of {counted(last[0].total, 'trial')} done"
-        err.print(f"interrupted: {done}; the same command goes on from there", soft_wrap=True)
+        err.say(f"interrupted: {done}; the same command goes on from there")
         raise typer.Exit(130) from None
 
 
@@ -355,11 +356,12 @@ def _print_trials(loaded: Sweep) -> None:
     models = {batch.model for batch in batches}
     size, parts = counted(loaded.size, "trial"), counted(len(batches), "batch", "batches")
     out.print(f"{size} in {parts} of {counted(len(models), 'model')}")
-    table = table_of("trial", "values")
-    for i in range(min(LISTED, loaded.size)):
-        text = ", ".join(f"{name} = {_shown(column[i])}" for name, column in values.items())
-        table.add_row(str(i), plain(clipped(text, _LONGEST)))
-    out.print(table)
+    rows = [
+        ", ".join(f"{name} = {_shown(column[i])}" for name, column in values.items())
+        for i in range(min(LISTED, loaded.size))
+    ]
+    texts = ((str(i), clipped(text, _LONGEST)) for i, text in enumerate(rows))
+    print_table(("trial", "values"), texts)
     if loaded.size > LISTED:
         out.print(f"and {loaded.size - LISTED} more")
 
@@ -374,10 +376,9 @@ def _print_sweep(result: SweepResult, target: Path) -> None:
     """Print the summary of a finished sweep, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
     if summary is None:
-        out.print(
+        out.say(
             f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
-            f"all {result.sweep.size} are in {place}",
-            soft_wrap=True,
+            f"all {result.sweep.size} are in {place}"
         )
         return
     table = table_of("group", "passed", "of", "rate", "95 % interval")
@@ -387,13 +388,10 @@ def _print_sweep(result: SweepResult, target: Path) -> None:
             table.add_row(plain(f"{name} = {row['value']}"), *_rate(row))
     out.print(table)
     ends = ", ".join(f"{count} {name}" for name, count in summary["outcomes"].items())
-    out.print(f"  {ends}", soft_wrap=True)
+    out.say(f"  {ends}")
     if summary["invalid"] or summary["error"]:
-        out.print(
-            f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error",
-            soft_wrap=True,
-        )
-    out.print(f"  saved in {place}", soft_wrap=True)
+        out.say(f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error")
+    out.say(f"  saved in {place}")
 
 
 def _rate(row: dict[str, Any]) -> list[str]:
@@ -409,24 +407,22 @@ def _rate(row: dict[str, Any]) -> list[str]:
 
 def _print_plan(study: Study) -> None:
     """Print variables and objectives of a study, and the amount of work."""
-    varied = table_of("variable", "from", "to", "scale", "start")
-    for one in study.variables:
-        varied.add_row(
-            plain(one.name), f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}"
-        )
-    objectives = table_of("objective", "goal", "of", "trials", "limit")
+    variables = [
+        (one.name, f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}")
+        for one in study.variables
+    ]
+    print_table(("variable", "from", "to", "scale", "start"), variables)
+    objectives = []
     for name, one in zip(study.columns, study.objectives, strict=True):
         of = "" if one.metric == "success_rate" else one.aggregate or "mean"
         limit = "" if one.limit is None else f"{one.limit:g}"
-        objectives.add_row(plain(name), one.goal, of, plain(one.trials or "all"), limit)
-    out.print(varied)
-    out.print(objectives)
+        objectives.append((name, one.goal, of, one.trials or "all", limit))
+    print_table(("objective", "goal", "of", "trials", "limit"), objectives)
     searches, candidates = study.search_count, study.candidate_count
-    out.print(
+    out.say(
         f"search: the start, {searches} x {counted(study.generations, 'generation')} x "
         f"{counted(study.asked_each, 'candidate')}, and {counted(searches, 'centre')}: "
-        f"{_work(candidates, study.size)}",
-        soft_wrap=True,
+        f"{_work(candidates, study.size)}"
     )
     most = study.final.candidates
     if not most:
@@ -435,11 +431,10 @@ def _print_plan(study: Study) -> None:
     # At most, since directions may share their best candidates.
     checked = min(1 + searches * (most + 1), candidates)
     size = sum(sweep.size for sweep in study.unseen)
-    out.print(
+    out.say(
         f"check: the start, {counted(searches, 'centre')}, and the best {most} of each "
         f"of {counted(searches, 'direction')}: at most "
-        f"{_work(checked, size)}",
-        soft_wrap=True,
+        f"{_work(checked, size)}"
     )
 
 
@@ -474,9 +469,9 @@ def _print_study(result: StudyResult, target: Path) -> None:
         text = "none has a value in every objective, so none is better than the start"
     elif number not in result.front["number"].to_pylist():
         text += ", not this one, which is the best in the check"
-    out.print(f"  candidate {number} of {summary['candidates']}; {text}", soft_wrap=True)
+    out.say(f"  candidate {number} of {summary['candidates']}; {text}")
     place, file = plain(str(target)), plain(str(target / BEST_FILE))
-    out.print(f"  saved in {place}; its values: --set @{file}", soft_wrap=True)
+    out.say(f"  saved in {place}; its values: --set @{file}")
 
 
 def _figure(value: Any) -> str:
@@ -496,4 +491,4 @@ def _print_bench(result: BenchResult, target: Path) -> None:
         for row in (row for row in result.rows if row["task"] == task.name):
             table.add_row(plain(row["entry"]), *figures_of(row))
         out.print(table)
-    out.print(f"  saved in {plain(str(target))}", soft_wrap=True)
+    out.say(f"  saved in {plain(str(target))}")
