@@ -48,25 +48,20 @@ class Eye:
         view[3, 2] = -1.0
         return view @ _rigid(self.frame.T, -self.frame.T @ self.position)
 
-    def box(self, centres: Array, radii: Array, aspect: float) -> Array | None:
-        """Left, top, right and bottom (4,) of spheres in the picture, which goes from 0 to 1.
-
-        Args:
-            centres: (n, 3) m. radii: (n,) m. aspect: width over height.
-
-        Returns:
-            None where a sphere reaches behind the eye.
-        """
+    def box(self, centres: Array, radius: float, aspect: float) -> Array | None:
+        """Left, top, right and bottom (4,) of spheres about ``centres`` (n, 3) m in a picture of
+        width over height ``aspect``, which goes from 0 to 1; None where one reaches behind the
+        eye."""
         seen = (centres - self.position) @ self.frame
-        depth = -seen[:, 2:] - radii[:, None]
+        depth = -seen[:, 2:] - radius
         if (depth <= self.near).any():
             return None
         # The sphere lies within a square of its own size at the distance of its nearest point.
         scale = np.array([1 / aspect, 1.0]) / np.tan(self.angle / 2)
         across = seen[:, :2] * [1, -1]
-        spans = [across + side * radii[:, None] for side in (-1, 1)]
+        spans = [across + side * radius for side in (-1, 1)]
         # Nearer things are farther from the middle, farther ones nearer to it: both are looked at.
-        far = depth + 2 * radii[:, None]
+        far = depth + 2 * radius
         ends = np.concatenate([scale * span / d for span in spans for d in (depth, far)])
         return 0.5 + 0.5 * np.concatenate([ends.min(axis=0), ends.max(axis=0)])
 
@@ -389,11 +384,7 @@ class FollowCamera(FilmCamera):
         nose = matrix_from_quaternion(quaternion)[:, 2]
         targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
         clearness = np.array(self._visible(eye))
-        near = [
-            i
-            for i, sphere in enumerate(self._spheres)
-            if clearness[i] and _meets(sphere, targets, place)
-        ]
+        near = np.flatnonzero(clearness)
         covers = in_the_way([self._parts[i] for i in near], place, targets)
         clearness[near] = 1 - (1 - _CLEAR) * covers
         return Framing(eye, sun, tuple(clearness.tolist()))
@@ -429,15 +420,6 @@ def _near_path(trajectory: Trajectory, network: Assembly) -> Array:
     points = np.concatenate([part.bore_samples() for part in network.parts])
     near = np.array([((way - point) ** 2).sum(axis=1).min() for point in points])
     return points[near < AROUND_WAY**2] if (near < AROUND_WAY**2).any() else points
-
-
-def _meets(sphere: tuple[Array, float], targets: Array, eye: Array) -> bool:
-    """Return True if a line from one of ``targets`` (k, 3) m to ``eye`` (3,) m meets a sphere."""
-    centre, radius = sphere
-    lines = eye - targets
-    along = ((centre - targets) * lines).sum(axis=1) / (lines**2).sum(axis=1)
-    nearest = targets + np.clip(along, 0.0, 1.0)[:, None] * lines
-    return bool((((centre - nearest) ** 2).sum(axis=1) < radius**2).any())
 
 
 def _sphere(points: Array) -> tuple[Array, float]:

@@ -77,8 +77,6 @@ class Stage:
         # Light between the coils of a spring would be a row of dots.
         solid = [i for i in robot if not self.model.geom(i).name.startswith("look_spring")]
         self._casting = geoms_surface(self.model, solid)
-        self._spheres = body_spheres(self._robot, self.model.nbody)
-        self._bodies = np.flatnonzero(self._spheres[1] > 0)
         self._camera = self._camera_of(camera, overlay)
         self._painter = self._painter_of(result.pipes, size, fine)
         self._status = StatusPanel(*size) if overlay else None
@@ -99,11 +97,7 @@ class Stage:
     def row(self, time: float) -> int:
         """The sample nearest to ``time`` s, the earlier one of two."""
         times = self.trajectory.time
-        after = int(np.clip(np.searchsorted(times, time), 1, max(1, len(times) - 1)))
-        before = after - 1
-        if after == len(times) or time - times[before] <= times[after] - time:
-            return before
-        return after
+        return int(np.abs(times - np.clip(time, times[0], times[-1])).argmin())
 
     def picture(self, time: float) -> Image:
         """The frame (height, width, 3) at ``time`` s, with panels and map."""
@@ -158,13 +152,8 @@ class Stage:
 
         size, sun = np.array([self._painter.width, self._painter.height]), shot.sun
         assert sun is not None
-        rotation = self.data.xmat.reshape(-1, 3, 3)
-        centres = self.data.xpos + np.einsum("nij,nj->ni", rotation, self._spheres[0])
-        centres, radii = centres[self._bodies], self._spheres[1][self._bodies]
-        height = (centres - sun.middle) @ sun.towards + radii + sun.reach
-        thrown = centres - np.maximum(height, 0.0)[:, None] * sun.towards
-        both = np.concatenate([centres, thrown]), np.concatenate([radii, radii])
-        box = shot.eye.box(*both, self._aspect)
+        ends = np.stack([sun.middle, sun.middle - sun.reach * sun.towards])
+        box = shot.eye.box(ends, sun.radius, self._aspect)
         if box is None:
             return None
         low = np.clip(np.floor(box[:2] * size).astype(int) - MARGIN, 0, size)
@@ -183,9 +172,11 @@ class Stage:
         result = self._result
         if name == "onboard":
             return OnboardCamera(result.pipes, self._aspect, result.scenario.robot.scale)
-        centres, radii = (values[self._bodies] for values in self._spheres)
-        away = np.linalg.norm(self.data.xpos[self._bodies] - self._chassis()[0], axis=1)
-        reach = _REACH * float((away + np.linalg.norm(centres, axis=1) + radii).max())
+        centres, radii = body_spheres(self._robot, self.model.nbody)
+        seen = radii > 0
+        away = np.linalg.norm(self.data.xpos[seen] - self._chassis()[0], axis=1)
+        extent = np.linalg.norm(centres[seen], axis=1) + radii[seen]
+        reach = _REACH * float((away + extent).max())
         if name == "follow":
             return FollowCamera(self.trajectory, result.pipes, self._aspect, reach)
         height = PANEL if result.album is None else BOTH_PANELS
