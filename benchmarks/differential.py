@@ -38,7 +38,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.paper.plots.groups import SERIES_COLOURS
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.show.plots.style import save_figure, styled
+from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
 
@@ -211,9 +211,10 @@ def table(heads: Sequence[str], rows: Sequence[str]) -> str:
     return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
 
 
+@style()
 def friction_figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
     """Success over friction in both elbows, with Wilson's intervals."""
-    page = Figure((8.0, 3.4), layout="constrained")
+    page = new_figure((8.0, 3.4), layout="constrained")
     panels = page.subplots(1, len(ELBOWS), sharey=True)
     for axes, place in zip(panels, ELBOWS, strict=True):
         for k, way in enumerate(SLIPPERY_WAYS):
@@ -235,10 +236,11 @@ def _rates(axes: Axes, k: int, way: str, by_friction: Mapping[float, Sequence[En
     axes.errorbar(x, 100 * rates, 100 * bars, label=way, **style)
 
 
+@style()
 def racing_figure() -> Figure:
     """Belt speeds and normal forces where a module has lost its wall: straight over a tee with a
     module that faces the opening, and the turn."""
-    page = Figure((8.0, 4.2), layout="constrained")
+    page = new_figure((8.0, 4.2), layout="constrained")
     panels = page.subplots(2, 2, sharey="row", sharex="col")
     for column, place in enumerate((f"{OVER}, not rolled", TURN)):
         scenario = ot.override(trials(Cell(place, ONE), [0.0])[0], {"run.time_limit": 6.5})
@@ -298,7 +300,7 @@ def main() -> None:
             ("differential_friction", lambda: friction_figure(found)),
             ("differential_tee", racing_figure),
         ):
-            save_figure(styled(draw), asked.figures / f"{name}.svg")
+            save_figure(draw(), asked.figures / f"{name}.svg")
             print(f"\nsaved {asked.figures / name}.svg")
 
 

@@ -27,7 +27,7 @@ from tee_turns import random_tee_turns
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.show.plots.style import ALARM, GREY, save_figure, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
 RATE_GAINS = (2.0, 5.0, 8.0)
@@ -99,9 +99,10 @@ def cell(asked: tuple[float, float, int]) -> Cell:
     )
 
 
+@style()
 def drawn(cells: list[Cell]) -> Figure:
     """The rate loop of two designs, and torque change over crossover."""
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    figure = new_figure((9.0, 3.6), layout="constrained")
     bode, grid = np.ravel(figure.subplots(1, 2))
     frequency = np.geomspace(3.0, 300.0, 600)
     base = load_scenario("tee_turn")
@@ -173,7 +174,7 @@ def main() -> None:
             f"{one.change:.1f} |"
         )
     if given.figure is not None:
-        save_figure(styled(lambda: drawn(cells)), given.figure)
+        save_figure(drawn(cells), given.figure)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.style import save_figure, styled
+from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
 WAYS = {
     "turn": (("run_start", "branch"),),
@@ -212,9 +212,10 @@ def downward_row(way: str, trials: Sequence[Ended]) -> str:
     return f"| {way} | {' | '.join(rates)} |"
 
 
+@style()
 def figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
     """The wye with its ways, and the sharp turns over gravity, in a row for each angle."""
-    page = Figure((8.0, 3.6), layout="constrained")
+    page = new_figure((8.0, 3.6), layout="constrained")
     left, right = page.subplots(1, 2, width_ratios=(1, 1.2))
     _draw_wye(left)
     for passed, colour, marker in ((True, "tab:blue", "o"), (False, "tab:red", "x")):
@@ -324,7 +325,7 @@ def main() -> None:
     for way, trials in equal.items():
         print(downward_row(way, trials))
     if asked.figure is not None:
-        save_figure(styled(lambda: figure(found)), asked.figure)
+        save_figure(figure(found), asked.figure)
         print(f"\nsaved {asked.figure}")
 
 

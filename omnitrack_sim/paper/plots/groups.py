@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, style
 from omnitrack_sim.show.plots.success import PASSED_COLOUR
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ SERIES_COLOURS = ("#2f6db3", "#d1591f", "#1c9a72", "#a8478f", "#22262b", "#b8901
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
+@style()
 def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
     """Compare controllers or robots in elbows over the start orientation.
 
@@ -33,30 +34,26 @@ def elbow_figure(results: Mapping[str, Sequence[Result]]) -> Figure:
         Four panels over theta5 at the start [deg]: tilt at the exit and largest tilt [deg], slip
         distance as the mean of the modules [mm], duration [s]. Runs that failed have hollow marks.
     """
-
-    def draw() -> Figure:
-        figure = new_figure((7.6, 5.2), layout="constrained")
-        axes = figure.subplots(2, 2, sharex=True)
-        for axis, (label, value) in zip(axes.flat, _ELBOW_PANELS, strict=True):
-            for k, (name, runs) in enumerate(results.items()):
-                _series(axis, k, name, runs, value)
-            axis.set_ylabel(label)
-            # From zero, with room for the marks above the largest value.
-            axis.set_ylim(bottom=0.0, top=max(1.06 * axis.get_ylim()[1], 1e-3))
-            axis.locator_params(axis="y", nbins=7)
-        for axis in axes[-1]:
-            axis.set_xlabel("theta5 at the start [deg]")
-        figure.align_ylabels()
-        # Not by their labels: a name may begin with an underscore, which hides it.
-        handles = list(axes[0, 0].lines)
-        for face, label in ((GREY, "passed"), ("white", "failed")):
-            mark: dict[str, Any] = {"ls": "none", "marker": "o", "mec": GREY, "ms": 5}
-            # Lines without data: the legend's own.
-            handles += axes[0, 0].plot([], [], mfc=face, label=label, **mark)
-        figure.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 5))
-        return figure
-
-    return styled(draw)
+    figure = new_figure((7.6, 5.2), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    for axis, (label, value) in zip(axes.flat, _ELBOW_PANELS, strict=True):
+        for k, (name, runs) in enumerate(results.items()):
+            _series(axis, k, name, runs, value)
+        axis.set_ylabel(label)
+        # From zero, with room for the marks above the largest value.
+        axis.set_ylim(bottom=0.0, top=max(1.06 * axis.get_ylim()[1], 1e-3))
+        axis.locator_params(axis="y", nbins=7)
+    for axis in axes[-1]:
+        axis.set_xlabel("theta5 at the start [deg]")
+    figure.align_ylabels()
+    # Not by their labels: a name may begin with an underscore, which hides it.
+    handles = list(axes[0, 0].lines)
+    for face, label in ((GREY, "passed"), ("white", "failed")):
+        mark: dict[str, Any] = {"ls": "none", "marker": "o", "mec": GREY, "ms": 5}
+        # Lines without data: the legend's own.
+        handles += axes[0, 0].plot([], [], mfc=face, label=label, **mark)
+    figure.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 5))
+    return figure
 
 
 def _series(
@@ -93,6 +90,7 @@ _ELBOW_PANELS: tuple[tuple[str, Callable[[Result], float]], ...] = (
 )
 
 
+@style()
 def rates_figure(
     groups: Sequence[tuple[str, int, int]],
     reference: float | None = None,
@@ -105,27 +103,23 @@ def rates_figure(
         reference: a rate from 0 to 1, drawn as a dashed line.
         label: name of the rate; the axis shows it in %.
     """
-
-    def draw() -> Figure:
-        figure = new_figure((6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
-        axis = figure.subplots()
-        for k, group in enumerate(groups):
-            _bar(axis, k, *group[1:])
-        axis.set_yticks(range(len(groups)), [name for name, _, _ in groups])
-        # Downward: the first group stands at the top.
-        axis.set_ylim(max(len(groups), 1) - 0.4, -0.6)
-        axis.set_xlim(0, 100)
-        axis.tick_params(axis="y", length=0)
-        axis.grid(False, axis="y")
-        if reference is not None:
-            percent = 100 * reference
-            axis.axvline(percent, color=ALARM, lw=1.1, ls=(0, (4, 2)), label="reference")
-            above: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "ha": "center"}
-            axis.text(percent, 1.02, f"reference {percent:.2f} %", color=ALARM, size=8, **above)
-        axis.set_xlabel(f"{label} [%], with 95 % interval")
-        return figure
-
-    return styled(draw)
+    figure = new_figure((6.4, 1.2 + 0.42 * max(1, len(groups))), layout="constrained")
+    axis = figure.subplots()
+    for k, group in enumerate(groups):
+        _bar(axis, k, *group[1:])
+    axis.set_yticks(range(len(groups)), [name for name, _, _ in groups])
+    # Downward: the first group stands at the top.
+    axis.set_ylim(max(len(groups), 1) - 0.4, -0.6)
+    axis.set_xlim(0, 100)
+    axis.tick_params(axis="y", length=0)
+    axis.grid(False, axis="y")
+    if reference is not None:
+        percent = 100 * reference
+        axis.axvline(percent, color=ALARM, lw=1.1, ls=(0, (4, 2)), label="reference")
+        above: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "ha": "center"}
+        axis.text(percent, 1.02, f"reference {percent:.2f} %", color=ALARM, size=8, **above)
+    axis.set_xlabel(f"{label} [%], with 95 % interval")
+    return figure
 
 
 def _bar(axis: Axes, k: int, passed: int, total: int) -> None:

@@ -14,7 +14,7 @@ from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, MODULE_COUNT
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.show.plots.run_figures import LINES, limits_of, values_of
-from omnitrack_sim.show.plots.style import GREY, INK, new_figure, styled
+from omnitrack_sim.show.plots.style import GREY, INK, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,6 +48,7 @@ def inner_module(trajectory: Trajectory) -> int | None:
     return int(np.argmin(np.abs(wrap_angle(theta5 + np.array(MODULE_ANGLES)))))
 
 
+@style()
 def angular_velocity_figure(result: Result) -> Figure:
     """Plot the shaft speeds of the crawlers and the roll of the modules (the paper's Fig. 13).
 
@@ -57,29 +58,27 @@ def angular_velocity_figure(result: Result) -> Figure:
     """
     trajectory, radius = result.trajectory, result.scenario.robot.lug_radius
 
-    def draw() -> Figure:
-        figure = new_figure((7.2, 4.8), layout="constrained")
-        speed, roll = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
-        for axis, name, scale in (
-            (speed, "belt_speed", 1 / radius),
-            (roll, "roll", DISPLAYS["roll"].scale),
-        ):
-            _lines(axis, trajectory, trajectory.time, scale * trajectory[name])
-            for i, command in enumerate((scale * trajectory[f"{name}_command"]).T):
-                style = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}, commanded"} | DASHED
-                axis.plot(trajectory.time, command, **style)
-            _shade(axis, trajectory, trajectory.time)
-        speed.set_ylabel("angular velocity [rad/s]")
-        roll.set_ylabel("module roll [deg]")
-        roll.set_xlabel("time [s]")
-        limits = limits_of(DISPLAYS["roll"], values_of(trajectory, "roll"))
-        roll.set_ylim(*(limits or (None, None)))
-        _legend(figure)
-        return figure
-
-    return styled(draw)
+    figure = new_figure((7.2, 4.8), layout="constrained")
+    speed, roll = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
+    for axis, name, scale in (
+        (speed, "belt_speed", 1 / radius),
+        (roll, "roll", DISPLAYS["roll"].scale),
+    ):
+        _lines(axis, trajectory, trajectory.time, scale * trajectory[name])
+        for i, command in enumerate((scale * trajectory[f"{name}_command"]).T):
+            style = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}, commanded"} | DASHED
+            axis.plot(trajectory.time, command, **style)
+        _shade(axis, trajectory, trajectory.time)
+    speed.set_ylabel("angular velocity [rad/s]")
+    roll.set_ylabel("module roll [deg]")
+    roll.set_xlabel("time [s]")
+    limits = limits_of(DISPLAYS["roll"], values_of(trajectory, "roll"))
+    roll.set_ylim(*(limits or (None, None)))
+    _legend(figure)
+    return figure
 
 
+@style()
 def along_figure(result: Result) -> Figure:
     """Plot forces and slip of the modules along the pipe.
 
@@ -89,18 +88,15 @@ def along_figure(result: Result) -> Figure:
     """
     trajectory = result.trajectory
 
-    def draw() -> Figure:
-        figure = new_figure((7.2, 6.2), layout="constrained")
-        axes = figure.subplots(3, 1, sharex=True)
-        for axis, name in zip(axes, ("traction", "normal_force", "slip_velocity"), strict=True):
-            _lines(axis, trajectory, trajectory["distance"], values_of(trajectory, name))
-            _shade(axis, trajectory, trajectory["distance"])
-            axis.set_ylabel(DISPLAYS[name].label())
-        axes[-1].set_xlabel("arc length of the robot's centre [m]")
-        _legend(figure)
-        return figure
-
-    return styled(draw)
+    figure = new_figure((7.2, 6.2), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    for axis, name in zip(axes, ("traction", "normal_force", "slip_velocity"), strict=True):
+        _lines(axis, trajectory, trajectory["distance"], values_of(trajectory, name))
+        _shade(axis, trajectory, trajectory["distance"])
+        axis.set_ylabel(DISPLAYS[name].label())
+    axes[-1].set_xlabel("arc length of the robot's centre [m]")
+    _legend(figure)
+    return figure
 
 
 def _lines(axis: Axes, trajectory: Trajectory, x: NDArray, values: NDArray) -> None:
@@ -137,6 +133,7 @@ def _legend(figure: Figure, columns: int = 3) -> None:
     figure.align_ylabels()
 
 
+@style()
 def contact_map_figure(result: Result) -> Figure:
     """Plot the unrolled pipe: where the modules ran, and how hard each was pressed to the wall.
 
@@ -145,21 +142,17 @@ def contact_map_figure(result: Result) -> Figure:
             up, normal force [N] as colour. Grey rings show where a module is off the wall (below
             ``NO_CONTACT_FORCE``). The bends and openings of the route are marked and named.
     """
-
-    def draw() -> Figure:
-        figure = new_figure((7.6, 4.4), layout="constrained")
-        axis = figure.subplots()
-        _contacts(axis, result.trajectory)
-        _fittings(axis, result.scenario.route)
-        # Somewhat beyond half a turn, so that marks at 180 degrees are whole.
-        axis.set_ylim(-188, 188)
-        axis.set_yticks(range(-180, 181, 60))
-        axis.set_xlabel("arc length of the robot's centre [m]")
-        axis.set_ylabel("angle around the pipe\nfrom the turning direction [deg]")
-        _legend(figure, 4)
-        return figure
-
-    return styled(draw)
+    figure = new_figure((7.6, 4.4), layout="constrained")
+    axis = figure.subplots()
+    _contacts(axis, result.trajectory)
+    _fittings(axis, result.scenario.route)
+    # Somewhat beyond half a turn, so that marks at 180 degrees are whole.
+    axis.set_ylim(-188, 188)
+    axis.set_yticks(range(-180, 181, 60))
+    axis.set_xlabel("arc length of the robot's centre [m]")
+    axis.set_ylabel("angle around the pipe\nfrom the turning direction [deg]")
+    _legend(figure, 4)
+    return figure
 
 
 def _contacts(axis: Axes, trajectory: Trajectory) -> None:

@@ -30,7 +30,7 @@ from omnitrack_sim.robots.omnitrack.tee_contact import (
     turn_path,
     wall_distance,
 )
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, page, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, page, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,9 +71,10 @@ def plot_singularity(
     check_is(TurnCase, "case", case)
     if figure != "all" and figure not in FIGURES:
         raise InputError(Fault("figure", f"is {figure!r}", ("all", *FIGURES), figure))
-    return page(lambda: styled(lambda: _drawn(case, figure)), path, format)
+    return page(lambda: _drawn(case, figure), path, format)
 
 
+@style()
 def _drawn(case: TurnCase, figure: str) -> Figure:
     """A figure, or a page with all of them."""
     if figure != "all":
@@ -253,9 +254,9 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
             alpha=0.9,
             label=f"real, L = {length * _MM:.0f} mm",
         )
-    for name, style in zip(DEFINITIONS, ("-", (0, (5, 2)), (0, (1, 1.5))), strict=True):
+    for name, dashes in zip(DEFINITIONS, ("-", (0, (5, 2)), (0, (1, 1.5))), strict=True):
         sector = sector_angle(radius, rho, case.turn_angle, name)
-        axis.plot(rho * _MM, np.degrees(sector), color=INK, ls=style, lw=1.5, label=name)
+        axis.plot(rho * _MM, np.degrees(sector), color=INK, ls=dashes, lw=1.5, label=name)
     period = 360 / case.modules
     axis.axhline(period, color=ALARM, lw=0.9)
     axis.annotate(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.channels import MODULE_COLOURS
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, styled
+from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,10 +83,11 @@ class Tried:
         return "best in the check" + ("" if self.best in self.front else f", not {of}")
 
 
+@style()
 def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     """Plot the candidates over each pair of objectives with the front between them; with one
     objective over the course of the search."""
-    return styled(lambda: _course(scales[0], tried) if len(scales) == 1 else _fronts(scales, tried))
+    return _course(scales[0], tried) if len(scales) == 1 else _fronts(scales, tried)
 
 
 def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:

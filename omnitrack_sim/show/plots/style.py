@@ -67,6 +67,12 @@ PAPER: dict[Any, Any] = {
 """Changes of ``STYLE`` for figures as wide as a page or a column: text that can be read there."""
 TICKS: dict[str, Any] = {"labelsize": 6.5, "length": 2.0, "width": 0.5, "pad": 1.8}
 """Their ticks, for ``tick_params``."""
+_UNSTAMPED: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    "svg": {"Date": None, "Creator": None},
+}
+"""Metadata of files that say neither when nor by what they were written."""
 _NOT_TOLD = ("Glyph .* missing from font", "constrained_layout not applied")
 """Beginnings of warnings about names that have letters the font lacks, or hundreds of them."""
 _Drawn = TypeVar("_Drawn")
@@ -95,15 +101,10 @@ def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | 
         return None
 
 
-def styled(draw: Callable[[], _Drawn], more: Mapping[Any, Any] | None = None) -> _Drawn:
-    """Return what ``draw`` makes in the package's style, with what ``more`` changes of it."""
-    with style(more):
-        return draw()
-
-
 @contextmanager
 def style(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """The package's style, with what ``more`` changes of it."""
+    """The package's style, with what ``more`` changes of it: as a context, or of a function that
+    makes a figure."""
     import matplotlib
 
     # Of physics that has diverged, numbers may be none or too large.
@@ -141,7 +142,10 @@ def _figure_class() -> type[Figure]:
             and SVG, so that the same figure gives the same bytes."""
             ending = Path(str(fname)).suffix[1:].lower()
             format = options.get("format") or ending or "png"
-            own = _saving(self, format) if format in FORMATS else {}
+            own: dict[str, Any] = {}
+            if format in FORMATS:
+                dpi = round(DPI * min(1.0, PAGE / self.get_figwidth()))
+                own = {"dpi": dpi, "metadata": _UNSTAMPED[format]}
             with style():
                 super().savefig(fname, **own | options)
 
@@ -154,22 +158,12 @@ def _figure_class() -> type[Figure]:
     return StyledFigure
 
 
-def page(
-    draw: Callable[[], Figure],
-    path: str | Path | None,
-    format: str | None,
-    more: Mapping[Any, Any] | None = None,
-) -> Figure:
-    """The figure that ``draw`` makes in the package's style, written where there is a path.
-
-    Args:
-        draw: makes the figure.
-        path: file to write; none: it is not written.
-        format: of the file; none: from the ending of ``path``.
-        more: what its style has beside that of the package; none: ``PAPER``.
-    """
+def page(draw: Callable[[], Figure], path: str | Path | None, format: str | None) -> Figure:
+    """The figure that ``draw`` makes in the style of papers, written where there is a path; without
+    a ``format`` the path's ending says it."""
     _check_format(path, format)
-    figure = styled(draw, PAPER if more is None else more)
+    with style(PAPER):
+        figure = draw()
     if path is not None:
         save_figure(figure, path, format)
     return figure
@@ -182,15 +176,8 @@ def chart(
     ax: Axes | None,
     format: str | None,
 ) -> Figure:
-    """A figure with one chart; or the figure of ``ax``, with the chart in ``ax``.
-
-    Args:
-        draw: draws the chart.
-        size: of a figure of its own, inches.
-        path: file to write; none: it is not written.
-        ax: where to draw; none: in a figure of its own.
-        format: of the file; none: from the ending of ``path``.
-    """
+    """A figure of ``size`` inches with one chart, as of ``page``; or the figure of ``ax``, with the
+    chart in ``ax``."""
     if ax is None:
 
         def own() -> Figure:
@@ -261,7 +248,7 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
     Neither date nor program is written into the file, so the same data gives the same bytes.
 
     Args:
-        figure: of ``styled``.
+        figure: of ``new_figure``.
         path: file to write; bitmaps have ``DPI``; or an open binary file, with ``format``.
         format: of ``FORMATS``; none: from the ending of ``path``.
 
@@ -269,21 +256,9 @@ def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None 
         InputError: no such format.
         OutputError: the file cannot be written.
     """
-    options = _saving(figure, figure_format(path, format))
-    with style():
-        if isinstance(path, str | Path):
-            with whole_file(path) as part:
-                figure.savefig(part, **options)
-        else:
-            figure.savefig(path, **options)
-
-
-def _saving(figure: Figure, format: str) -> dict[str, Any]:
-    """Options of matplotlib's ``savefig``: dots per inch, and neither date nor program."""
-    stampless = {
-        "png": {"Software": None},
-        "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
-        "svg": {"Date": None, "Creator": None},
-    }
-    dpi = round(DPI * min(1.0, PAGE / figure.get_figwidth()))
-    return {"format": format, "dpi": dpi, "metadata": stampless[format]}
+    format = figure_format(path, format)
+    if isinstance(path, str | Path):
+        with whole_file(path) as part:
+            figure.savefig(part, format=format)
+    else:
+        figure.savefig(path, format=format)

@@ -17,7 +17,7 @@ from omnitrack_sim.base.text import clipped
 from omnitrack_sim.record.channels import MODULE_COLOURS, Display
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.show.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, new_figure, styled
+from omnitrack_sim.show.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +51,7 @@ NEARLY_ALL = 80.0
 """Lower end of the intervals, %, above which the scale of the rates does not begin at 0."""
 
 
+@style(PAPER)
 def success_figure(
     theta5_deg: ArrayLike,
     passed: Mapping[str, ArrayLike],
@@ -82,19 +83,16 @@ def success_figure(
     rates = [float(np.nanmean(values)) for values in outcomes.values()]
     margin = (PERIOD - sector_deg) / 2
 
-    def draw() -> Figure:
-        figure = new_figure((PAGE, max(2.8, 1.6 + 0.36 * len(rows))), layout="constrained")
-        line = figure.add_subplot(figure.add_gridspec(1, 2, width_ratios=(1.75, 1))[0])
-        ring: Any = figure.add_subplot(1, 2, 2, projection="polar")
-        ring.set_subplotspec(line.get_gridspec()[1])  # type: ignore[union-attr]
-        _draw_rows(line, rows, rates)
-        _draw_rings(ring, list(rows.values()), margin, real_margin_deg)
-        _draw_margins(line, margin, real_margin_deg)
-        _orientation_legend(figure, rows, margin, real_margin_deg)
-        line.set_title(title, loc="left", size=8, color=INK)  # the legend is above the figure
-        return figure
-
-    return styled(draw, PAPER)
+    figure = new_figure((PAGE, max(2.8, 1.6 + 0.36 * len(rows))), layout="constrained")
+    line = figure.add_subplot(figure.add_gridspec(1, 2, width_ratios=(1.75, 1))[0])
+    ring: Any = figure.add_subplot(1, 2, 2, projection="polar")
+    ring.set_subplotspec(line.get_gridspec()[1])  # type: ignore[union-attr]
+    _draw_rows(line, rows, rates)
+    _draw_rings(ring, list(rows.values()), margin, real_margin_deg)
+    _draw_margins(line, margin, real_margin_deg)
+    _orientation_legend(figure, rows, margin, real_margin_deg)
+    line.set_title(title, loc="left", size=8, color=INK)  # the legend is above the figure
+    return figure
 
 
 def _orientation_cells(theta5: Array, passed: Array) -> tuple[Array, Array]:
@@ -271,8 +269,8 @@ def sweep_figure(
         ):
             return _orientations(numbers[0], words[0] if words else None, passed, case, title)
         if len(numbers) == 2 and words in ([], [groups]):
-            return styled(lambda: _maps(numbers, groups, passed, title), PAPER)
-    return styled(lambda: _main_effects(axes, groups, passed, title), PAPER)
+            return _maps(numbers, groups, passed, title)
+    return _main_effects(axes, groups, passed, title)
 
 
 def _count(passed: Array) -> str:
@@ -310,6 +308,7 @@ def _orientations(
     return success_figure(degrees, by_row, float(np.degrees(case.sector)), margin, title)
 
 
+@style(PAPER)
 def _maps(over: Sequence[Spread], groups: Spread | None, passed: Array, title: str) -> Figure:
     """One map, or one for each group."""
     by_group = {"": passed} if groups is None else groups.split(passed)
@@ -432,6 +431,7 @@ def _grouped(axis: Spread, groups: Spread | None, passed: Array) -> dict[str, _E
     return {word: _Effect(axis, own) for word, own in (split or {"": passed}).items()}
 
 
+@style(PAPER)
 def _main_effects(
     axes: Sequence[Spread], groups: Spread | None, passed: Array, title: str
 ) -> Figure:
@@ -492,6 +492,7 @@ _MARGIN = 3  # beside 0 and 100 %, so that a point there is whole
 _LONGEST_NAME = 24
 
 
+@style(PAPER)
 def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Plot how many trials of each task each entry of a benchmark passed: a panel for each task,
     with a row for each entry.
@@ -500,10 +501,6 @@ def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         rows: of the table of results, with ``task``, ``entry``, ``passed``, ``trials`` and the ends
             ``success_low`` and ``success_high`` of the interval of the rate.
     """
-    return styled(lambda: _bench(rows), PAPER)
-
-
-def _bench(rows: Sequence[Mapping[str, Any]]) -> Figure:
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     entries = list(dict.fromkeys(row["entry"] for row in rows))
     across, down = min(len(tasks), _ACROSS), math.ceil(len(tasks) / _ACROSS)
