@@ -3,13 +3,15 @@
 # make test: run the whole test suite. Both set up .venv and the system libraries first.
 # make quick: run laws of every room in less than a minute.
 # make docs: build the documentation into out/site, strictly.
+# make figures: make the figures and tables of README and docs anew, hours; PARTS="NAME ..." of
+# docs/figures.toml makes these alone.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
-.PHONY: demo test quick check docs models bench tutorial egl screen clean
+.PHONY: demo test quick check docs figures models bench tutorial egl screen clean
 
 demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
@@ -40,6 +42,9 @@ models: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/speed.py
+
+figures: $(READY) egl screen
+	$(BIN)/python benchmarks/make_figures.py $(PARTS)
 
 tutorial: $(READY)
 	$(BIN)/python docs/tutorials/tutorial.py

@@ -124,8 +124,8 @@ def main() -> None:
             continue
         of = unknown if study == "unknown" else by_sensors
         runs = of.runs(study, given.senses, trials, given.seed, given.workers)
-        print(f"{study}: {trials} trials, seed {given.seed}\n\n{of.table(runs)}\n")
-        print(f"{of.failures(runs)}\n", flush=True)
+        print(f"## {study}\n\n{trials} trials, seed {given.seed}:\n\n{of.table(runs)}\n")
+        print(f"## failures of {study}\n\n{of.failures(runs)}\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -50,6 +50,7 @@ DRAWS = {
     ],
 }
 """Studies that change what is drawn."""
+COLUMNS = ("passed", "mean time", "others")
 
 
 def traversal(variants: list[tuple[str, dict]]) -> None:
@@ -81,7 +82,8 @@ def main() -> None:
         parser.error(f"unknown study {', '.join(unknown)}; choose from {', '.join(studies)}")
     trials = 8 if options.quick else options.trials
     for study in options.studies or studies:
-        print(f"\n{study}\n")
+        columns = ("straight", "elbow", "tee turn") if study == "traversal" else COLUMNS
+        print(f"\n## {study}\n\n| variant | {' | '.join(columns)} |\n|---|---|---|---|")
         if study == "traversal":
             traversal(VARIANTS["numerics"])
             continue

@@ -269,12 +269,12 @@ def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
     """Print all tables."""
     for place in ELBOWS | TEES:
         rows = [row(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
-        print(f"\n{place}, friction {DRY}; figures of those that passed\n")
+        print(f"\n## {place}\n\nFriction {DRY}; figures of those that passed.\n")
         print(table(("drive", "passed", *FIGURES, "failures"), rows))
     for place in ELBOWS:
         slippery = [(c, f) for c, f in found.items() if c.place == place and c.friction != DRY]
         rows = [slippery_row(c, f) for c, f in sorted(slippery, key=lambda one: one[0].friction)]
-        print(f"\n{place}, slippery\n")
+        print(f"\n## {place}, slippery\n")
         print(table(("friction", "drive", *GRAVITIES, "all", "slip", "failures"), rows))
 
 

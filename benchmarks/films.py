@@ -40,7 +40,8 @@ def main() -> None:
     parser.add_argument("--camera", choices=("side", "follow", "onboard"))
     parser.add_argument("--processes", type=int)
     options = parser.parse_args()
-    print("scenario            camera    run, s CPU   film, s CPU   film, s wall   film / run")
+    print("## cost\n\n| scenario | camera | run, CPU s | film, CPU s | film, wall s | film / run |")
+    print("|---|---|---|---|---|---|")
     for name in options.scenarios:
         camera = options.camera or ("side" if load_scenario(name).mission is None else "follow")
         more = () if options.processes is None else ("--processes", options.processes)
@@ -48,10 +49,8 @@ def main() -> None:
             place = Path(folder) / "run"
             run, _ = measured("run", name, "--no-video", "--out", place)
             film, wall = measured("render", place, "--camera", camera, *more)
-        print(
-            f"{name:18s}  {camera:8s}  {run:10.1f}  {film:12.1f}  {wall:13.1f}  {film / run:11.2f}",
-            flush=True,
-        )
+        cells = (f"`{name}`", f"`{camera}`", *(f"{x:.1f}" for x in (run, film, wall, film / run)))
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

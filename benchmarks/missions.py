@@ -292,6 +292,7 @@ def main() -> None:
         "--quick", action="store_true", help="one orientation a pair, 10 networks a study"
     )
     parser.add_argument("--only", nargs="+", choices=tuple(TITLES), help="these studies")
+    parser.add_argument("--networks", type=int, help="of each study of random networks")
     parser.add_argument(
         "--workers",
         type=int,
@@ -300,12 +301,13 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for missions.csv")
     asked = parser.parse_args()
-    tasks = [t for t in every_task(asked.quick) if asked.only is None or t[0] in asked.only]
+    every = every_task(asked.quick, asked.networks)
+    tasks = [t for t in every if asked.only is None or t[0] in asked.only]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         runs = list(pool.map(drive, tasks))
     simulated = sum(run.duration_s for run in runs)
-    print(f"{simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n")
+    print(f"{simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n\n## rates\n")
     print(
         "| study | arrived | 95 % interval | in planned order | retries | mean time of those that "
         "arrived |"
@@ -319,8 +321,8 @@ def main() -> None:
         save(runs, asked.out)
 
 
-def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
-    """What ``drive`` is asked to do in all studies."""
+def every_task(quick: bool, most: int | None = None) -> list[tuple[str, int, str, str, float]]:
+    """What ``drive`` is asked to do in all studies; ``most`` random networks a study if given."""
     orientations = ORIENTATIONS_DEG[:1] if quick else ORIENTATIONS_DEG
     names = tuple(load_network("fig14").ports)
     tasks = [
@@ -329,7 +331,7 @@ def every_task(quick: bool) -> list[tuple[str, int, str, str, float]]:
         for angle in orientations
     ]
     for study, networks in NETWORKS.items():
-        count = QUICK_NETWORKS if quick else networks
+        count = most or (QUICK_NETWORKS if quick else networks)
         tasks += [(study, seed, "", "", 0.0) for seed in range(count)]
     trials = range(1 if quick else CLOSE_TRIALS)
     chains = [name for name in close_fittings() if close(name, 0) is not None]
@@ -340,7 +342,7 @@ def report_failures(runs: Sequence[Run]) -> None:
     """Where, with which outcome and why a robot did not arrive, with the last events."""
     failures = [run for run in runs if not run.arrived or not run.in_order]
     if failures:
-        print("\nFailures, and runs not in the planned order:\n")
+        print("\n## failures\n\nAnd runs not in the planned order:\n")
     for run in failures:
         where = (
             f"fig14, theta5 {run.theta5_deg:g} deg"

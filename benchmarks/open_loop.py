@@ -267,7 +267,8 @@ STRETCH_HEADS = (
 
 def report(cases: Sequence[Case]) -> None:
     """Print the failures by kind, and where passing commands differ."""
-    print("\n| kind | failures | control | of them all neighbours | physics as far as tried |")
+    print("\n## kinds\n")
+    print("| kind | failures | control | of them all neighbours | physics as far as tried |")
     print("|---" * 5 + "|")
     for kind in sorted({case.kind for case in cases}):
         own = [case for case in cases if case.kind == kind]
@@ -278,7 +279,8 @@ def report(cases: Sequence[Case]) -> None:
     if not traces:
         return
     print(
-        f"\nMeans of {len(traces)} failures with commands that pass, of the runs that get there:\n"
+        "\n## stretches\n\n"
+        f"Means of {len(traces)} failures with commands that pass, of the runs that get there:\n"
     )
     print(f"| {' | '.join(STRETCH_HEADS)} |")
     print("|---" * len(STRETCH_HEADS) + "|")

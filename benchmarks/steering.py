@@ -26,7 +26,6 @@ from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.record.channels import MODULE_COLOURS
-from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)
@@ -147,6 +146,22 @@ def drawn(cells: list[Cell]) -> Figure:
     return figure
 
 
+def table(cells: list[Cell]) -> str:
+    """A row for each speed loop, a column for each rate gain."""
+    lines = [
+        f"| bandwidth, rad/s | {' | '.join(f'k = {gain:g}' for gain in RATE_GAINS)} |",
+        "|---" * (1 + len(RATE_GAINS)) + "|",
+    ]
+    for bandwidth in dict.fromkeys(one.bandwidth for one in cells):
+        row = [
+            f"{one.crossover:.0f}, {one.margin:.0f}, {one.passed} of {one.trials}, {one.change:.1f}"
+            for one in cells
+            if one.bandwidth == bandwidth
+        ]
+        lines.append(f"| {bandwidth:g} | {' | '.join(row)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Measure the cells that the options ask for, print and draw them."""
     parser = argparse.ArgumentParser(
@@ -162,17 +177,7 @@ def main() -> None:
     asked = [(b, k, trials) for k, b in product(RATE_GAINS, bandwidths)]
     with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
         cells = list(pool.map(cell, asked))
-    print(
-        "| rate gain | bandwidth, rad/s | crossover, rad/s | margin, degrees | passed | 95 % | "
-        "torque change, N m/s |\n|---|---|---|---|---|---|---|"
-    )
-    for one in cells:
-        low, high = wilson_interval(one.passed, one.trials)
-        print(
-            f"| {one.rate_gain:g} | {one.bandwidth:g} | {one.crossover:.0f} | {one.margin:.0f} | "
-            f"{one.passed} of {one.trials} | {100 * low:.0f} to {100 * high:.0f} % | "
-            f"{one.change:.1f} |"
-        )
+    print(f"## cells\n\n{table(cells)}")
     if given.figure is not None:
         save_figure(drawn(cells), given.figure)
 

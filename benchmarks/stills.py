@@ -1,8 +1,9 @@
-"""Draws the stills and the map that the documents show:
-python benchmarks/stills.py [--out FOLDER]
+"""Draws the pictures of shipped scenarios that README and docs show.
 
-It runs four shipped scenarios and takes a minute. The other pictures are drawn by the commands
-that their pages name.
+python benchmarks/stills.py SERIES ... --out FOLDER
+
+Series: turn (the tee turn: stills, strip, plots), missions (stills and a map), onboard (a robot by
+its cameras, and one that explores).
 """
 
 from __future__ import annotations
@@ -17,28 +18,37 @@ import omnitrack_sim as ot
 FILM = 960, 540
 
 
-def main() -> None:
-    """Write tee.png, and figures/film_*.png, fig14_onboard.png, explore_onboard.png,
-    mission_frame.png and mission_map.png, into a folder."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/stills"), help="such as docs")
-    folder = parser.parse_args().out
-    figures = folder / "figures"
-    figures.mkdir(parents=True, exist_ok=True)
-    turn = ot.run(ot.load_scenario("tee_turn"))
-    still(turn, 3.1, "side", (1280, 720), folder / "tee.png")
-    still(turn, 3.6, "side", FILM, figures / "film_side.png")
-    ot.render_strip(turn, path=figures / "film_strip.png", width=480, height=360)
+def turn(folder: Path) -> None:
+    """tee.png, film_side.png, film_strip.png, summary.png, channel.png, compare_runs.png."""
+    run = ot.run(ot.load_scenario("tee_turn"))
+    still(run, 3.1, "side", (1280, 720), folder / "tee.png")
+    still(run, 3.6, "side", FILM, folder / "film_side.png")
+    ot.render_strip(run, path=folder / "film_strip.png", width=480, height=360)
+    ot.plot_summary(run, path=folder / "summary.png")
+    ot.plot_channel(run, channel="belt_speed", path=folder / "channel.png", module=1)
+    slippery = ot.run(ot.load_scenario("tee_turn", {"world.friction": 0.45}))
+    ot.plot_compare(run, slippery, path=folder / "compare_runs.png")
+
+
+def missions(folder: Path) -> None:
+    """film_follow.png, film_onboard.png, mission_frame.png, mission_map.png."""
     journey = ot.run(ot.load_scenario("missions/fig14"))
-    still(journey, 13.0, "follow", FILM, figures / "film_follow.png")
-    still(journey, 2.0, "onboard", FILM, figures / "film_onboard.png")
-    seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
-    still(seeing, 18.0, "follow", FILM, figures / "fig14_onboard.png")
-    exploring = ot.run(ot.load_scenario("missions/explore_onboard"))
-    still(exploring, 26.0, "follow", FILM, figures / "explore_onboard.png")
+    still(journey, 13.0, "follow", FILM, folder / "film_follow.png")
+    still(journey, 2.0, "onboard", FILM, folder / "film_onboard.png")
     mission = ot.run(ot.load_scenario("missions/dead_end"))
-    still(mission, 16.0, "follow", (800, 450), figures / "mission_frame.png")
-    ot.plot_mission(mission, path=figures / "mission_map.png")
+    still(mission, 16.0, "follow", (800, 450), folder / "mission_frame.png")
+    ot.plot_mission(mission, path=folder / "mission_map.png")
+
+
+def onboard(folder: Path) -> None:
+    """fig14_onboard.png, explore_onboard.png."""
+    seeing = ot.run(ot.load_scenario("missions/fig14_onboard"))
+    still(seeing, 18.0, "follow", FILM, folder / "fig14_onboard.png")
+    exploring = ot.run(ot.load_scenario("missions/explore_onboard"))
+    still(exploring, 26.0, "follow", FILM, folder / "explore_onboard.png")
+
+
+SERIES = {draw.__name__: draw for draw in (turn, missions, onboard)}
 
 
 def still(result: ot.Result, time: float, camera: str, size: tuple[int, int], path: Path) -> None:
@@ -46,7 +56,18 @@ def still(result: ot.Result, time: float, camera: str, size: tuple[int, int], pa
     Image.fromarray(
         ot.render_frame(result, time=time, camera=camera, width=size[0], height=size[1])
     ).save(path, optimize=True)
-    print(f"saved {path}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("series", nargs="+", choices=tuple(SERIES), metavar="SERIES")
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    for name in given.series:
+        SERIES[name](given.out)
 
 
 if __name__ == "__main__":

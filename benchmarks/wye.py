@@ -306,7 +306,7 @@ def main() -> None:
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         found = dict(zip(cells(), pool.map(drive, tasks), strict=True))
-    print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n")
+    print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n\n## ways\n")
     print(f"| {' | '.join(HEADS)} |")
     print("|---" * len(HEADS) + "|")
     for cell, trials in found.items():
@@ -320,7 +320,7 @@ def main() -> None:
         ]
         for way in WAYS
     }
-    print(f"\n| way, all angles | {' | '.join(DOWNWARD)} |")
+    print(f"\n## gravity\n\n| way, all angles | {' | '.join(DOWNWARD)} |")
     print("|---" * (1 + len(DOWNWARD)) + "|")
     for way, trials in equal.items():
         print(downward_row(way, trials))

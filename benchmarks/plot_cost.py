@@ -1,6 +1,6 @@
 """Processor time of the figures of a run.
 
-    python benchmarks/figures.py [RUN_DIR] [--repeat N]
+    python benchmarks/plot_cost.py [RUN_DIR] [--repeat N]
 
 Prints the processor seconds of ``plot_summary`` alone, once everything is imported and a figure was
 drawn, and those of its first call in a new process, with what it imports; beside them, for scale,
@@ -27,7 +27,7 @@ import time
 import omnitrack_sim as ot
 result = ot.load_result({run!r})
 begin = time.process_time()
-ot.plot_summary(result, {file!r})
+ot.plot_summary(result, path={file!r})
 """
 _TELL = "\nprint(time.process_time() - begin)"
 
@@ -52,9 +52,9 @@ def measure(place: Path, folder: Path, repeat: int) -> None:
     figures = {"plot_summary, not written": partial(ot.plot_summary, result)}
     for ending in ("png", "pdf", "svg"):
         to = file.with_suffix(f".{ending}")
-        figures[f"plot_summary, {ending}"] = partial(ot.plot_summary, result, to)
-    figures["plot_mission, png"] = partial(ot.plot_mission, result, file)
-    figures["plot_compare, png"] = partial(ot.plot_compare, result, result, file)
+        figures[f"plot_summary, {ending}"] = partial(ot.plot_summary, result, path=to)
+    figures["plot_mission, png"] = partial(ot.plot_mission, result, path=file)
+    figures["plot_compare, png"] = partial(ot.plot_compare, result, result, path=file)
     for text, draw in figures.items():
         draw()  # what is loaded or made once, is
         _row(text, partial(_timed, draw), repeat)

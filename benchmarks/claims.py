@@ -1,0 +1,46 @@
+"""Reproduces the paper, as `omnitrack reproduce` does, and prints its claims as a table.
+
+python benchmarks/claims.py --out DIR [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from omnitrack_sim.paper.claim import Claim, tally
+from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
+
+
+def cell(text: str) -> str:
+    """Text in a cell of a table of Markdown."""
+    return text.replace("|", "\\|")
+
+
+def row(claim: Claim) -> str:
+    """A claim: verdict, source, what the paper says, what is measured."""
+    return f"| {' | '.join(map(cell, (claim.label, claim.source, claim.paper, claim.measured)))} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
+    given = parser.parse_args()
+    claims = reproduce(given.out, quick=given.quick)
+    made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
+    counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
+    print(
+        f"## extent\n\nThe {made['form']} form, seed {made['seed']}: {made['runs']} runs, "
+        f"{made['simulated_s']:.0f} simulated seconds. {counts}.\n"
+    )
+    changed = "\n".join(f"* {claim.difference}" for claim in claims if claim.difference)
+    if changed:
+        print(f"## changed\n\n{changed}\n")
+    print("## claims\n\n| verdict | source | paper | measured |\n|---|---|---|---|")
+    print("\n".join(map(row, claims)))
+
+
+if __name__ == "__main__":
+    main()

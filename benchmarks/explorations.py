@@ -1,0 +1,60 @@
+"""Explores the shipped unknown networks, by the true pose and by camera.
+
+python benchmarks/explorations.py [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from driving.by_sensors import SENSES
+
+import omnitrack_sim as ot
+
+MISSIONS = ("missions/explore_onboard", "missions/explore_loop", "missions/explore_house")
+
+
+def row(name: str, sense: str) -> str:
+    """How a mission ended, and how good its map is."""
+    scenario = ot.override(ot.load_scenario(name), SENSES[sense] | {"record.pictures": False})
+    begin = time.process_time()
+    (result,) = ot.run_batch([scenario], no_load=False)
+    spent, metrics = time.process_time() - begin, result.metrics
+    difference = result.map_difference()
+    assert difference is not None
+    cells = (
+        f"`{name}`",
+        sense,
+        f"`{result.outcome.value}`",
+        f"{result.duration_s:.0f}",
+        f"{metrics['distance_m']:.1f}",
+        f"{difference.found} of {difference.parts}",
+        f"{1000 * difference.length_error:.0f}",
+        f"{spent:.0f}",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="the smallest network by truth alone")
+    quick = parser.parse_args().quick
+    heads = (
+        "run",
+        "sensing",
+        "outcome",
+        "time, s",
+        "driven, m",
+        "parts found",
+        "lengths wrong, mm",
+        "processor time, s",
+    )
+    print(f"## runs\n\n| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
+    for name in MISSIONS[: 1 if quick else None]:
+        for sense in ("truth",) if quick else ("truth", "depth"):
+            print(row(name, sense), flush=True)
+
+
+if __name__ == "__main__":
+    main()

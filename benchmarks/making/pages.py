@@ -1,0 +1,116 @@
+"""Pages of Markdown whose tables and sentences a program fills, between marks that are no text:
+
+    <!-- made by: PART PIECE -->
+    | a | table |
+    <!-- end -->
+
+and, once on each page that has such marks or pictures of parts, ``<!-- made by -->``: which parts
+the page shows, and at which commit each was made.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from making.parts import Part, Record
+
+WIDTH = 100
+MARK = re.compile(
+    r"^<!-- made by: (?P<part>\S+) (?P<piece>.+?) -->\n(?P<body>.*?)^<!-- end -->$",
+    re.MULTILINE | re.DOTALL,
+)
+FOOT = re.compile(r"^<!-- made by -->\n(?P<body>.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)
+PICTURE = re.compile(r"!\[[^\]]*\]\(([^)#]+)\)")
+HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+OLD = "*Made by older physics"
+"""How the note above a piece of a part begins that today's code has not made."""
+
+
+def pages_of(docs: Path) -> list[Path]:
+    """Return all pages: those of docs, and the README beside it."""
+    return [docs.parent / "README.md", *sorted(docs.rglob("*.md"))]
+
+
+def pieces(printed: str) -> dict[str, str]:
+    """Return what a part's commands have printed below each heading of the second level."""
+    parts = HEADING.split(printed)
+    return {name.strip(): text.strip() for name, text in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+def parts_of(page: Path, docs: Path, parts: Mapping[str, Part]) -> list[str]:
+    """Return the parts that a page shows, by its marks and its pictures, in their order."""
+    text = page.read_text(encoding="utf-8")
+    named = {match["part"] for match in MARK.finditer(text)}
+    pictures = {(page.parent / path).resolve() for path in PICTURE.findall(text)}
+    return [
+        name
+        for name, part in parts.items()
+        if name in named or any((docs / picture).resolve() in pictures for picture in part.pictures)
+    ]
+
+
+def filled(text: str, body: Callable[[re.Match[str]], str | None]) -> str:
+    """Return a page with new bodies between its marks; None keeps one as it is."""
+
+    def replaced(match: re.Match[str]) -> str:
+        new = body(match)
+        if new is None:
+            return match[0]
+        head = f"<!-- made by: {match['part']} {match['piece']} -->"
+        return f"{head}\n{new}\n<!-- end -->"
+
+    return MARK.sub(replaced, text)
+
+
+def note(name: str, record: Record | None) -> str:
+    """Return what stands above a piece that today's code has not made; nothing above another."""
+    make = f'`make figures PARTS="{name}"` makes it.*'
+    if record is None:
+        return f"*Not made yet; {make}"
+    return f"{OLD}, at commit {record.commit[:7]}; {make}" if record.older else ""
+
+
+def with_note(body: str, name: str, record: Record | None) -> str:
+    """Return a body with the note that its part's record asks for, and no other."""
+    lines = body.strip("\n").split("\n")
+    if lines[0].startswith(("*Made by older", "*Not made yet")):
+        lines = lines[2:]
+    told = note(name, record)
+    if record is None:
+        return told
+    return "\n".join([told, "", *lines] if told else lines)
+
+
+def foot(names: list[str], records: Mapping[str, Record]) -> str:
+    """Return the sentences that say of a page which code has made what it shows."""
+    fresh: dict[str, list[str]] = {}
+    for name in names:
+        record = records.get(name)
+        if record and not record.older:
+            made = f"commit {record.commit[:7]} ({record.date[:10]})"
+            fresh.setdefault(made, []).append(f"`{name}` {minutes(record.cpu_s)}")
+    sentences = [
+        f"Made by `make figures` at {made}, processor time of one core: {', '.join(own)}."
+        for made, own in fresh.items()
+    ]
+    older = [name for name in names if name in records and records[name].older]
+    if older:
+        told = ", ".join(f"`{name}` (commit {records[name].commit[:7]})" for name in older)
+        sentences.append(f"Made by older physics, and to be made again: {told}.")
+    missing = [f"`{name}`" for name in names if name not in records]
+    if missing:
+        sentences.append(f"Not made yet: {', '.join(missing)}.")
+    return textwrap.fill(" ".join(sentences), WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def minutes(seconds: float) -> str:
+    """Return a time as text, to the minute, or to the second below one."""
+    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
+
+
+def with_foot(text: str, sentences: str) -> str:
+    """Return a page with new sentences at its foot mark."""
+    return FOOT.sub(lambda _: f"<!-- made by -->\n{sentences}\n<!-- end -->", text)

@@ -1,0 +1,69 @@
+"""Random tee turns on slippery walls: what the laws for them are worth.
+
+python benchmarks/slippery_turns.py [--trials N] [--seed S]
+
+Friction 0.5 to 0.8, preload 20 to 35 N, any gravity, theta5 within 11 degrees of the best. The
+trials are the same in each row.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from tee_turns import random_tee_turns
+
+from omnitrack_sim import Result, run_batch
+from omnitrack_sim.record.statistics import wilson_interval
+
+AGAIN = {"control.align": True, "control.retry": True}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "one attempt": {},
+    "one attempt, no sway": {"control.parameters.sway.lean_deg": 0.0},
+    "rolled first": {"control.align": True},
+    "rolled first, with retries": AGAIN,
+    "the same, no sway": AGAIN | {"control.parameters.sway.lean_deg": 0.0},
+}
+FIGURES = {
+    "torque change, N m/s": "torque_change_nm_s",
+    "energy, J": "energy_j",
+    "largest tilt, deg": "tilt_max_deg",
+}
+"""Metrics of the runs that passed, means of modules and trials."""
+SEED = 202
+
+
+def row(name: str, results: list[Result]) -> str:
+    """How many passed, and the figures of those."""
+    passed = [result for result in results if result.success]
+    low, high = wilson_interval(len(passed), len(results))
+    rate = f"{len(passed)} of {len(results)} ({100 * low:.1f} to {100 * high:.1f} %)"
+    means = [
+        f"{np.mean([np.mean(result.metrics[metric]) for result in passed]):.3g}"
+        for metric in FIGURES.values()
+    ]
+    return f"| {' | '.join([name, rate, *means])} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=SEED)
+    given = parser.parse_args()
+    print("## rates\n")
+    heads = ["variant", "passed", *FIGURES]
+    print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
+    for name, changes in VARIANTS.items():
+        scenarios = random_tee_turns(
+            given.trials,
+            seed=given.seed,
+            friction=(0.5, 0.8),
+            preload=(20.0, 35.0),
+            changes=changes,
+        )
+        print(row(name, run_batch(scenarios, no_load=False)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
