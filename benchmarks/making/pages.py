@@ -81,7 +81,7 @@ def with_note(body: str, name: str, record: Record | None) -> str:
     told = note(name, record)
     if record is None:
         return told
-    return "\n".join([told, "", *lines] if told else lines)
+    return "\n".join([told, "", *lines] if told else lines).strip("\n")
 
 
 def foot(names: list[str], records: Mapping[str, Record]) -> str:
