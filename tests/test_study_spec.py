@@ -18,6 +18,7 @@ from omnitrack_sim.trials.study_tables import Objective, Variable
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]
 TRIALS = study_data()["trials"][0]
+PITCH, DAMPING = {"path": "robot.pitch_limit"}, {"path": "robot.slide_damping"}
 LONG = {"run.time_limit": 9000.0}
 
 
@@ -53,7 +54,6 @@ def test_all_faults_of_the_form_are_told_at_once():
             PRELOAD | {"scale": "cubic"},
         ],
         objectives=[DISTANCE | {"goal": "max"}, TORQUE | {"aggregate": "p101"}, {"module": 4}],
-        trials=[TRIALS | {"samples": 0, "group_by": []}],
         final={"candidate": 3},
         generation=3,
         population=1,
@@ -71,8 +71,6 @@ def test_all_faults_of_the_form_are_told_at_once():
         "objectives.2.metric",
         "objectives.2.goal",
         "objectives.2.module",
-        "trials.0.samples",
-        "trials.0.group_by",
         "final.candidate",
         "generation",
         "population",
@@ -83,26 +81,18 @@ def test_all_faults_of_the_form_are_told_at_once():
     assert "candidates" in faults["final.candidate"]
 
 
-def test_faults_of_the_form_hide_no_others():
-    """Beside a bound that is reversed and trials without an axis, what is wrong with the paths and
-    metrics of the other tables is told; objectives are not held against trials that lack a base."""
-    trials = {key: value for key, value in TRIALS.items() if key != "axes"}
-    tables = {
-        "variables": [SPEED | {"low": 0.3}, PRELOAD | {"path": "robot.prelaod"}],
-        "objectives": [DISTANCE | {"goal": "max"}, TORQUE | {"metric": "torque"}],
-    }
-    faults = _faults(**tables, trials=[trials])
+def test_all_faults_of_the_trials_are_told_at_once():
+    """Those of every sweep, each at its place."""
+    faults = _faults(
+        trials=[TRIALS | {"samples": 0, "group_by": []}, TRIALS, TRIALS, TRIALS | {"base": "far"}]
+    )
     assert set(faults) == {
-        "variables.0.high",
-        "variables.1.path",
-        "objectives.0.goal",
-        "objectives.1.metric",
-        "trials.0.axes",
+        "trials.0.samples",
+        "trials.0.group_by",
+        "trials.2.name",
+        "trials.3.base: far",
     }
-    assert "did you mean 'preload'" in faults["variables.1.path"]
-    faults = _faults(**tables, trials=[trials, trials | {"base": "nowhere", "name": "far"}])
-    assert "objectives.1.metric" not in faults
-    assert "variables.1.path" in faults
+    assert "name of earlier trials" in faults["trials.2.name"]
 
 
 def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
@@ -118,8 +108,6 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
             PRELOAD,
             PRELOAD | {"path": "world.friction"},
             PRELOAD | {"path": "robot.lugs_per_track"},
-            PRELOAD | {"path": "robot.pitch_limit", "high": 50},
-            PRELOAD | {"path": "robot.slide_damping", "low": -5},
         ],
         objectives=[
             DISTANCE | {"metric": "distance"},
@@ -131,7 +119,6 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
             {"metric": "success_rate", "goal": "maximise", "aggregate": "mean"},
             TORQUE | {"name": "robot.preload"},
         ],
-        trials=[TRIALS, TRIALS],
         directions=3,
     )
     assert "cruise_speed" in faults["variables.0.path"]
@@ -142,7 +129,6 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
     assert "set by variables.4 too" in faults["variables.5.path"]
     assert "set by trials.0.axes.0 too" in faults["variables.6.path"]
     assert "set by trials.0.set or --set too" in faults["variables.7.path"]
-    assert {"variables.8.high", "variables.9.low"} <= set(faults)
     assert "torque_change_nm_s" in faults["objectives.0.metric"]
     assert "no trial of a study" in faults["objectives.1.metric"]
     assert "choose from: 1, 2, 3, mean" in faults["objectives.2.module"]
@@ -151,7 +137,6 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
     assert "straight" in faults["objectives.5.trials"]
     assert "counts all trials" in faults["objectives.6.aggregate"]
     assert "another column" in faults["objectives.7.name"]
-    assert "name of earlier trials" in faults["trials.1.name"]
     assert "at least the 8 objectives" in faults["directions"]
 
 
@@ -160,6 +145,8 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
     [
         ({"trials": [TRIALS | {"base": "nowhere"}]}, "trials.0.base: nowhere", "tee_turn"),
         ({"trials": [TRIALS | {"axes": []}]}, "trials.0.axes", "at least one axis"),
+        ({"variables": [PRELOAD | PITCH | {"high": 50}]}, "variables.0.high", "0.001 to 0.5"),
+        ({"variables": [PRELOAD | DAMPING | {"low": -5}]}, "variables.0.low", "from 0 to 10000"),
         ({"trials": []}, "trials", "at least 1"),
         ({"trials": 3}, "trials", "list"),
         ({"objectives": [DISTANCE | {"weight": 0}]}, "objectives", "have no weight"),

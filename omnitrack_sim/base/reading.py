@@ -308,12 +308,12 @@ def checked(
         items = reason.errors(include_url=False)
         # pydantic does not count a table with a fault as an item, and then calls the list too
         # short, too.
-        inside = any(item["loc"][:1] == (union,) and len(item["loc"]) > 1 for item in items)
+        lists = {item["loc"][:1] for item in items if len(item["loc"]) > 1}
         # The caller's own words come first, the common translation serves all other faults.
         faults = [
             own_fault(item) or _fault_of(item, union, kinds, choices)
             for item in items
-            if not (inside and item["type"] == "too_short")
+            if item["loc"] not in lists or item["type"] != "too_short"
         ]
         places = {one.where for one in odd}
         raise error([*odd, *(f for f in dict.fromkeys(faults) if f.where not in places)]) from None

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_STUDY_TRIALS, MOST_TRIALS
-from omnitrack_sim.base.errors import Fault, OmnitrackError, ScenarioError, StudyError, SweepError
-from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, beside, checked, read_file
+from omnitrack_sim.base.errors import Fault, ScenarioError, StudyError, SweepError
+from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, checked, read_file
 from omnitrack_sim.record.metrics import METRICS, Metric
-from omnitrack_sim.scenario import Scenario, load_scenario, override
+from omnitrack_sim.scenario import Scenario, override
 from omnitrack_sim.trials.batches import FORMAT, matches, sha256_of, value_at
 from omnitrack_sim.trials.study_tables import (
-    MOST_OBJECTIVES,
-    MOST_VARIABLES,
     SUCCESS_RATE,
     Final,
     Objective,
@@ -30,6 +27,7 @@ from omnitrack_sim.trials.sweep import (
     Sweep,
     excess_samples,
     path_fault,
+    path_fault_of,
     places_in_file,
     trial_count,
 )
@@ -56,12 +54,6 @@ _ENDS = ("low", "high")
 FOR_THE_RECORD = ("name", "generations", "final")
 """Keys of a study that what is tried first does not depend on: with another number of generations
 it goes on, or stops earlier."""
-_Table = TypeVar("_Table", bound=BaseModel)
-_TABLES: dict[str, type[BaseModel]] = {
-    "variables": Variable,
-    "objectives": Objective,
-    "final": Final,
-}
 
 
 class StudyFile(SearchPlan):
@@ -160,101 +152,51 @@ def resolve(
     Raises:
         StudyError: lists every fault with its dotted path.
     """
-    tables = data.get("trials")
-    sweeps, known, faults = _sweeps(tables, folder, changes or {})
-    try:
-        file = checked(StudyFile, data, StudyError, choices_at=_choices_at, own_fault=_fault)
-        variables, objectives = dict(enumerate(file.variables)), dict(enumerate(file.objectives))
-    except StudyError as error:
-        # pydantic does not count a table with a fault, and calls the list too short as well.
-        places = [fault.where for fault in error.faults]
-        own = [f for f in error.faults if not any(one.startswith(f"{f.where}.") for one in places)]
-        # What is sound is still checked against the trials, so that all faults show at once.
-        file, faults = None, [*own, *faults]
-        variables = _sound(Variable, data.get("variables"), MOST_VARIABLES)
-        objectives = _sound(Objective, data.get("objectives"), MOST_OBJECTIVES)
-    all_trials = isinstance(tables, list | tuple) and len(known) == len(tables)
-    faults += _table_faults(variables, objectives, known, all_trials)
-    if file is not None:
-        faults += [*_disagreements(file, sweeps), *_excess(file, sweeps)]
-    if file is None or faults:
+    file = checked(StudyFile, data, StudyError, own_fault=path_fault_of)
+    sweeps = _sweeps(file.trials, folder, changes or {})
+    faults = [*_table_faults(file, sweeps), *_disagreements(file, sweeps), *_excess(file, sweeps)]
+    if faults:
         raise StudyError(list(dict.fromkeys(faults)))
     fields = {name: getattr(file, name) for name in SearchPlan.model_fields}
     # Variables start from the first base scenario: several may have different values.
-    first = next(iter(next(iter(sweeps.values())).bases.values())).model_dump(mode="json")
+    first = next(iter(sweeps[0].bases.values())).model_dump(mode="json")
     fields["variables"] = tuple(_started(variable, first) for variable in file.variables)
     fields["objectives"] = tuple(
         one.model_copy(update={"name": one.name or one.metric}) for one in file.objectives
     )
-    return Study(**fields, name=file.name, trials=tuple(sweeps.values()), final=file.final)
+    return Study(**fields, name=file.name, trials=sweeps, final=file.final)
 
 
 def _sweeps(
-    tables: Any, folder: Path, changes: Mapping[str, Any]
-) -> tuple[dict[int, Sweep], dict[int, Sweep], list[Fault]]:
-    """Read the sweeps of ``trials``, by their place in the file.
+    tables: Sequence[Mapping[str, Any]], folder: Path, changes: Mapping[str, Any]
+) -> tuple[Sweep, ...]:
+    """Read the sweeps of ``trials``.
 
-    Returns:
-        The valid sweeps; these and, without their axes, those with a fault whose base scenarios
-        can be read; and the faults.
+    Raises:
+        StudyError: lists every fault with its dotted path.
     """
-    sweeps: dict[int, Sweep] = {}
-    known: dict[int, Sweep] = {}
+    sweeps: list[Sweep] = []
     faults: list[Fault] = []
-    for i, table in enumerate(tables if isinstance(tables, list | tuple) else ()):
-        if not isinstance(table, Mapping):
-            continue  # told when the file is checked
+    for i, table in enumerate(tables):
         if "group_by" in table:
             faults.append(Fault(f"trials.{i}.group_by", "is for sweeps; leave it out"))
         base = table.get("base")
         name = Path(base).stem if isinstance(base, str) else f"trials_{i}"
         try:
-            sweeps[i] = known[i] = resolve_sweep({"name": name} | dict(table), folder, changes)
+            sweep = resolve_sweep({"name": name} | dict(table), folder, changes)
         except SweepError as error:
             faults += [
                 fault if fault.where.startswith("--set ") else fault.at(f"trials.{i}.{fault.where}")
                 for fault in error.faults
             ]
-            alone = _of_bases({"name": name} | dict(table), folder, changes)
-            if alone is not None:
-                known[i] = alone
-    names = {i: sweep.name for i, sweep in sweeps.items()}
-    for i, name in names.items():
-        if name in [names[k] for k in names if k < i]:
-            problem = f"{name!r} is the name of earlier trials; give these another name"
+            continue
+        if sweep.name in [one.name for one in sweeps]:
+            problem = f"{sweep.name!r} is the name of earlier trials; give these another name"
             faults.append(Fault(f"trials.{i}.name", problem))
-    return sweeps, known, faults
-
-
-def _of_bases(table: Mapping[str, Any], folder: Path, changes: Mapping[str, Any]) -> Sweep | None:
-    """Sweep of the base scenarios of a table alone, where the rest of it has a fault.
-
-    Variables and objectives are checked against it. None where the base scenarios have a fault.
-    """
-    name, base, own = table["name"], table.get("base"), table.get("set", {})
-    sources = [base] if isinstance(base, str) else base
-    if not isinstance(sources, list | tuple) or not 0 < len(sources) <= MOST_BASES:
-        return None
-    if not isinstance(own, Mapping) or not all(
-        isinstance(one, str) for one in (name, *sources, *own)
-    ):
-        return None
-    try:
-        bases = [load_scenario(beside(folder, one), {**own, **changes}) for one in sources]
-    except OmnitrackError:
-        return None
-    named = {one.name: one for one in bases}
-    return Sweep.model_construct(name=name, bases=named, set=dict(own))
-
-
-def _sound(kind: type[_Table], tables: Any, most: int) -> dict[int, _Table]:
-    """Tables of a list that have no fault by themselves, by their place in it."""
-    sound: dict[int, _Table] = {}
-    for i, table in enumerate(tables[:most] if isinstance(tables, list | tuple) else ()):
-        with suppress(StudyError):
-            if isinstance(table, Mapping):
-                sound[i] = checked(kind, table, StudyError)
-    return sound
+        sweeps.append(sweep)
+    if faults:
+        raise StudyError(list(dict.fromkeys(faults)))
+    return tuple(sweeps)
 
 
 def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
@@ -271,53 +213,27 @@ def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
     return variable.model_copy(update={"start": start, "whole": whole})
 
 
-def _fault(item: Mapping[str, Any]) -> Fault | None:
-    """Single fault of a path, for which pydantic reports an error for each of its two types."""
-    places = [str(place) for place in item["loc"]]
-    if places[:1] == ["variables"] and "path" in places:
-        where = ".".join(places[: places.index("path") + 1])
-        missing = item["type"] == "missing"
-        return Fault(where, "is missing" if missing else "is neither a text nor a list of texts")
-    return None
-
-
-def _choices_at(places: list[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path."""
-    table = _TABLES.get(places[0]) if places else StudyFile
-    return tuple(table.model_fields) if table else ()
-
-
-def _table_faults(
-    variables: Mapping[int, Variable],
-    objectives: Mapping[int, Objective],
-    sweeps: Mapping[int, Sweep],
-    all_trials: bool,
-) -> list[Fault]:
-    """Faults of variables and objectives in the light of the trials.
-
-    Args:
-        variables: those that are sound by themselves, by their place in the file.
-        objectives: likewise.
-        sweeps: the trials whose base scenarios could be read, by their place in the file.
-        all_trials: these are all of the file; if not, no objective is held against them.
-    """
-    bases = [base for sweep in sweeps.values() for base in sweep.bases.values()]
+def _table_faults(file: StudyFile, sweeps: Sequence[Sweep]) -> list[Fault]:
+    """Faults of variables and objectives in the light of the trials."""
+    bases = [base for sweep in sweeps for base in sweep.bases.values()]
     if len(bases) > MOST_BASES:
         return [Fault("trials", f"have {len(bases)} base scenarios; at most {MOST_BASES}")]
     faults: list[Fault] = []
-    for i, variable in variables.items():
+    for i, variable in enumerate(file.variables):
         own = [
             path_fault(at, path, bases, partial(_misfit, path))
             for at, path in places_in_file(f"variables.{i}", variable.path)
         ]
-        own = [*filter(None, own), *_clashes(i, variables, sweeps)]
-        faults += own or _bound_faults(i, variables, bases)
-    names: list[str] = []
-    taken = [variable.name for variable in variables.values()]
-    counted = list(sweeps.values()) if all_trials else []
-    for i, objective in objectives.items():
-        faults += _objective_faults(i, objective, counted, names, taken)
-        names.append(objective.name or objective.metric)
+        own = [*filter(None, own), *_clashes(i, file.variables, sweeps)]
+        # Bounds can be tried only where all paths lead somewhere.
+        faults += own
+    if not faults:
+        for i in range(len(file.variables)):
+            faults += _bound_faults(i, file.variables, bases)
+    names = [variable.name for variable in file.variables]
+    for i, objective in enumerate(file.objectives):
+        earlier = [one.name or one.metric for one in file.objectives[:i]]
+        faults += _objective_faults(f"objectives.{i}", objective, sweeps, earlier, names)
     return faults
 
 
@@ -330,14 +246,14 @@ def _misfit(path: str, present: Any) -> str | None:
 
 
 def _clashes(
-    number: int, variables: Mapping[int, Variable], sweeps: Mapping[int, Sweep]
+    number: int, variables: Sequence[Variable], sweeps: Sequence[Sweep]
 ) -> Iterator[Fault]:
     """Fault of the first value that something else sets as well."""
     own = variables[number]
-    for i, sweep in sweeps.items():
+    for i, sweep in enumerate(sweeps):
         data = next(iter(sweep.bases.values())).model_dump(mode="json")
         places = {place for path in own.paths for place in matches(data, path)}
-        others = [(f"variables.{k}", one.paths) for k, one in variables.items() if k < number]
+        others = [(f"variables.{k}", one.paths) for k, one in enumerate(variables[:number])]
         others += [(f"trials.{i}.axes.{k}", one.paths) for k, one in enumerate(sweep.axes)]
         others += [(f"trials.{i}.set or --set", tuple(sweep.set))]
         for origin, paths in others:
@@ -348,46 +264,35 @@ def _clashes(
 
 
 def _bound_faults(
-    number: int, variables: Mapping[int, Variable], bases: Sequence[Scenario]
+    number: int, variables: Sequence[Variable], bases: Sequence[Scenario]
 ) -> Iterator[Fault]:
     """Faults of bounds that are invalid at both ends of the other variables.
 
     A bound that only does not go with some values of the others is none: such candidates have
     invalid trials, which count as failed.
     """
-    variable = variables[number]
-    ends = {"low": variable.low, "high": variable.high}
-    for end, bound in ends.items():
+    variable, others = variables[number], [*variables[:number], *variables[number + 1 :]]
+    for end in _ENDS:
+        at = f"variables.{number}.{end}"
         for base in bases:
-            faults = _refused(base, variable, bound, {})
+            data = base.model_dump(mode="json")
+            own = _placed(data, variable, getattr(variable, end))
             # Only the two corners of the other variables are tried: all of them would be
             # exponentially many.
-            if faults and all(
-                _refused(base, variable, bound, _others(base, variables, number, other))
-                for other in _ENDS
-            ):
-                at = f"variables.{number}.{end}"
-                yield from dict.fromkeys(fault.at(at) for fault in faults)
+            corners: list[dict[str, float | int]] = [{}]
+            for side in _ENDS:
+                placed = [_placed(data, other, getattr(other, side)) for other in others]
+                corners.append({place: value for one in placed for place, value in one.items()})
+            refused = [_refused(base, own, corner) for corner in corners]
+            if all(refused):
+                yield from dict.fromkeys(fault.at(at) for fault in refused[0])
                 break
 
 
-def _others(
-    base: Scenario, variables: Mapping[int, Variable], number: int, end: str
-) -> dict[str, float | int]:
-    """All variables but one at one of their bounds."""
-    data = base.model_dump(mode="json")
-    changes: dict[str, float | int] = {}
-    for i, variable in variables.items():
-        if i != number:
-            changes |= _placed(data, variable, getattr(variable, end))
-    return changes
-
-
 def _refused(
-    base: Scenario, variable: Variable, bound: float, others: Mapping[str, float | int]
+    base: Scenario, own: Mapping[str, float | int], others: Mapping[str, float | int]
 ) -> list[Fault]:
-    """Faults of a scenario at the very places that the variable sets."""
-    own = _placed(base.model_dump(mode="json"), variable, bound)
+    """Faults of a scenario with all these values at the places of ``own``."""
     try:
         override(base, {**others, **own})
     except ScenarioError as error:
@@ -406,7 +311,7 @@ def _placed(data: Mapping[str, Any], variable: Variable, value: float) -> dict[s
 
 
 def _objective_faults(
-    number: int,
+    where: str,
     objective: Objective,
     sweeps: Sequence[Sweep],
     names: Sequence[str],
@@ -415,20 +320,19 @@ def _objective_faults(
     """Faults of one objective.
 
     Args:
-        number: its place in the file.
+        where: its place in the file.
         objective: to be checked.
-        sweeps: the trials that it may name; none: they are not known.
+        sweeps: the trials that it may name.
         names: of the objectives before it.
         taken: names of other columns.
     """
-    where = f"objectives.{number}"
     name = objective.name or objective.metric
     if name in (*RESERVED, *taken):
         yield Fault(f"{where}.name", f"{name!r} is another column of the tables; give another")
     if name in names:
         yield Fault(f"{where}.name", f"{name!r} is the name of an earlier objective; give another")
     chosen = tuple(sweep.name for sweep in sweeps)
-    if objective.trials is not None and sweeps and objective.trials not in chosen:
+    if objective.trials is not None and objective.trials not in chosen:
         problem = f"is {objective.trials!r}"
         yield Fault(f"{where}.trials", problem, chosen, given=objective.trials)
         return
@@ -449,8 +353,7 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
     measured = [one for one, metric in known.items() if metric.in_tables]
     choices = (SUCCESS_RATE, *OF_TRIALS, *measured)
     if metric is None and name not in OF_TRIALS:
-        if bases:  # else it may be a metric of a base scenario that could not be read
-            yield Fault(f"{where}.metric", f"is {name!r}", choices, given=name)
+        yield Fault(f"{where}.metric", f"is {name!r}", choices, given=name)
         return
     if metric is not None and not metric.in_tables:
         yield Fault(f"{where}.metric", f"{name!r} is measured in no trial of a study", choices)
@@ -473,7 +376,7 @@ def metrics_of(bases: Sequence[Scenario]) -> dict[str, Metric]:
     return {metric.name: metric for metric in (*METRICS, *own)}
 
 
-def _disagreements(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
+def _disagreements(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
     """Faults of numbers that contradict each other."""
     weighed = len(file.weighed)
     for i, objective in enumerate(file.objectives):
@@ -486,12 +389,12 @@ def _disagreements(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fau
     elif 1 < file.search_count < weighed:
         problem = f"is {file.directions}; must be 1, or at least the {weighed} objectives"
         yield Fault("directions", problem)
-    for i, (place, sweep) in enumerate(sweeps.items()):
+    for i, sweep in enumerate(sweeps):
         if file.final.candidates and file.final.seed + i == sweep.seed:
-            yield Fault("final.seed", f"draws the very trials of trials.{place}; take another")
+            yield Fault("final.seed", f"draws the very trials of trials.{i}; take another")
 
 
-def _excess(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
+def _excess(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
     """Faults of too many candidates or trials, or of too many samples in a batch."""
     if not file.weighed:
         return
@@ -501,19 +404,19 @@ def _excess(file: StudyFile, sweeps: Mapping[int, Sweep]) -> Iterator[Fault]:
         return
     at_once = file.search_count * file.asked_each
     chosen = file.most_checked(file.final.candidates)
-    checked = {
-        i: chosen * trial_count(len(sweep.bases), sweep.axes, file.final.samples or sweep.samples)
-        for i, sweep in sweeps.items()
-    }
-    size = sum(sweep.size for sweep in sweeps.values())
+    checks = [
+        chosen * trial_count(len(sweep.bases), sweep.axes, file.final.samples or sweep.samples)
+        for sweep in sweeps
+    ]
+    size = sum(sweep.size for sweep in sweeps)
     for where, trials, most in (
         ("generations", file.candidate_count * size, MOST_STUDY_TRIALS),
         ("population", at_once * size, MOST_TRIALS),
-        ("final.samples", sum(checked.values()), MOST_TRIALS),
+        ("final.samples", sum(checks), MOST_TRIALS),
     ):
         if trials > most:
             yield Fault(where, f"makes {trials} trials; at most {most}")
-    for i, sweep in sweeps.items():
-        together = min(sweep.batch, max(sweep.size * at_once, checked[i]))
+    for i, (sweep, check) in enumerate(zip(sweeps, checks, strict=True)):
+        together = min(sweep.batch, max(sweep.size * at_once, check))
         for fault in excess_samples(together, sweep.bases.values()):
             yield fault.at(f"trials.{i}.{fault.where}")

@@ -271,22 +271,22 @@ def resolve(
         union="axes",
         kinds=tuple(AXES),
         choices_at=_choices_at,
-        own_fault=_fault,
+        own_fault=path_fault_of,
     )
-    bases, faults = _bases(file, folder, changes or {})
-    if bases:
-        for number in range(len(file.axes)):
-            faults += _axis_faults(number, file.axes, bases)
-        faults += _clashes(file, bases, changes or {})
-        faults += _excess(file, bases)
+    bases = _bases(file, folder, changes or {})
+    faults: list[Fault] = []
+    for number in range(len(file.axes)):
+        faults += _axis_faults(number, file.axes, bases)
+    faults += _clashes(file, bases, changes or {})
+    faults += _excess(file, bases)
     if faults:
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in _SweepTable.model_fields}
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
-def _fault(item: Mapping[str, Any]) -> Fault | None:
-    """Translate an error of pydantic into a fault.
+def path_fault_of(item: Mapping[str, Any]) -> Fault | None:
+    """Return the fault of a path, base or axis for an error of pydantic; None for others.
 
     A key that takes two kinds of value has an error for each; they become the same fault.
     """
@@ -314,46 +314,27 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
     return tuple(table.model_fields)
 
 
-def _bases(
-    file: SweepFile, folder: Path, changes: Mapping[str, Any]
-) -> tuple[dict[str, Scenario], list[Fault]]:
-    """Base scenarios with all changes, by name, and their faults."""
+def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> dict[str, Scenario]:
+    """Read the base scenarios with all changes, by name.
+
+    Raises:
+        SweepError: lists every fault of each.
+    """
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
-    many = not isinstance(file.base, str)
     for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
-        where = f"base.{i}" if many else "base"
-        scenario, own = _base(beside(folder, source), {**file.set, **changes})
-        faults += [_in_sweep(fault, where, file.set, changes) for fault in own]
-        if scenario is None:
+        where = "base" if isinstance(file.base, str) else f"base.{i}"
+        try:
+            scenario = load_scenario(beside(folder, source), {**file.set, **changes})
+        except ScenarioError as error:
+            faults += [_in_sweep(fault, where, file.set, changes) for fault in error.faults]
             continue
         if scenario.name in bases:
             faults.append(Fault(where, f"{scenario.name!r} is the name of an earlier base"))
         bases[scenario.name] = scenario
-    return bases, list(dict.fromkeys(faults))
-
-
-def _base(
-    source: str | Path, changes: Mapping[str, Any]
-) -> tuple[Scenario | None, Sequence[Fault]]:
-    """Base scenario with the changes, and its faults.
-
-    Invalid changes are left out, so that the rest of the sweep can be checked as well.
-    """
-    try:
-        return load_scenario(source, changes), ()
-    except ScenarioError as error:
-        faults = error.faults
-    # Only what is at fault is left out, so that axes over the rest are still judged rightly.
-    sound = {
-        path: value
-        for path, value in changes.items()
-        if not any(_covers(path, fault.where) for fault in faults)
-    }
-    try:
-        return load_scenario(source, sound), faults
-    except ScenarioError:
-        return None, faults
+    if faults:
+        raise SweepError(list(dict.fromkeys(faults)))
+    return bases
 
 
 def _in_sweep(
