@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase, safe_margin, sector_angle
 from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,
-    contact_map,
     outer_sector,
     turn_path,
     wall_distance,
@@ -19,6 +20,12 @@ ALONG_RUN = np.array([0.0, 0.0, 1.0])
 STRAIGHT = TeePath(
     np.linspace(-2 * R, 2 * R, 721)[:, None] * ALONG_RUN, np.tile(ALONG_RUN, (721, 1))
 )
+
+
+def touching(path: TeePath, theta5: Array, reach: float, length: float) -> NDArray[np.bool_]:
+    """Modules of a robot that have a wall within reach, (T, M, 3)."""
+    case = TurnCase(reach=reach, contact_length=length)
+    return case.wall_distance(path, theta5) <= reach
 
 
 @pytest.mark.parametrize(
@@ -106,29 +113,29 @@ def test_lengths_scale():
 def test_map_mirrors_with_the_orientation():
     """theta5 and -theta5 exchange modules 2 and 3."""
     theta5 = np.radians(np.linspace(-60, 60, 25))
-    state = contact_map(turn_path(0.09, poses=31), theta5, 0.0961, R, 0.09)
-    assert np.allclose(state.distance[:, ::-1, [0, 2, 1]], state.distance)
-    assert state.touching.shape == (31, 25, 3)
+    distance = TurnCase().wall_distance(turn_path(0.09, poses=31), theta5)
+    assert np.allclose(distance[:, ::-1, [0, 2, 1]], distance)
+    assert distance.shape == (31, 25, 3)
 
 
 def test_orientations_that_keep_contact_are_those_of_the_sector():
     """On the pivot path with L = 85 mm they are the safe margin of the outer sector: no other
     direction is lost."""
     theta5 = np.radians(np.arange(-60, 60, 0.5))
-    state = contact_map(PIVOT, theta5, 0.0961, R, 0.085)
+    keeps_contact = touching(PIVOT, theta5, 0.0961, 0.085).all(axis=(0, 2))
     margin = safe_margin(outer_sector(PIVOT, 0.0961, R, 0.085))
     clear = np.abs(np.abs(theta5) - margin) > np.radians(0.5)
-    assert (state.keeps_contact == (np.abs(theta5) < margin))[clear].all()
-    assert state.keeps_contact.mean() == pytest.approx(0.1955, abs=0.01)
+    assert (keeps_contact == (np.abs(theta5) < margin))[clear].all()
+    assert keeps_contact.mean() == pytest.approx(0.1955, abs=0.01)
 
 
 def test_straight_over_a_tee_modules_beside_the_opening_hold():
     """At theta5 = 60 all modules touch throughout; a module that faces the opening loses the
     wall."""
-    state = contact_map(STRAIGHT, np.radians([60.0, 0.0]), 0.0961, R, 0.09)
-    assert state.keeps_contact.tolist() == [True, False]
-    assert not state.touching[:, 1, 0].all()
-    assert state.touching[:, 1, 1:].all()
+    touch = touching(STRAIGHT, np.radians([60.0, 0.0]), 0.0961, 0.09)
+    assert touch.all(axis=(0, 2)).tolist() == [True, False]
+    assert not touch[:, 1, 0].all()
+    assert touch[:, 1, 1:].all()
 
 
 def test_module_facing_the_opening_bridges_it_when_long_enough():
@@ -149,23 +156,6 @@ def test_turned_angle_of_a_path():
     assert np.allclose(STRAIGHT.turned, 0)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: turn_path(0.0), "bend_radius"),
-        (lambda: turn_path(R, 4.0), "turn_angle"),
-        (lambda: turn_path(R, poses=1), "poses"),
-        (lambda: wall_distance(PIVOT, 0.0, R, -0.1), "contact_length"),
-        (lambda: outer_sector(PIVOT, np.nan, R, 0.1), "reach"),
-        (lambda: contact_map(PIVOT, [0.0], 0.1, R, 0.1, modules=0), "modules"),
-    ],
-)
-def test_bad_values_are_named(call, message):
-    """Each fault says what it is about."""
-    with pytest.raises(InputError, match=message):
-        call()
-
-
 def test_case_puts_the_figures_together():
     """One period of theta5, best in the middle; summary and properties agree; bad values are
     refused at once."""
@@ -178,7 +168,8 @@ def test_case_puts_the_figures_together():
     )
     assert told["real_geometry"]["sector_deg"] == pytest.approx(np.degrees(case.real_sector))
     assert told["real_geometry"]["keeps_contact_rate"] == pytest.approx(0.1955, abs=0.01)
-    even = TurnCase(modules=4).real_map(orientations=5, poses=3)
-    assert np.degrees(even.theta5) == pytest.approx([0, 22.5, 45, 67.5, 90])
+    assert np.degrees(TurnCase(modules=4).orientations(5)) == pytest.approx([0, 22.5, 45, 67.5, 90])
     with pytest.raises(InputError, match="modules"):
         TurnCase(modules=0)
+    with pytest.raises(InputError, match="contact_length"):
+        TurnCase(contact_length=-0.1)

@@ -9,6 +9,7 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
     PAPER_SECTOR,
+    TurnCase,
     best_theta5,
     failure_rate,
     is_singular,
@@ -190,7 +191,7 @@ def test_a_million_orientations_take_under_a_tenth_of_a_second():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"pipe_radius": [1.0, -0.5]}, "pipe_radius: is -0.5; it must be positive"),
+        ({"pipe_radius": -0.5}, "pipe_radius: is -0.5; it must be positive"),
         ({"reach": np.nan}, "reach: is nan"),
         ({"turn_angle": np.pi}, "turn_angle: is 180 degrees; it must lie between 0 and 180"),
         ({"definition": "oval"}, "choose from: ellipse, crotch, strip"),
@@ -199,14 +200,18 @@ def test_a_million_orientations_take_under_a_tenth_of_a_second():
 def test_bad_values_are_named(values, message):
     """Each fault says what it is about."""
     with pytest.raises(InputError, match=message):
-        sector_angle(**{"pipe_radius": 1.0, "reach": 1.2, **values})
+        TurnCase(**values)
 
 
 def test_sectors_that_no_reach_gives_are_refused():
-    """Beyond the one at rho = R; none at all of the strip; modules that are no whole number."""
+    """Beyond the one at rho = R; none at all of the strip."""
     with pytest.raises(InputError, match=r"between 0 and 180\.00 degrees"):
         reach_from_sector(3.2, 80.0)
     with pytest.raises(InputError, match="sector"):
         reach_from_sector(0.0, 80.0, definition="strip")
+
+
+def test_modules_that_are_no_whole_number_are_refused():
+    """Whatever rounding would make of them."""
     with pytest.raises(InputError, match=r"modules: is 2\.5"):
-        safe_margin(1.0, 2.5)
+        TurnCase(modules=2.5)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -102,13 +103,14 @@ def _case(
 
     # Options that are left out take the defaults of `TurnCase`, which are the robot's.
     fields = {name: value for name, value in options.items() if value is not None}
-    if sector_deg is not None:
-        if "reach" in fields:
-            raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
-        sector = math.radians(sector_deg)
-        reach = reach_from_sector(sector, pipe_radius, turn_angle, options["definition"])
-        fields["reach"] = float(reach)
-    return TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
+    case = TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
+    if sector_deg is None:
+        return case
+    if "reach" in fields:
+        raise InputError(Fault("--reach, --sector-deg", "give one of the two"))
+    sector = math.radians(sector_deg)
+    reach = reach_from_sector(sector, pipe_radius, turn_angle, case.definition)
+    return replace(case, reach=float(reach))
 
 
 def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:

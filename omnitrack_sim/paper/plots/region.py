@@ -27,7 +27,6 @@ from omnitrack_sim.robots.omnitrack.singularity import (
 from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,
     outer_sector,
-    turn_path,
     wall_distance,
 )
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, page, style
@@ -152,7 +151,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
     """
     best, worst = case.best, float(worst_theta5(case.modules))
     # Steps of half a degree in a right angle are enough for a picture.
-    path = turn_path(case.path_radius, case.turn_angle, poses=181)
+    path = case.path(181)
     outer = wall_distance(path, np.pi, case.pipe_radius, case.contact_length)
     lost = np.flatnonzero(outer > case.reach)
     # Where the outer wall is never missing, the middle of the turn.
@@ -172,7 +171,7 @@ def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
             reach * np.cos(_CIRCLE), reach * np.sin(_CIRCLE), color=ALARM, lw=0.9, ls=(0, (4, 2))
         )
         angles = theta5 + 2 * np.pi * np.arange(case.modules) / case.modules
-        walls = wall_distance(there, angles, case.pipe_radius, case.contact_length)[0] * _MM
+        walls = case.wall_distance(there, np.array([theta5]))[0, 0] * _MM
         for k, (angle, wall) in enumerate(zip(angles, walls, strict=True)):
             _draw_module(axis, angle, wall, reach, COLOURS[k % len(COLOURS)])
         _turning_arrow(axis, reach)
@@ -242,7 +241,7 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
     radius = case.pipe_radius
     # To beyond R / cos(delta / 2), from which on the ellipse has no sector.
     rho = radius * np.linspace(1.0, max(1.45, 1.05 / np.cos(case.turn_angle / 2)), 241)
-    path = turn_path(case.path_radius, case.turn_angle)
+    path = case.path(721)
     # A point and the robot's own contact line: the length of the modules makes the difference.
     for length, colour in ((0.0, "#8fb6dc"), (case.contact_length, MODULE_COLOURS[1])):
         real = outer_sector(path, rho, radius, length)
@@ -284,10 +283,11 @@ def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
     In the real geometry, with modules of finite length.
     """
     axis = figure.subplots()
-    state = case.real_map()
+    path, angles = case.path(181), case.orientations(241)
+    distance = case.wall_distance(path, angles)
     # Where a module looks through an open end the wall is infinitely far: the scale ends at 20 mm.
-    beyond = np.clip((state.distance.max(axis=-1) - state.reach) * _MM, -20, 20)  # (T, M)
-    theta5, turned = np.degrees(state.theta5), np.degrees(state.path.turned)
+    beyond = np.clip((distance.max(axis=-1) - case.reach) * _MM, -20, 20)  # (T, M)
+    theta5, turned = np.degrees(angles), np.degrees(path.turned)
     mesh = axis.pcolormesh(
         theta5, turned, beyond, cmap="RdBu_r", vmin=-20, vmax=20, shading="nearest", rasterized=True
     )

@@ -25,11 +25,10 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.omnitrack import MODULES, Robot
 from omnitrack_sim.robots.omnitrack.tee_contact import (
-    ContactMap,
     TeePath,
-    contact_map,
     outer_sector,
     turn_path,
+    wall_distance,
 )
 
 Definition = Literal["ellipse", "crotch", "strip"]
@@ -46,16 +45,8 @@ def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Arr
     """Semi-axes R / cos(tilt) and R of a pipe cut by a plane ``tilt`` rad from square (Fig. 7).
 
     Its eccentricity is sin(tilt).
-
-    Raises:
-        InputError: the pipe radius is not positive, or the tilt not below 90 degrees.
     """
-    radius, tilt = np.broadcast_arrays(
-        _positive(pipe_radius, "pipe_radius"), np.asarray(tilt, float)
-    )
-    _require(
-        np.abs(tilt) < np.pi / 2, "tilt", tilt, "must lie between -90 and 90 degrees", angle=True
-    )
+    radius, tilt = np.broadcast_arrays(np.asarray(pipe_radius, float), np.asarray(tilt, float))
     return radius / np.cos(tilt), radius.copy()
 
 
@@ -82,20 +73,12 @@ def sector_angle(
         reach: rho, largest distance of a module's surface from the robot axis.
         turn_angle: delta, rad.
         definition: see ``DEFINITIONS``.
-
-    Raises:
-        InputError: a length is not positive, the turn angle not between 0 and 180 degrees, or no
-            such definition.
     """
     radius, rho, half = np.broadcast_arrays(
-        _positive(pipe_radius, "pipe_radius"),
-        _positive(reach, "reach"),
-        _turn_angle(turn_angle) / 2,
+        np.asarray(pipe_radius, float), np.asarray(reach, float), np.asarray(turn_angle, float) / 2
     )
     # Below rho = R nothing touches: the formulas begin there, and the last line puts in 2 pi.
     ratio = np.maximum(rho / radius, 1.0)
-    if definition not in DEFINITIONS:
-        raise InputError(Fault("definition", f"is {definition!r}", DEFINITIONS, definition))
     if definition == "strip":
         half_sector = np.arcsin(1.0 / ratio)
     else:
@@ -125,19 +108,17 @@ def reach_from_sector(
             finite reach).
     """
     radius, half_sector, half = np.broadcast_arrays(
-        _positive(pipe_radius, "pipe_radius"),
+        np.asarray(pipe_radius, float),
         np.asarray(sector, float) / 2,
-        _turn_angle(turn_angle) / 2,
+        np.asarray(turn_angle, float) / 2,
     )
     # At rho = R; in units of R the bound is the same for all pipes.
     largest = sector_angle(1.0, 1.0, 2 * half, definition)
     low = half_sector > 0 if definition == "strip" else half_sector >= 0
-    wanted = (
-        f"must lie between 0 and {np.degrees(np.min(largest)):.2f} degrees, its value at rho = R"
-    )
-    _require(
-        low & (2 * half_sector <= largest + 1e-12), "sector", np.asarray(sector), wanted, angle=True
-    )
+    if not np.all(low & (2 * half_sector <= largest + 1e-12)):
+        wanted = f"must lie between 0 and {np.degrees(np.min(largest)):.2f} degrees"
+        angles = ", ".join(f"{angle:g}" for angle in np.ravel(np.degrees(sector)))
+        raise InputError(Fault("sector", f"is {angles} degrees; it {wanted}, its value at rho = R"))
     if definition == "strip":
         return radius / np.sin(half_sector)
     c = np.cos(half)
@@ -151,7 +132,7 @@ def safe_margin(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
 
     (period - Phi) / 2, at least 0.
     """
-    return np.maximum(0.0, (2 * np.pi / _modules(modules) - np.asarray(sector, float)) / 2)
+    return np.maximum(0.0, (2 * np.pi / np.asarray(modules) - np.asarray(sector, float)) / 2)
 
 
 def failure_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
@@ -159,7 +140,7 @@ def failure_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
 
     Phi over the period 2 pi / modules, at most 1. The paper's 80.45 % is 96.54 / 120 (Section VI).
     """
-    return np.minimum(1.0, np.asarray(sector, float) * _modules(modules) / (2 * np.pi))
+    return np.minimum(1.0, np.asarray(sector, float) * np.asarray(modules) / (2 * np.pi))
 
 
 def success_rate(sector: ArrayLike, modules: ArrayLike = 3) -> Array:
@@ -172,7 +153,7 @@ def is_singular(theta5: ArrayLike, sector: ArrayLike, modules: ArrayLike = 3) ->
 
     Equal modules repeat after 2 pi / modules, so one wrapped angle answers for all of them.
     """
-    per_period = _modules(modules) / (2 * np.pi)
+    per_period = np.asarray(modules) / (2 * np.pi)
     turns = (np.asarray(theta5, float) - np.pi) * per_period
     return np.abs(turns - np.rint(turns)) < np.asarray(sector, float) * (per_period / 2)
 
@@ -183,51 +164,14 @@ def best_theta5(modules: ArrayLike = 3) -> Array:
     The outer direction then lies midway between two modules. 0 for an odd number of modules (one
     points into the turn), half a period for an even one.
     """
-    modules = _modules(modules)
+    modules = np.asarray(modules)
     return np.where(modules % 2 == 1, 0.0, np.pi / modules)
 
 
 def worst_theta5(modules: ArrayLike = 3) -> Array:
     """theta5 of the worst orientation, modulo the period: a module points outward."""
-    modules = _modules(modules)
+    modules = np.asarray(modules)
     return np.where(modules % 2 == 1, np.pi / modules, 0.0)
-
-
-def _require(holds: Any, name: str, value: Any, wanted: str, *, angle: bool = False) -> None:
-    """Raise an error about the first value that is out of range; angles are told in degrees."""
-    if not np.all(holds):
-        first = np.broadcast_to(value, np.shape(holds))[~np.asarray(holds)].flat[0]
-        text = f"{np.degrees(first):g} degrees" if angle else f"{first:g}"
-        raise InputError(Fault(name, f"is {text}; it {wanted}"))
-
-
-def _positive(value: ArrayLike, name: str) -> Array:
-    value = np.asarray(value, float)
-    _require((value > 0) & np.isfinite(value), name, value, "must be positive")
-    return value
-
-
-def _turn_angle(value: ArrayLike) -> Array:
-    value = np.asarray(value, float)
-    _require(
-        (value > 0) & (value < np.pi),
-        "turn_angle",
-        value,
-        "must lie between 0 and 180 degrees",
-        angle=True,
-    )
-    return value
-
-
-def _modules(value: ArrayLike) -> NDArray:
-    value = np.asarray(value)
-    _require(
-        (value >= 1) & (value == np.floor(value)),
-        "modules",
-        value,
-        "must be a whole number, at least 1",
-    )
-    return value
 
 
 _DEFAULT = Robot()
@@ -282,15 +226,18 @@ class TurnCase:
         if not 0 <= self.contact_length <= LONGEST:
             wanted = f"it must be from 0 to {LONGEST:g} m"
             faults.append(Fault("contact_length", f"is {self.contact_length:g}; {wanted}"))
-        if not 1 <= self.modules <= MOST_MODULES:
+        if not 1 <= self.modules <= MOST_MODULES or self.modules != int(self.modules):
             wanted = f"it must be a whole number from 1 to {MOST_MODULES}"
             faults.append(Fault("modules", f"is {self.modules:g}; {wanted}"))
         # The formulas divide by the sine of half the angle.
-        if 0 < self.turn_angle < LEAST_TURN:
-            faults.append(Fault("turn_angle", "is too small for a turn"))
+        if not LEAST_TURN <= self.turn_angle < np.pi:
+            problem = f"is {np.degrees(self.turn_angle):g} degrees; it must lie between 0 and 180"
+            faults.append(Fault("turn_angle", problem))
+        if self.definition not in DEFINITIONS:
+            problem = f"is {self.definition!r}"
+            faults.append(Fault("definition", problem, DEFINITIONS, self.definition))
         if faults:
             raise InputError(faults)
-        safe_margin(self.sector, self.modules)  # raises if a value is out of range
 
     @cached_property
     def sector(self) -> float:
@@ -310,31 +257,33 @@ class TurnCase:
     @cached_property
     def real_sector(self) -> float:
         """Outer sector in the exact two-cylinder geometry, rad."""
-        return float(
-            outer_sector(self._path(721), self.reach, self.pipe_radius, self.contact_length)
-        )
+        path = self.path(721)
+        return float(outer_sector(path, self.reach, self.pipe_radius, self.contact_length))
 
-    def real_map(self, orientations: int = 241, poses: int = 181) -> ContactMap:
-        """Contact along the turn over one period of theta5, with ``best`` in the middle."""
+    def orientations(self, count: int) -> Array:
+        """Return ``count`` values of theta5, rad, over one period, with ``best`` in the middle."""
         half = np.pi / self.modules
-        theta5 = self.best + np.linspace(-half, half, orientations)
-        path = self._path(poses)
-        return contact_map(
-            path, theta5, self.reach, self.pipe_radius, self.contact_length, self.modules
-        )
+        return self.best + np.linspace(-half, half, count)
+
+    def wall_distance(self, path: TeePath, theta5: Array) -> Array:
+        """Return the distance (T, M, N) m of the N modules from the wall along T poses, for theta5
+        (M,) rad; see ``tee_contact.wall_distance``."""
+        angles = theta5[:, None] + 2 * np.pi / self.modules * np.arange(self.modules)
+        return wall_distance(path, angles, self.pipe_radius, self.contact_length)
 
     @property
     def path_radius(self) -> float:
         """Radius of the arc that the robot's centre follows in the real geometry, m."""
         return self.pipe_radius if self.bend_radius is None else self.bend_radius
 
-    def _path(self, poses: int) -> TeePath:
+    def path(self, poses: int) -> TeePath:
+        """Return the arc of the robot's centre in ``poses`` poses."""
         return turn_path(self.path_radius, self.turn_angle, poses)
 
     def summary(self) -> dict[str, Any]:
         """Every number with its unit in the name, for JSON."""
-        state = self.real_map(orientations=481, poses=361)
-        one_period = state.keeps_contact[:-1]  # the last theta5 repeats the first
+        theta5 = self.orientations(481)[:-1]  # the last one repeats the first
+        touching = self.wall_distance(self.path(361), theta5) <= self.reach
         return {
             "pipe_diameter_m": 2 * self.pipe_radius,
             "reach_m": self.reach,
@@ -353,7 +302,7 @@ class TurnCase:
                 "contact_length_m": self.contact_length,
                 "bend_radius_m": self.path_radius,
                 **self._rates(self.real_sector),
-                "keeps_contact_rate": float(one_period.mean()),
+                "keeps_contact_rate": float(touching.all(axis=(0, 2)).mean()),
             },
         }
 

@@ -15,9 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 
 _Y = np.array([0.0, 1.0, 0.0])
@@ -39,15 +38,6 @@ class TeePath:
     axis: Array
     turn_angle: float = np.pi / 2
 
-    def __post_init__(self) -> None:
-        if not 0 < self.turn_angle < np.pi:
-            raise InputError(
-                Fault(
-                    "turn_angle",
-                    f"is {np.degrees(self.turn_angle):g} degrees; it must lie between 0 and 180",
-                )
-            )
-
     @property
     def turned(self) -> Array:
         """Angle (T,) rad of the robot's axis from the run's."""
@@ -65,13 +55,8 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
     Its ``poses`` are equal steps of angle apart. With bend_radius = R the centre of the arc is the
     inner vertex of the tee's edge: the robot pivots about the crotch at the distance R. Larger
     radii cut the corner.
-
-    Raises:
-        InputError: bend_radius is not positive, turn_angle not between 0 and pi rad, or poses below
-            2.
     """
-    _require_positive("bend_radius", bend_radius)
-    turned = np.linspace(0.0, turn_angle, _count("poses", poses))
+    turned = np.linspace(0.0, turn_angle, poses)
     zero = np.zeros(poses)
     inward = np.stack([np.cos(turned), zero, -np.sin(turned)], axis=-1)
     axis = np.stack([np.sin(turned), zero, np.cos(turned)], axis=-1)
@@ -80,99 +65,28 @@ def turn_path(bend_radius: float, turn_angle: float = np.pi / 2, poses: int = 72
     return TeePath(pivot - bend_radius * inward, axis, turn_angle)
 
 
-@dataclass(frozen=True)
-class ContactMap:
-    """Contact of a robot's N modules for M orientations along T poses of a path.
-
-    Attributes:
-        path: T poses.
-        theta5: (M,) rad, module 1 from the turning direction.
-        distance: (T, M, N) m, from the robot axis to where each module first meets the wall.
-        reach: rho, m.
-    """
-
-    path: TeePath
-    theta5: Array
-    distance: Array
-    reach: float
-
-    @property
-    def touching(self) -> NDArray[np.bool_]:
-        """(T, M, N), which modules have a wall within reach."""
-        return self.distance <= self.reach
-
-    @property
-    def keeps_contact(self) -> NDArray[np.bool_]:
-        """(M,), orientations in which every module touches throughout the path."""
-        return np.asarray(self.touching.all(axis=(0, 2)))
-
-
-def contact_map(
-    path: TeePath,
-    theta5: ArrayLike,
-    reach: float,
-    pipe_radius: float,
-    contact_length: float,
-    modules: int = 3,
-) -> ContactMap:
-    """Contact state of every module along a path, for each theta5 (M,) rad.
-
-    Args:
-        path: T poses.
-        theta5: (M,) rad.
-        reach: rho, m.
-        pipe_radius: R, m.
-        contact_length: L, m.
-        modules: number of equal modules, evenly about the axis.
-
-    Raises:
-        InputError: a value is out of range.
-    """
-    _require_positive("reach", reach)
-    theta5 = np.asarray(theta5, float)
-    angles = theta5[:, None] + 2 * np.pi / _count("modules", modules, least=1) * np.arange(modules)
-    return ContactMap(path, theta5, wall_distance(path, angles, pipe_radius, contact_length), reach)
-
-
 def outer_sector(
     path: TeePath, reach: ArrayLike, pipe_radius: float, contact_length: float
 ) -> Array:
     """Angle (...,) rad of the sector about the outer direction in which a module loses the wall.
 
-    A module in it has no wall somewhere on the path. The counterpart of ``region.sector_angle``.
+    A module in it has no wall somewhere on the path. The counterpart of ``sector_angle``.
     Between directions a quarter of a degree apart the needed reach is interpolated. It has a sharp
     peak along the turn: with 721 poses of a right angle the sector is within 0.05 degrees of its
     limit, with 181 within 0.5. There may be further directions without contact, apart from this
-    sector: see ``contact_map``.
+    sector: see ``TurnCase.wall_distance``.
 
     Args:
         path: T poses.
         reach: rho (...,), m.
         pipe_radius: R, m.
         contact_length: L, m.
-
-    Raises:
-        InputError: a value is out of range.
     """
-    rho = np.asarray(reach, float)
-    _require_positive("reach", rho)
     # The pose in which the wall is farthest away decides for the whole path.
     needed = wall_distance(path, np.pi - _OFFSETS, pipe_radius, contact_length).max(axis=0)
     # Going out from the outer direction, the sector ends where the needed reach first falls to rho.
     least = np.minimum.accumulate(np.minimum(needed, 1e6 * pipe_radius))
-    return 2 * np.interp(-rho, -least, _OFFSETS)
-
-
-def _require_positive(name: str, value: ArrayLike) -> None:
-    value = np.asarray(value, float)
-    if not np.all((value > 0) & np.isfinite(value)):
-        raise InputError(Fault(name, "must be positive, m"))
-
-
-def _count(name: str, value: int, least: int = 2) -> int:
-    if value < least or value != int(value):
-        raise InputError(Fault(name, f"is {value}; it must be a whole number, at least {least}"))
-    return value
+    return 2 * np.interp(-np.asarray(reach, float), -least, _OFFSETS)
 
 
 def wall_distance(
@@ -190,13 +104,7 @@ def wall_distance(
         pipe_radius: R, m.
         contact_length: L, m; 0 is a point contact. A line whose end on the robot axis lies outside
             the bores gives 0.
-
-    Raises:
-        InputError: a length is out of range.
     """
-    _require_positive("pipe_radius", pipe_radius)
-    if not 0 <= contact_length < np.inf:
-        raise InputError(Fault("contact_length", f"is {contact_length} m; it must not be negative"))
     angle = np.asarray(module_angle, float)
     shape = (len(path.axis), *(1,) * angle.ndim)
     centre, axis, inward = (
