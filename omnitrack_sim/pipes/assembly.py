@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, product
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -17,82 +17,26 @@ from omnitrack_sim.base.rotations import Array, Pose, length, rotation_about
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, AxisCurve, Fitting
 
-LARGE = 4.0
-"""Balls larger than this many times the median one are compared with all others: the cells that the
-others are sorted into would be too large with them."""
-BLOCK = 100_000
-"""Pairs that are compared at a time."""
-HERE = (0, 0, 0)
-_CELLS_BEHIND = [cell for cell in product((-1, 0, 1), repeat=3) if cell >= HERE]
-"""A cell itself and half of its neighbours: every pair of cells is compared once."""
-_FEWEST = 1e-6
-"""Least size of a cell as a part of the extent of all, so that the cells can be numbered."""
-
 
 def touching(centres: Array, radii: Array) -> Iterator[NDArray[np.intp]]:
-    """Pairs (k, 2) of balls that touch, the smaller number first, in blocks of bounded size.
-
-    The time grows with the number of balls, not with its square.
+    """Pairs (k, 2) of balls that touch, the smaller number first, those of one ball at a time.
 
     Args:
         centres: (n, 3) m.
         radii: (n,) m.
     """
-    small = radii <= LARGE * np.median(radii) if len(radii) else np.zeros(0, bool)
-    for pairs in _candidates(centres, radii, small):
-        pairs = np.sort(pairs, axis=1)
-        apart = length(centres[pairs[:, 0]] - centres[pairs[:, 1]])
-        yield pairs[apart < radii[pairs[:, 0]] + radii[pairs[:, 1]]]
-
-
-def _candidates(
-    centres: Array, radii: Array, small: NDArray[np.bool_]
-) -> Iterator[NDArray[np.intp]]:
-    """Pairs (k, 2) among which are all balls that touch, each pair once."""
-    where = np.flatnonzero(small)
-    for pairs in _neighbours(centres[where], 2 * float(radii[where].max(initial=0.0))):
-        yield where[pairs]
-    for i in np.flatnonzero(~small).tolist():
-        # Two large ones meet once, when it is the turn of the first.
-        others = np.flatnonzero(small | (np.arange(len(radii)) > i))
-        yield np.stack([np.full(len(others), i), others], axis=-1)
-
-
-def _neighbours(centres: Array, size: float) -> Iterator[NDArray[np.intp]]:
-    """Pairs (k, 2) of points in one cell of a cubic grid, or in neighbouring ones; all pairs nearer
-    than ``size`` m are among them."""
-    if len(centres) < 2:
+    if len(radii) < 2:
         return
-    extent = np.ptp(centres, axis=0)
-    # Balls of radius zero, or parts far apart, would ask for more cells than integers can number.
-    size = max(size, float(extent.max()) * _FEWEST, 1e-9)
-    cells = ((centres - centres.min(axis=0)) // size).astype(np.int64) + 1  # (n, 3), from 1
-    # One empty layer on either side keeps the numbers of neighbouring cells from wrapping round.
-    steps = np.cumprod([1, *(cells.max(axis=0)[:2] + 2)])
-    keys = cells @ steps
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    places = np.arange(len(keys))
-    for cell in _CELLS_BEHIND:
-        wanted = keys + np.array(cell) @ steps
-        first, last = (np.searchsorted(keys, wanted, side) for side in ("left", "right"))
-        # Within one cell each point meets only the later ones: no pair twice, and none with itself.
-        for pairs in _pairs(places, np.maximum(first, places + 1) if cell == HERE else first, last):
-            yield order[pairs]
-
-
-def _pairs(
-    of: NDArray[np.intp], first: NDArray[np.intp], last: NDArray[np.intp]
-) -> Iterator[NDArray[np.intp]]:
-    """Pairs (k, 2) of each of ``of`` (n,) with every number from ``first`` to before ``last`` (n,),
-    in blocks of about ``BLOCK``."""
-    count = np.maximum(last - first, 0)
-    block = np.cumsum(count) // BLOCK
-    for number in np.unique(block[count > 0]):
-        part = block == number
-        some = count[part]
-        begins = np.repeat(first[part] - np.cumsum(some) + some, some)
-        yield np.stack([np.repeat(of[part], some), begins + np.arange(some.sum())], axis=-1)
+    # In order along the longest side of all a ball meets only those that begin before it ends.
+    along = centres[:, np.ptp(centres, axis=0).argmax()]
+    low, high = along - radii, along + radii
+    order = low.argsort(kind="stable")
+    ends = low[order].searchsorted(high[order])
+    for place, (i, end) in enumerate(zip(order.tolist(), ends.tolist(), strict=True), start=1):
+        others = order[place:end]
+        others = others[length(centres[others] - centres[i]) < radii[others] + radii[i]]
+        if len(others):
+            yield np.sort(np.stack([np.full(len(others), i), others], axis=-1), axis=1)
 
 
 SAMPLE_SPACING = 0.02
