@@ -8,7 +8,6 @@ from omnitrack_sim.robots.omnitrack.policy.features import (
     Feature,
     FeatureInput,
     bounds,
-    entry_names,
     entry_slices,
     features_of,
 )
@@ -41,7 +40,6 @@ __all__ = [
     "Policy",
     "TrainingRecord",
     "bounds",
-    "entry_names",
     "entry_slices",
     "features_of",
     "load_policy",

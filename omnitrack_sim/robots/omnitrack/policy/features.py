@@ -163,11 +163,6 @@ def entry_slices(features: Sequence[Feature]) -> dict[str, slice]:
     }
 
 
-def entry_names(features: Sequence[Feature]) -> tuple[str, ...]:
-    """The names (k,) of all entries of features, in their order."""
-    return tuple(name for feature in features for name in feature.entry_names)
-
-
 def _mean_double_roll(m: FeatureInput) -> Array:
     # Twice the roll: both tracks drive alike, so a module rolled by 180 degrees is the same one.
     roll = m.observation.roll

@@ -478,27 +478,22 @@ def _arrays(data: bytes) -> dict[str, NDArray]:
             # Before anything is unpacked: a small archive may hold more than the memory.
             if sum(entry.file_size for entry in entries) > MOST_POLICY_BYTES:
                 raise ValueError(f"unpacks to more than {MOST_POLICY_BYTES} bytes")
-            return {e.filename.removesuffix(".npy"): _array(archive.read(e)) for e in entries}
+            arrays = {
+                entry.filename.removesuffix(".npy"): np.load(
+                    # An array of objects would be unpickled, which executes what the file says.
+                    io.BytesIO(archive.read(entry)),
+                    allow_pickle=False,
+                )
+                for entry in entries
+            }
     except zipfile.BadZipFile as error:
         raise ValueError(f"is no policy file, or damaged: {error}") from error
-    except (EOFError, NotImplementedError, RuntimeError, zlib.error) as error:
+    except (EOFError, MemoryError, NotImplementedError, RuntimeError, zlib.error) as error:
         raise ValueError(f"is damaged: {error}") from error
-
-
-def _array(data: bytes) -> NDArray:
-    """An array of plain numbers from the bytes of an ``npy`` file."""
-    file = io.BytesIO(data)
-    version = np.lib.format.read_magic(file)
-    if version != (1, 0):
-        raise ValueError(f"holds an array of format {version}; expected (1, 0)")
-    shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-    # An array of objects would be unpickled, which executes what the file says.
-    if dtype.kind not in "fu" or dtype.hasobject:
-        raise ValueError(f"holds an array of {dtype}, no plain numbers; it is not read")
-    if math.prod(shape) * dtype.itemsize != len(data) - file.tell():
-        raise ValueError(f"holds an array of shape {shape} with other contents; it is damaged")
-    file.seek(0)
-    return np.lib.format.read_array(file, allow_pickle=False)
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fu":
+            raise ValueError(f"holds {name}, an array of {array.dtype}: no plain numbers")
+    return arrays
 
 
 def _header(arrays: Mapping[str, NDArray]) -> Header:
