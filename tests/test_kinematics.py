@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack import kinematics as kin
@@ -89,7 +88,7 @@ def test_jacobian_is_equation_18():
     ]
     assert np.allclose(kin.jacobian(r, l)[:, [*EXCHANGED, 3]], printed, rtol=1e-14)
     shafts, spin = np.array([1.0, -2.0, 0.5]), 0.3
-    V = kin.wall_speed(shafts, r)
+    V = shafts * r  # Eqs. 1-3
     together = [*kin.angular_velocity(V, spin, l), kin.forward_speed(V)]
     assert np.allclose(kin.jacobian(r, l) @ [*shafts, spin], together)
 
@@ -207,22 +206,6 @@ def test_belt_sign_follows_the_cosine_of_the_roll():
     ]
 
 
-@pytest.mark.parametrize("module", kin.MODULE_KINDS)
-def test_belt_speed_gives_the_wall_speed(module, rng):
-    """Back and forth, and nothing on the no-motion line."""
-    roll, wall = rng.uniform(-7, 7, 100), rng.normal(size=100)
-    assert np.allclose(kin.belt_speed(wall, roll, module) * kin.wall_per_belt(roll, module), wall)
-    assert kin.belt_speed(0.1, np.pi / 2, module) == 0 == kin.wall_per_belt(-np.pi / 2, module)
-
-
-def test_ball_lugs_fade_where_tracks_do_not():
-    """At 60 degrees of roll a track still moves the wall fully, a ball by half."""
-    assert kin.wall_per_belt(np.pi / 3) == 1
-    assert kin.wall_per_belt(np.pi / 3, "ball_lug") == pytest.approx(0.5)
-    with pytest.raises(InputError, match="two_track, ball_lug"):
-        kin.wall_per_belt(0.0, "wheel")
-
-
 def test_half_a_roll_turns_the_robot_by_62_degrees():
     """-180 r / R = -62.1 degrees for the published sizes."""
     assert np.degrees(kin.turn_from_roll(np.pi, RADIUS, 0.08)) == pytest.approx(-62.1)
@@ -244,4 +227,3 @@ def test_arrays_of_any_leading_shape(rng):
     assert kin.cross_velocity(spin, arms).shape == (2, 5, 2)
     assert kin.radius_of_curvature(V, V).shape == kin.path_radius(V, V).shape == (2, 5)
     assert kin.elbow_radii(spin, 0.24, np.full(5, 0.08)).shape == (2, 5, 3)
-    assert kin.belt_speed(V, spin[..., None]).shape == (2, 5, 3)

@@ -14,12 +14,9 @@ and shows where it contradicts itself:
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, cross, length
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 
@@ -29,23 +26,8 @@ _ROOT3 = np.sqrt(3.0)
 _OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
 _TANGENT = np.stack([-_SIN, _COS, np.zeros(3)], axis=-1)
 
-Module = Literal["two_track", "ball_lug"]
-MODULE_KINDS: tuple[Module, ...] = ("two_track", "ball_lug")
-"""``two_track`` has two crawler chains: either the upper or the lower one is at the wall and moves
-it fully. ``ball_lug`` has balls that turn about the module's cross axis, as in a lumped model: the
-wall gets the component cos(roll)."""
 _ON_THE_LINE = 1e-9
 """Size of cos(roll) on the no-motion line: the rounding of 90 degrees, not a tolerance."""
-
-
-def wall_speed(shaft_speed: ArrayLike, lug_radius: ArrayLike) -> Array:
-    """Eqs. 1-3: V_i = r theta_dot_i, m/s, for lugs that do not slip.
-
-    Args:
-        shaft_speed: theta_dot_i (...,), rad/s.
-        lug_radius: r, m.
-    """
-    return np.asarray(shaft_speed, float) * np.asarray(lug_radius, float)
 
 
 def inertial_rate(rate: ArrayLike, omega: ArrayLike, vector: ArrayLike) -> Array:
@@ -266,29 +248,3 @@ def belt_sign(roll: ArrayLike) -> Array:
     """
     cosine = np.cos(roll)
     return np.where(np.abs(cosine) < _ON_THE_LINE, 0.0, np.sign(cosine))
-
-
-def wall_per_belt(roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Wall speed over belt speed (...,) at ``roll`` rad.
-
-    It is ``belt_sign`` for ``two_track`` and cos(roll) for ``ball_lug``; see MODULE_KINDS.
-
-    Raises:
-        InputError: there is no such kind of module.
-    """
-    if module not in MODULE_KINDS:
-        raise InputError(Fault("module", f"is {module!r}", MODULE_KINDS, module))
-    sign = belt_sign(roll)
-    return sign if module == "two_track" else np.where(sign == 0, 0.0, np.cos(roll))
-
-
-def belt_speed(wall_speed: ArrayLike, roll: ArrayLike, module: Module = "two_track") -> Array:
-    """Belt speed (...,) m/s that gives a module ``wall_speed`` (...,) m/s at ``roll`` rad.
-
-    It is 0 on the no-motion line. No belt speed moves the robot there: see ``belt_sign``. The
-    inverse of ``wall_per_belt``.
-    """
-    factor = wall_per_belt(roll, module)
-    moves = factor != 0
-    # Divided by 1 where the factor is 0, so that no warning arises from values that are not used.
-    return np.where(moves, np.asarray(wall_speed, float) / np.where(moves, factor, 1.0), 0.0)
