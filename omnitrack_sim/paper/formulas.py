@@ -101,11 +101,7 @@ def lever_of(results: list[Result]) -> tuple[float, float]:
 
 
 def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
-    """Rotation by the Jacobian at lever 1, and the rotation that happened, each (k, 2) rad/s.
-
-    In the robot frame, for the samples in which the robot turns. ``slipping`` takes the wall speeds
-    as they are, otherwise the slip is taken off.
-    """
+    """Rotation by the Jacobian at lever 1, and the rotation that happened, each (k, 2) rad/s."""
     trajectory = result.trajectory
     rotation, k = matrix_from_quaternion(trajectory["quaternion"]), _WINDOW
     relative = np.einsum("tji,tjk->tik", rotation[:-k], rotation[k:])
@@ -191,8 +187,7 @@ def _printed(
     expected: ClaimVerdict = ClaimVerdict.CALIBRATED,
     why: str = "",
 ) -> Claim:
-    """The claim that a value of the calibrated reach is what the paper prints. ``other`` is what
-    the paper's other figures give for the same thing."""
+    """The claim that a value of the calibrated reach is what the paper prints."""
     verdict = verdict_of(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED)
     return Claim(
         id=f"singularity_{name}",

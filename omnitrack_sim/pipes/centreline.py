@@ -70,12 +70,7 @@ class Centreline:
         return bundle
 
     def _index(self, rows: Array, counts: Sequence[int]) -> None:
-        """Build the look-up tables of lines of ``counts`` segments each.
-
-        Args:
-            rows: (S, columns) of the segments of all lines, one after the other.
-            counts: segments of each line.
-        """
+        """Build the look-up tables of lines of ``counts`` segments each."""
         self._rows = rows
         self._count = np.array(counts)
         self._first = np.cumsum(self._count) - self._count  # (W,) first segment of each line

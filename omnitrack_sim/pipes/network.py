@@ -133,10 +133,7 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
 
 
 def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
-    """Faults of ``Assembly`` with the paths of a network file.
-
-    ``order``: for each part, its place in the file.
-    """
+    """Faults of ``Assembly`` with the paths of a network file."""
 
     def renamed(text: str) -> str:
         return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)

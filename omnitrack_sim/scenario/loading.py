@@ -224,10 +224,7 @@ def _changed(
 
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
-    """Robot table with all values at its own scale, to which changes refer.
-
-    The table is returned as it is where it describes no robot even without the changed values.
-    """
+    """Robot table with all values at its own scale, to which changes refer."""
     if not isinstance(robot, Mapping):
         return robot
     changed = {path.split(".")[1] for path in changes if path.startswith("robot.")}

@@ -85,10 +85,7 @@ def _comment(text: str) -> list[str]:
 def _key(
     key: str, meaning: str, unit: str, default: Any, values: Mapping[str, Any], mark: str = UNSET
 ) -> list[str]:
-    """Lines of one key: its value, or its default after ``mark``, then unit and meaning.
-
-    A meaning that does not fit into the line stands above it.
-    """
+    """Lines of one key: its value, or its default after ``mark``, then unit and meaning."""
     if key in values:
         pair = f"{key} = {as_toml(values[key])}"
     else:

@@ -153,13 +153,7 @@ def _step_note(scenario: Scenario) -> Iterator[str]:
 
 
 def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
-    """Cause that keeps a robot from its cruise speed, and the key that would raise it.
-
-    Args:
-        scenario: of the robot.
-        most: m/s, belt speed that its motor holds.
-        factor: speed of the outermost module over the robot's, in the sharpest bend.
-    """
+    """Cause that keeps a robot from its cruise speed, and the key that would raise it."""
     wanted, limit = scenario.control.cruise_speed, scenario.control.speed_limit
     if wanted <= min(limit, most / factor):
         return

@@ -467,8 +467,7 @@ def _at_rest(state: State) -> Felt:
 
 
 def _table(scenario: Scenario) -> SensingTable:
-    """Return ``[sensing]``. The frame of a map that a robot makes begins where it stands:
-    it knows its place by definition."""
+    """Return ``[sensing]``."""
     table = scenario.sensing
     if scenario.exploration is None:
         return table

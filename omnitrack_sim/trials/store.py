@@ -149,10 +149,7 @@ def column(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
 
 
 def _columns_of(name: str, values: Sequence[Any]) -> dict[str, Sequence[Any]]:
-    """Values of an axis as plain columns.
-
-    Vectors become x, y and z; what is neither number, text nor truth value becomes JSON.
-    """
+    """Values of an axis as plain columns."""
     if all(_is_vector(value) for value in values):
         return {
             f"{name}_{letter}": [float(value[i]) for value in values]

@@ -321,14 +321,7 @@ def _figures(study: Study, measured: Measured) -> dict[str, float | None]:
 def _files(
     result: StudyResult, folder: Path, kept: History, best: Candidate
 ) -> dict[str, bytes | None]:
-    """The files of a study that is finished, but for its figure.
-
-    Args:
-        result: of the study.
-        folder: of the files.
-        kept: candidates whose values are kept each in a file.
-        best: one of them.
-    """
+    """The files of a study that is finished, but for its figure."""
     study = result.study
     values = {f"{VALUES}/{one.number}.toml": _settings(study, one) for one, _ in kept}
     # Files of an earlier, shorter search go; those that are still valid follow below.

@@ -198,11 +198,7 @@ class Sweep(_SweepTable):
 
     @cached_property
     def _values(self) -> dict[str, list[Any]]:
-        """The values of each axis, one for each trial.
-
-        Crossed axes are combined with the first one slowest, and each combination has ``samples``
-        draws of the random axes.
-        """
+        """The values of each axis, one for each trial."""
         random = [axis for axis in self.axes if not axis.crossed]
         combinations = list(itertools.product(*self.crossed.values()))
         # Without random axes a combination has nothing to draw: one trial of each.
@@ -315,11 +311,7 @@ def _choices_at(places: list[str]) -> tuple[str, ...]:
 
 
 def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> dict[str, Scenario]:
-    """Read the base scenarios with all changes, by name.
-
-    Raises:
-        SweepError: lists every fault of each.
-    """
+    """Read the base scenarios with all changes, by name."""
     bases: dict[str, Scenario] = {}
     faults: list[Fault] = []
     for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
@@ -444,10 +436,7 @@ def _misfit(axis: AxisTable, present: Any) -> str | None:
 def _misspelt(
     where: str, axis: ListAxis, scenario: Scenario, path: str, others: Sequence[ListAxis]
 ) -> Iterator[Fault]:
-    """Faults of words and truth values that are invalid with every value of the ``others``.
-
-    Numbers out of range, and values that do not go together, make invalid trials instead.
-    """
+    """Faults of words and truth values that are invalid with every value of the ``others``."""
     data = scenario.model_dump(mode="json")
     places = matches(data, path)
     present = value_at(data, places[0])

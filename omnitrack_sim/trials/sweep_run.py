@@ -219,10 +219,7 @@ def summarise_sweep(sweep: Sweep, table: pa.Table, makers: Collection[str]) -> d
 
 
 def _rate(outcomes: Collection[str]) -> dict[str, Any]:
-    """Numbers of trials and successes, and the success rate with its Wilson 95 % interval.
-
-    The rate is None if no trial counts.
-    """
+    """Numbers of trials and successes, and the success rate with its Wilson 95 % interval."""
     counts = Counter(outcomes)
     # They say nothing of the robot, only of the plan or the program.
     valid = len(outcomes) - counts[INVALID] - counts[ERROR]

@@ -211,11 +211,7 @@ def _fill(fitting: Fitting, thickness: float, sections: int) -> Manifold:
 
 def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections: int) -> Manifold:
     """Solid about the joint of two ports, in the frame of the first, that fills both bores and
-    ``more`` m around them.
-
-    Within JOINT_DISC of the port plane it is as wide as the parts are there; at a small step, as
-    the narrower one.
-    """
+    ``more`` m around them."""
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
     behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))

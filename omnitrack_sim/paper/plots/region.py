@@ -143,12 +143,7 @@ def _draw_tee(axis: Axes, radius: float, turn_angle: float) -> None:
 
 
 def _orientations(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Fig. 8: the worst and the best orientation in the section of the tee square to the robot.
-
-    The section is taken half way through the part of the turn in which the outer wall is missing.
-    Modules are drawn where their line first meets the wall, which may be before or behind the
-    section.
-    """
+    """Fig. 8: the worst and the best orientation in the section of the tee square to the robot."""
     best, worst = case.best, float(worst_theta5(case.modules))
     # Steps of half a degree in a right angle are enough for a picture.
     path = case.path(181)
@@ -278,10 +273,8 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Distance of the wall beyond the reach of the worst module, over theta5 and the turned angle.
-
-    In the real geometry, with modules of finite length.
-    """
+    """Distance of the wall beyond the reach of the worst module, over theta5 and the turned
+    angle."""
     axis = figure.subplots()
     path, angles = case.path(181), case.orientations(241)
     distance = case.wall_distance(path, angles)

@@ -340,11 +340,7 @@ class Wye(Branched):
         depth: float,
     ) -> None:
         """Boxes tangent to the cylinder about ``axis``, along ``line`` (k, 3), where the fillet
-        begins, on its wall side.
-
-        ``away`` (k, 3) is roughly the direction to that side; ``strip`` m is the width of a row,
-        ``depth`` m its thickness.
-        """
+        begins, on its wall side."""
         chords, middles = np.diff(line, axis=0), (line[:-1] + line[1:]) / 2
         out = unit(middles - np.outer(middles @ axis, axis))
         tangents = unit(chords - out * (chords * out).sum(axis=1)[:, None])
@@ -388,11 +384,7 @@ class Wye(Branched):
         return self._solid(kit, 0.0, kit.overcut)
 
     def _solid(self, kit: Kit, more: float, longer: float) -> Solid:
-        """Return the bores, their rim rounded, and ``more`` m around them, between the ports.
-
-        The branch is ``longer`` m: the ends of turned solids differ by rounding, which may leave a
-        film between them.
-        """
+        """Return the bores, their rim rounded, and ``more`` m around them, between the ports."""
         radius, branch_radius = self.radius + more, self.branch_radius + more
         solid = kit.cylinder(self.run_length, radius, centred=True)
         along = self.branch_axis
@@ -428,12 +420,7 @@ class Wye(Branched):
         self, kit: Kit, q: Array, radius: float, branch_radius: float, fillet: float
     ) -> Solid:
         """Return what a ball of radius ``fillet`` m rounds off the rim of two bores, at angles
-        ``q`` around the branch.
-
-        The ball's centre runs on the edge where the cylinders, wider by the fillet, meet. Each
-        cross-section is bounded by the ball's arc between its two points of tangency and closed
-        within the bores.
-        """
+        ``q`` around the branch."""
         centre = edge_curve(q, radius + fillet, branch_radius + fillet, self.angle)
         corner = edge_curve(q, radius - kit.overcut, branch_radius - kit.overcut, self.angle)
         axis = self.branch_axis

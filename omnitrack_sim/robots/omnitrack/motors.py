@@ -161,11 +161,7 @@ Example:
 
 def _motor_of(given: Any) -> Any:
     """Return the motor, or its table, for an entry of a file: a shipped motor's name, or a table
-    that may start from one with ``like``.
-
-    Raises:
-        ValidationError, PydanticKnownError: no shipped motor has that name.
-    """
+    that may start from one with ``like``."""
     if isinstance(given, str):
         if given not in MOTORS:
             raise PydanticKnownError("literal_error", {"expected": _CHOICES})

@@ -211,11 +211,7 @@ def _add_start(spec: mujoco.MjSpec, pose: Pose, slide: float) -> None:
 def _published(
     spec: mujoco.MjSpec, model: str, known: Mapping[bytes, str]
 ) -> tuple[bytes, dict[str, bytes]]:
-    """XML that reads its meshes from ``../assets``, and those meshes by file name.
-
-    A mesh that an earlier model wrote already (``known``: content to file name) is read from that
-    file.
-    """
+    """XML that reads its meshes from ``../assets``, and those meshes by file name."""
     for body in spec.bodies:
         if body.explicitinertial:
             body.ipos = np.nan_to_num(body.ipos)  # without a place the inertia is not written

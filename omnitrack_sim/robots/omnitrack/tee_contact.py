@@ -194,11 +194,7 @@ class _Bores:
 
 
 def _through_cylinder(start: Array, direction: Array, across: Array) -> tuple[Array, Array]:
-    """Parameters t at which lines start + t direction enter and leave a cylinder of radius 1.
-
-    ``across`` and y are the directions across its axis. A line that misses it gives (inf, -inf),
-    one along the axis inside it (-inf, inf).
-    """
+    """Parameters t at which lines start + t direction enter and leave a cylinder of radius 1."""
     sx, sy, dx, dy = start @ across, start[..., 1], direction @ across, direction[..., 1]
     a, b, c = dx * dx + dy * dy, sx * dx + sy * dy, sx * sx + sy * sy - 1.0
     # A line along the axis has no crossing to solve for: it is inside for ever, or never.
