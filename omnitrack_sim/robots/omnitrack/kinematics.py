@@ -1,15 +1,9 @@
 """Section III of the paper, Eqs. 1-20: how module speeds and robot motion belong together.
 
 Robot frame: z forward, x towards module 1, modules at 0, +120 and -120 degrees about z. SI units,
-rad. All functions take arrays of any leading shape (...) and broadcast. The symbols are those of
-the paper's Table 1; docs/explanation/kinematics.md lists them, derives what the paper leaves out
-and shows where it contradicts itself:
-
-* Eqs. 6-7 have module 2 at +120 degrees. Eqs. 11-12, 14 and 18 have it at -120, and so has Eq. 20
-  if theta5 counts in the same sense as the module angles. Here it is at +120 throughout: exchange
-  modules 2 and 3 to get the printed ones.
-* ``lever`` is the distance from the robot axis at which the speeds act. Eqs. 10-18 take the
-  module's centre, l = D/2 - r; Eq. 20 takes the wall, D/2. A track touches at the wall.
+rad. All functions take arrays of any leading shape (...) and broadcast. Symbols, derivations, and
+where the paper contradicts itself: docs/explanation/kinematics.md. ``lever`` is the distance from
+the robot axis at which the speeds act: of a module's centre, D/2 - r, or of the wall, D/2.
 """
 
 from __future__ import annotations

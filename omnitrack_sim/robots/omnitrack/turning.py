@@ -3,7 +3,7 @@
 In the package's own simulations the lugs of a chain travel, and the plant moves each row back by a
 pitch now and then (``body``). In plain MuJoCo nobody does that, and the robot would leave its rows
 behind. Here each lug is a ball of the same radius, at the same place and with the same contact,
-that stays on its module and turns about the module's cross axis: ``ball_lug`` of ``kinematics``.
+that stays on its module and turns about the module's cross axis.
 All lugs of a module turn as one and have the rotor's inertia between them.
 
 At rolls of 0 and 180 degrees both robots drive alike. Between them the wall passes this one at the
