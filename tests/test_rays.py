@@ -132,6 +132,15 @@ def test_a_ray_along_a_pipe_leaves_through_its_open_end_and_meets_a_plate():
     assert hit[1:4] @ frame[0, :, 2] == pytest.approx(-1.0)
 
 
+def test_an_open_end_before_another_pipe_is_open():
+    """The other pipe lies between its own port planes there, and is no plate."""
+    pipe = Part("pipe", Straight(0.4), Pose())
+    across = Pose(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([-0.5, 0.0, 0.52]))
+    walls = RayWalls([[pipe, Part("across", Straight(1.0), across)]])
+    hits = walls.trace(ONE, np.array([[0.0, 0.0, 0.2]]), np.eye(3)[None], AHEAD[None], 1.5)
+    assert hits[0, 0, 0] == math.inf
+
+
 def test_beyond_a_port_that_nothing_is_known_of_nothing_is_told():
     """Neither a wall nor an end; and a map can be put in the place of another."""
     route = ot.load_scenario("straight").route

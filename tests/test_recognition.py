@@ -70,8 +70,13 @@ def world(name):
 def pictures(camera, name, distances, turn=0.0, stands=(0.0, 0.0, 0.0, 0.0)):
     """Pictures (v, pixels²) and the motions between them."""
     numbers = np.array([[*stands, distance, turn] for distance in distances])
+    return photographed(camera, world(name), numbers)
+
+
+def photographed(camera, seen, numbers):
+    """Pictures (v, pixels²) of a world from cameras at numbers (v, 6), and the motions between."""
     place, rotation = (pose[:, 0] for pose in cameras(numbers, [STILL]))
-    parts, closed = world(name)
+    parts, closed = seen
     lens, rays = CAMERAS[camera], rays_of(CAMERAS[camera].optics)
     which, pixels = np.zeros(len(numbers), int), np.arange(len(rays))
     hits = RayWalls([parts], [closed]).trace(which, place, rotation, rays, 1.5, lens.lamp)
@@ -127,6 +132,45 @@ def test_a_fitting_is_known_from_within_the_one_before_it(camera, name):
     assert sighting.distance == pytest.approx(0.02, abs=0.015)
     assert turned_by(sighting, 1.9) < math.radians(10)
     assert sighting.tilt == pytest.approx(stand[2:4], abs=0.05)
+
+
+FOLLOWED = {
+    "tee over": ({"run_end": Elbow(0.09)}, 0.19),
+    "wye turn": ({"run_end": Elbow(0.09), "branch": Elbow(0.24)}, 0.12),
+}
+"""Fittings that follow others directly, by their ports, and the distance of the camera, m."""
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_a_fitting_is_not_taken_for_straight_pipe_before_what_follows_it(name):
+    """A bend right behind a tee explains more pixels than the tee's branch does; but no straight
+    has a hole in its wall."""
+    followers, distance = FOLLOWED[name]
+    parts, _ = world(name)
+    parts = parts[:2]
+    for port, fitting in followers.items():
+        place = attached(parts[1].port(port), fitting, "start", 2.0)
+        parts.append(Part(port, fitting, place))
+        on = Straight(0.4)
+        parts.append(Part("on", on, attached(parts[-1].port("end"), on, "start", 0.0)))
+    for port in set(FITTINGS[name][0].port_names) - {*followers, FITTINGS[name][1]}:
+        on = Straight(0.4)
+        parts.append(Part("on", on, attached(parts[1].port(port), on, "start", 0.0)))
+    taken = photographed("depth", (parts, ()), np.array([[*ROLLED, distance, 1.9]]))[0]
+    sighting = recogniser("depth").single(taken[0])
+    fitting, enter = FITTINGS[name]
+    assert (sighting.kind, sighting.enter) == (fitting.kind, enter)
+    assert sighting.confidence > 0.95
+    assert sighting.distance == pytest.approx(distance, abs=0.01)
+
+
+def test_the_angle_of_a_wye_is_told_before_it_sharply():
+    """A search from one distance alone takes 45 degrees for 60, as the mouth moves with the
+    angle."""
+    for turn in (0.3, 1.5):
+        taken, _ = pictures("depth", "wye sharp", [0.1], turn, ROLLED)
+        sighting = recogniser("depth").single(taken[0])
+        assert sighting.sizes["angle"] == pytest.approx(math.pi / 4, abs=math.radians(4))
 
 
 def test_a_camera_before_a_port_has_the_numbers_that_place_it_there():

@@ -9,13 +9,15 @@ import numpy as np
 
 from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
+from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes import Assembly, Elbow, Fitting, Part, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.senses.draws import keys
 from omnitrack_sim.senses.optics import Camera, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 
+Joint = tuple[tuple[int, str], tuple[int, str]]
 BORE = 0.16
 PICTURES, WAY = 5, 0.1
 """Pictures of an approach, and the way, m, on which they are taken."""
@@ -85,12 +87,13 @@ class Approach:
         return abs((sighting.turn - self.turn + period / 2) % period - period / 2)
 
 
-def approach(seed: int, index: int) -> Approach:
-    """Approach ``index`` of a seed."""
+def approach(seed: int, index: int, close: float = 0.0) -> Approach:
+    """Approach ``index`` of a seed; ``close``: share of the ports beyond the fitting on which
+    another one follows directly."""
     rng = np.random.default_rng([seed, index])
     case = tuple(CASES)[index % len(CASES)]
     distance, turn = rng.uniform(NEAR, FAR), rng.uniform(-math.pi, math.pi)
-    fitting, parts, closed = _world(rng, case)
+    fitting, parts, closed = _world(rng, case, close)
     numbers = np.zeros((PICTURES, 6))
     numbers[:, :2] = _within(rng, ASIDE) + rng.normal(0, SWAY[0], (PICTURES, 2))
     numbers[:, 2:4] = _within(rng, TILT) + rng.normal(0, SWAY[1], (PICTURES, 2))
@@ -123,15 +126,34 @@ def _within(rng: np.random.Generator, most: float) -> Array:
 
 
 def _world(
-    rng: np.random.Generator, case: str
+    rng: np.random.Generator, case: str, close: float
 ) -> tuple[Fitting | None, list[Part], list[tuple[int, str]]]:
     """The fitting of a case, the parts of its world, and the ports that plates close."""
+    while True:
+        fitting, parts, closed, joints = _drawn_world(rng, case, close)
+        if not close or _has_room(parts, joints):
+            return fitting, parts, closed
+
+
+def _has_room(parts: list[Part], joints: list[Joint]) -> bool:
+    """Whether no two parts share space."""
+    try:
+        Assembly(tuple(parts), tuple(joints))
+    except GeometryError:
+        return False
+    return True
+
+
+def _drawn_world(
+    rng: np.random.Generator, case: str, close: float
+) -> tuple[Fitting | None, list[Part], list[tuple[int, str]], list[Joint]]:
+    """The same, and the joints; parts may share space."""
     length = rng.uniform(0.3, 0.8)
     lead = Part("lead", Straight(length), Pose(np.eye(3), np.array([0.0, 0.0, -length])))
     behind = _joined(lead, "start", Straight(1.0), "end")
-    parts, closed = [lead, behind], []
+    parts, closed, joints = [lead, behind], [], [((0, "start"), (1, "end"))]
     if case in ("open end", "closed end"):
-        return None, parts, [(0, "end")] if case == "closed end" else []
+        return None, parts, [(0, "end")] if case == "closed end" else [], joints
     if case == "straight":
         fitting: Fitting = Straight(rng.uniform(1.0, 2.0))
     else:
@@ -139,31 +161,49 @@ def _world(
     enter = CASES[case][1] or "start"
     part = _joined(lead, "end", fitting, enter)
     parts.append(part)
+    joints.append(((0, "end"), (2, enter)))
     for port in fitting.port_names:
         if port != enter:
-            _continue(rng, part, port, parts, closed)
-    return (None if case == "straight" else fitting), parts, closed
+            _continue(rng, 2, port, parts, closed, joints, close)
+    return (None if case == "straight" else fitting), parts, closed, joints
 
 
 def _continue(
     rng: np.random.Generator,
-    part: Part,
+    before: int,
     port: str,
     parts: list[Part],
     closed: list[tuple[int, str]],
+    joints: list[Joint],
+    close: float,
 ) -> None:
-    """Go on beyond a port: a straight, and at its end an elbow, a plate, a tee or nothing."""
+    """Go on beyond a port of part ``before``: a straight, and at its end an elbow, a plate, a tee
+    or nothing; or another fitting directly."""
+    part = parts[before]
     bore = 2 * part.fitting.port_radius(port)
+    if close and bore == BORE and rng.random() < close:
+        fitting = _fitting(rng, str(rng.choice(["elbow", "tee", "wye", "reducer"])))
+        enter = str(rng.choice([name for name in fitting.port_names if name != "end"]))
+        parts.append(_joined(part, port, fitting, enter, rng.uniform(0, 2 * math.pi)))
+        joints.append(((before, port), (len(parts) - 1, enter)))
+        number = len(parts) - 1
+        for beyond in fitting.port_names:
+            if beyond != enter:
+                _continue(rng, number, beyond, parts, closed, joints, 0.0)
+        return
     straight = _joined(part, port, Straight(rng.uniform(0.3, 0.8), bore), "start")
     parts.append(straight)
+    joints.append(((before, port), (len(parts) - 1, "start")))
     which, turn = rng.random(), rng.uniform(0, 2 * math.pi)
     if which < 0.4:
         elbow = Elbow(0.5625 * bore, inner_diameter=bore)
         parts.append(_joined(straight, "end", elbow, "start", turn))
+        joints.append(((len(parts) - 2, "end"), (len(parts) - 1, "start")))
     elif which < 0.6:
         closed.append((len(parts) - 1, "end"))
     elif which < 0.8:
         parts.append(_joined(straight, "end", Tee(inner_diameter=bore), "run_start", turn))
+        joints.append(((len(parts) - 2, "end"), (len(parts) - 1, "run_start")))
 
 
 def _fitting(rng: np.random.Generator, kind: str) -> Fitting:

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
 from omnitrack_sim.autonomy.recognition.forms import (
     DISTANCE,
@@ -81,7 +82,8 @@ class CameraSight:
     def look(
         self, robot: int, truth: Pose, passage: Passage, estimate: Pose | None = None
     ) -> Ahead | None:
-        """Return the sighting of one robot; see ``TrueSight.look``.
+        """Return the sighting of one robot; see ``TrueSight.look``. As by error-free sight, a robot
+        in a fitting sees on when it lies along the pipe beyond.
 
         Args:
             robot: index in its batch.
@@ -89,7 +91,13 @@ class CameraSight:
             passage: of the part that it looks out of, by its map; see ``behind_lens``.
             estimate: of the robot's pose in its gear, on its map, of a look ahead.
         """
-        bore = 2 * passage.part.fitting.port_radius(passage.leave)
+        fitting, port = passage.part.fitting, passage.part.port(passage.leave)
+        outside = estimate is None or fitting.is_plain
+        if not outside and estimate.rotation[:, 2] @ port.rotation[:, 2] < math.cos(
+            LEG_PLANNER.along
+        ):
+            return None  # It sees little but the wall before it.
+        bore = 2 * fitting.port_radius(passage.leave)
         bore = round(bore / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
@@ -98,13 +106,13 @@ class CameraSight:
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
         lens, nearest = self._eyes.mount.ahead, CAMERA_SIGHT.nearest * bore
-        if estimate is None or passage.part.fitting.is_plain:
+        if outside:
             return ahead_of(recogniser.single(picture), bore, lens, nearest)
         # Out of a fitting no straight wall shows that would tell how the camera stands in the pipe
         # beyond; the map does.
         position = estimate.position + lens * estimate.rotation[:, 2]
-        mean = numbers_at(passage.part.port(passage.leave), position, estimate.rotation)
-        bends = isinstance(passage.part.fitting, Elbow)
+        mean = numbers_at(port, position, estimate.rotation)
+        bends = isinstance(fitting, Elbow)
         prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
         return ahead_of(recogniser.single(picture, prior), bore, lens, 0.0)
 

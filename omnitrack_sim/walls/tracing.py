@@ -170,6 +170,10 @@ HIT, CLOSE = 5e-4, 0.01
 them may be, m."""
 EXACT = 1e-10
 """Distance from the wall, m, at which a ray is on it."""
+APART = 3e-3
+"""Beyond the wall of a part that a ray has not been in, m, it is outside: it has left through an
+open end before which another pipe passes. Walls are thicker than that, and joints of maps fit
+better."""
 LONGER = 1.6
 """A step over the distance from the wall; see ``_follow``."""
 MOST_STEPS = 300
@@ -237,7 +241,7 @@ def _follow(parts, near, count, far, out):
             if stretched and (k < 0 or from_d + d < s - from_s):
                 s, stretch, stretched = from_s + from_d, 1.0, False
                 continue
-            if k < 0:
+            if k < 0 or (0 <= last != k and d < -APART):
                 return s, last, 0
             if d < HIT:
                 return _onto_wall(parts, near, k, s, d, out), k, 1

@@ -21,7 +21,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.senses.optics import JOINT, RANGE, Camera, rays_of
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.senses.optics import JOINT, PART, RANGE, Camera, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 
 
@@ -152,7 +153,7 @@ class Fit:
     def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
         self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
         self._rays = rays_of(camera.optics)
-        self._kept: dict[tuple[str | float, ...], RayWalls] = {}
+        self._kept: dict[tuple[str | float, ...], tuple[RayWalls, Array]] = {}
 
     def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
         """Rows after steps of the search; none is worse than it was.
@@ -187,16 +188,14 @@ class Fit:
             # Rows of equal walls are traced together.
             groups.setdefault(key, []).append(j)
         for rows in groups.values():
-            walls = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
-            hits = self._traced(
-                walls, place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3), rays
-            )
+            walls, exits = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
+            poses = place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3)
+            hits = self._traced(walls, *poses, rays)
             expected = self._expected(hits, rays, level).reshape(len(rows), v, k)
             image = self._scale.of(expected * at.gains[rows][..., None])
-            missed = ((views.pictures[:, level.pixels] - image) / level.rough) ** 2
-            weight = level.weight * level.rough**2
-            # The loss of Geman and McClure: a pixel that misses by far costs a constant.
-            cost[rows] = (weight * missed / (1 + missed)).sum(axis=(1, 2))
+            pictures = views.pictures[:, level.pixels]
+            beyond = self._beyond(hits, *poses, rays, exits).reshape(len(rows), v, k)
+            cost[rows] = _loss(pictures - image, pictures > beyond, level).sum(axis=(1, 2))
         weights, off = _prior(at, views, level)
         return replace(
             at,
@@ -223,26 +222,29 @@ class Fit:
 
     def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
         """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
-        residual, slopes = self._linearised(at, views, level, side)
+        residual, rough, slopes = self._linearised(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
-        weighted = slopes * (weight / (1 + (residual / level.rough) ** 2) ** 2)[..., None]
+        weighted = slopes * (weight / (1 + (residual / rough) ** 2) ** 2)[..., None]
         weights, off = _prior(at, views, level)
         normal = weighted.swapaxes(1, 2) @ slopes + np.eye(off.shape[1]) * weights[:, None]
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
     def _linearised(
         self, at: Tries, views: Views, level: Level, side: float
-    ) -> tuple[Array, Array]:
-        """Residuals (n, v k) and Jacobian (n, v k, p) of the pictures."""
+    ) -> tuple[Array, Array, Array]:
+        """Residuals (n, v k) of the pictures, what they lose their weight at, and the Jacobian
+        (n, v k, p)."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]
-        expected = np.empty((n, v, k))
+        expected, beyond = np.empty((2, n, v, k))
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
         rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(RECOGNISER.nudge))]
         poses = [cameras(row, views.motions) for row in rows]
         place, rotation = (np.stack(column) for column in zip(*poses, strict=True))
         for j in range(n):
             hits = self._hits(at, j, views, rays)
+            exits = self._walls_of(at.forms[j], at.sizes[j])[1]
+            beyond[j] = self._beyond(hits, place[0, j], rotation[0, j], rays, exits)
             free = [i for i in range(PLACES) if level.free[i] and _sought(at.forms[j], i)]
             which = [0, *(i + 1 for i in free)]
             for i in range(v):
@@ -266,13 +268,16 @@ class Fit:
                 image = self._expected(self._hits(changed, j, views, rays), rays, level)
                 slopes[j, ..., PLACES + i] = (image - expected[j]) / nudge
         gained = expected * at.gains[..., None]
-        residual = views.pictures[None, :, level.pixels] - self._scale.of(gained)
+        pictures = views.pictures[None, :, level.pixels]
+        residual = pictures - self._scale.of(gained)
+        rough = _rough(pictures > beyond, level)
         slopes *= at.gains[..., None, None]
         for i in range(v):
             slopes[:, i, :, PLACES + SIZES + i] = expected[:, i]
         slopes *= self._scale.slope(gained)[..., None]
         slopes = np.nan_to_num(slopes, copy=False)
-        return residual.reshape(n, v * k), slopes.reshape(n, v * k, -1)
+        flat = n, v * k
+        return residual.reshape(flat), rough.reshape(flat), slopes.reshape(*flat, -1)
 
     def joints(self, straight: Form, pose: Array, views: Views, level: Level) -> list[float]:
         """Distances, m, at which the last picture agrees best with a joint of straight pipes, best
@@ -286,7 +291,8 @@ class Fit:
         """
         rays = self._rays[level.pixels]
         place, rotation = cameras(pose[None], views.motions[-1:])
-        hits = self._traced(self._walls_of(straight, np.zeros(SIZES)), place[0], rotation[0], rays)
+        walls, _ = self._walls_of(straight, np.zeros(SIZES))
+        hits = self._traced(walls, place[0], rotation[0], rays)
         along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
         where = np.arange(*RECOGNISER.joint_range)
         other = np.repeat(hits, len(where) + 1, axis=0)
@@ -299,18 +305,24 @@ class Fit:
         visible = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
         return where[visible[np.argsort(-less[visible])]][: RECOGNISER.joints].tolist()
 
-    def _walls_of(self, form: Form, sizes: Array) -> RayWalls:
-        """Walls of a form, which are kept: many steps come by the same sizes."""
+    def _walls_of(self, form: Form, sizes: Array) -> tuple[RayWalls, Array]:
+        """Walls of a form and its exits, which are kept: many steps come by the same sizes."""
         values = sizes[: len(form.sizes)].tolist()
         key = (form.name, *values)
-        walls = self._kept.get(key)
-        if walls is None:
+        kept = self._kept.get(key)
+        if kept is None:
             parts, closed = form.map(values, self._bore)
-            walls = self._walls([parts], [closed])
+            kept = self._walls([parts], [closed]), exits_of(parts)
             if len(self._kept) >= RECOGNISER.kept_walls:  # the oldest ones go first
                 self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = walls
-        return walls
+            self._kept[key] = kept
+        return kept
+
+    def _beyond(
+        self, hits: Array, place: Array, rotation: Array, rays: Array, exits: Array
+    ) -> Array:
+        """Values (m, k) on the scale; see ``beyond``."""
+        return beyond(hits, place, rotation, rays, exits, self._scale, self._camera.lamp)
 
     def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
         """Pictures (n, k) that are expected, exposed as whole ones."""
@@ -322,13 +334,75 @@ class Fit:
     def _hits(self, at: Tries, row: int, views: Views, rays: Array) -> Array:
         """Return the hits (v, k, 8) of the cameras of a row."""
         place, rotation = cameras(at.numbers[row : row + 1], views.motions)
-        return self._traced(
-            self._walls_of(at.forms[row], at.sizes[row]), place[0], rotation[0], rays
-        )
+        walls, _ = self._walls_of(at.forms[row], at.sizes[row])
+        return self._traced(walls, place[0], rotation[0], rays)
 
     def _traced(self, walls: RayWalls, place: Array, rotation: Array, rays: Array) -> Array:
         far, lamp = self._camera.optics.far, self._camera.lamp
         return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
+
+
+def exits_of(parts: Sequence[Part]) -> Array:
+    """Return position and direction (parts, 6) of the port planes by which a form's fitting is
+    left, of the straights beyond; 0 of the other parts."""
+    exits = np.zeros((len(parts), 6))
+    for i, part in enumerate(parts[2:], 2):  # after the straight before it and the fitting
+        port = part.port("start")
+        exits[i] = *port.position, *-port.rotation[:, 2]
+    return exits
+
+
+def beyond(
+    hits: Array,
+    place: Array,
+    rotation: Array,
+    rays: Array,
+    exits: Array,
+    scale: Scale,
+    lamp: Array | None,
+) -> Array:
+    """Return the values (m, k) on the scale from which on pixels of m cameras may show something
+    else than a form, as another fitting may follow where their rays leave its own: infinite for
+    rays that do not, and by a lamp the least there is.
+
+    Args:
+        hits: (m, k, 8).
+        place: (m, 3) m, of the cameras.
+        rotation: (m, 3, 3) of the cameras.
+        rays: (k, 3), camera frame.
+        exits: of the form, see ``exits_of``.
+        scale: of the camera.
+        lamp: of the camera.
+    """
+    least = np.full(hits.shape[:2], np.inf)
+    for number, exit in enumerate(exits):
+        camera, ray = np.nonzero(hits[..., PART] == number)
+        if number < 2 or not len(camera):
+            continue
+        if lamp is not None:
+            least[camera, ray] = -np.inf
+            continue
+        # A wall nearer than the exit contradicts the form all the same.
+        away = (exit[:3] - place) @ exit[3:]
+        along = rays @ (exit[3:] @ rotation).T  # (k, m)
+        reach = away[camera] / np.maximum(along[ray, camera], 1e-6)
+        least[camera, ray] = scale.of(reach) - RECOGNISER.exit_error
+    return least
+
+
+def _rough(free: NDArray[np.bool_], level: Level) -> Array:
+    """Standard deviations at which pixels lose their weight; less where they are ``free``."""
+    return np.where(free, RECOGNISER.beyond_rough * level.rough, level.rough)
+
+
+def _loss(residual: Array, free: NDArray[np.bool_], level: Level) -> Array:
+    """Costs of pixels with a residual; those that are ``free`` may show something else."""
+    # The loss of Geman and McClure: a pixel that misses by far costs a constant.
+    rough = _rough(free, level)
+    missed = (residual / rough) ** 2
+    # A lower bound also lowers the mean cost of noise, which must not speak for a form.
+    bias = free * RECOGNISER.beyond_bias
+    return level.weight * (rough**2 * missed / (1 + missed) + bias)
 
 
 def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array | None) -> Array:

@@ -17,6 +17,8 @@ from omnitrack_sim.autonomy.recognition.fit import (
     Scale,
     Tries,
     Views,
+    beyond,
+    exits_of,
     joined,
     tries,
 )
@@ -84,14 +86,14 @@ class Library:
         self._straight = walls([parts], [closed])
         one, centred = np.zeros(1, int), np.zeros((1, PLACES))
         self.straight = self._picture(self._straight, one, centred, self._rays)[0]
-        self.entries, self.pictures, self._sharp = self._filled(forms, bore, walls)
+        self.entries, self.pictures, self._sharp, self._beyond = self._filled(forms, bore, walls)
         # Normalisation of the normal distribution: blurred entries do not win by their blur.
         self._level = -2 * np.log(self._sharp)
 
     def _filled(
         self, forms: Sequence[Form], bore: float, walls: WallMaker
-    ) -> tuple[Entries, Coarse, Coarse]:
-        rows, images, sharp = [], [], []
+    ) -> tuple[Entries, Coarse, Coarse, Coarse]:
+        rows, images, sharp, least = [], [], [], []
         for which, form in enumerate(forms):
             maps = [form.map(sizes, bore) for sizes in form.starts]
             made = walls([parts for parts, _ in maps], [closed for _, closed in maps])
@@ -107,21 +109,43 @@ class Library:
             )
             numbers = np.zeros((len(start), PLACES))
             numbers[:, DISTANCE], numbers[:, TURN] = place, turn
-            pictures = self._picture(made, start.astype(np.intp), numbers, self._rays)
+            hits, *poses = self._hits(made, start.astype(np.intp), numbers, self._rays)
+            pictures = self._seen(hits, self._rays)
+            hits = hits[:, : len(self.rays)]
+            for i, (parts, _) in enumerate(maps):
+                own = start == i
+                exits = exits_of(parts)
+                here = beyond(
+                    hits[own],
+                    poses[0][own],
+                    poses[1][own],
+                    self.rays,
+                    exits,
+                    self._scale,
+                    self._camera.lamp,
+                )
+                least.append(here.astype(np.float32))
             rows.append((np.full(len(start), which), start, numbers))
             images.append(pictures.astype(np.float32))
             shape = (len(form.starts), len(places), len(turns), -1)
             sharp.append(_sharpness(pictures.reshape(shape)).reshape(len(start), -1))
         which, start, numbers = (np.concatenate(column) for column in zip(*rows, strict=True))
         weight = np.concatenate(sharp).astype(np.float32)
-        return Entries(which, start, numbers), np.concatenate(images), weight
+        return Entries(which, start, numbers), np.concatenate(images), weight, np.concatenate(least)
 
     def _picture(
         self, walls: RayWalls, which: NDArray[np.intp], numbers: Array, rays: Array
     ) -> Array:
-        place, rotation = cameras(numbers, [STILL])
+        return self._seen(self._hits(walls, which, numbers, rays)[0], rays)
+
+    def _hits(
+        self, walls: RayWalls, which: NDArray[np.intp], numbers: Array, rays: Array
+    ) -> tuple[Array, Array, Array]:
+        place, rotation = (pose[:, 0] for pose in cameras(numbers, [STILL]))
         far, lamp = self._camera.optics.far, self._camera.lamp
-        hits = walls.trace(which, place[:, 0], rotation[:, 0], rays, far, lamp)
+        return walls.trace(which, place, rotation, rays, far, lamp), place, rotation
+
+    def _seen(self, hits: Array, rays: Array) -> Array:
         return self._scale.of(self._camera.expected(hits, rays)[:, : len(self.rays)])
 
     def look(self, picture: Array, numbers: Array) -> Array:
@@ -135,14 +159,19 @@ class Library:
         look = interpolated(picture, directions, self._camera.optics) + self.straight - there
         return np.where(directions[:, 2] > np.cos(self._half), look, np.nan)
 
-    def costs(self, look: Array) -> Array:
-        """Return the cost of each entry (m,) for a coarse picture (k,)."""
+    def costs(self, look: Array) -> tuple[Array, Array]:
+        """Return the cost of each entry (m,) for a coarse picture (k,): where other fittings may
+        follow its own, and where none does."""
         known = np.isfinite(look)
         # The costs only choose where fits start, so single precision is enough.
-        apart = (self.pictures[:, known] - look[known].astype(np.float32)) * self._sharp[:, known]
+        seen = look[known].astype(np.float32)
+        apart = (self.pictures[:, known] - seen) * self._sharp[:, known]
         apart *= apart
-        loss = apart / (1 + apart / np.float32(RECOGNISER.library_cap))
-        return (self._level[:, known] + loss).sum(axis=1)
+        level, cap = self._level[:, known].sum(axis=1), np.float32(RECOGNISER.library_cap)
+        alone = apart / (1 + apart / cap)
+        less = np.float32(RECOGNISER.beyond_rough**2) * cap
+        followed = np.where(seen > self._beyond[:, known], apart / (1 + apart / less), alone)
+        return level + followed.sum(axis=1), level + alone.sum(axis=1)
 
 
 def _sharpness(pictures: Array) -> Array:
@@ -324,7 +353,7 @@ class Recogniser:
         rows = []
         for row, form in enumerate(fits.forms):
             many = len(form.starts)
-            if many <= RECOGNISER.few_starts:
+            if form.period == 0 or many == 1:
                 continue
             numbers, nearest = fits.numbers[row], views.prior.nearest
             offsets = numbers[DISTANCE] + RECOGNISER.restart_offsets
@@ -375,17 +404,22 @@ class Recogniser:
         return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
 
     def _kept(self, fits: Tries, stage: int) -> Tries:
-        """Return the best rows, and the straight pipe, which all others have to beat."""
-        rows = np.argsort(fits.cost, kind="stable")
-        near = fits.cost[rows] < fits.cost[rows[0]] + RECOGNISER.follow_cost[stage]
-        kept = rows[near][: RECOGNISER.followed[stage]].tolist()
-        straight = [i for i in rows.tolist() if fits.forms[i] is self._forms[0]]
-        return fits.take(kept + [i for i in straight if i not in kept])
+        """Return the best rows, the best ones of the best forms, and the straight pipe, which all
+        others have to beat."""
+        rows = np.argsort(fits.cost, kind="stable").tolist()
+        least = fits.cost[rows[0]] + RECOGNISER.follow_cost[stage]
+        kept = [i for i in rows if fits.cost[i] < least][: RECOGNISER.followed[stage]]
+        first: dict[int, int] = {}
+        for i in rows:
+            first.setdefault(id(fits.forms[i]), i)  # the best of each form
+        forms = [*first.values()][: RECOGNISER.follow_forms[stage]]
+        straight = [i for i in first.values() if fits.forms[i] is self._forms[0]]
+        return fits.take(list(dict.fromkeys([*kept, *forms, *straight])))
 
     def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
         """Return starting values of every form, and the free distance in straight pipe, m."""
         library, entries = self._library, self._library.entries
-        cost = library.costs(library.look(views.pictures[0], pose))
+        cost, alone = library.costs(library.look(views.pictures[0], pose))
         place = entries.numbers[:, DISTANCE]
         possible = (place == 0) | (place > views.prior.nearest)
         chosen: list[int] = []
@@ -413,7 +447,7 @@ class Recogniser:
         starts = zip(chosen_forms, entries.start[chosen], strict=True)
         sizes = np.array([form.padded_starts[at] for form, at in starts])
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
-        possible &= ~plain & (cost < cost[plain].min() + RECOGNISER.excluded_cost)
+        possible &= ~plain & (alone < alone[plain].min() + RECOGNISER.excluded_cost)
         straight = float(
             np.min(entries.numbers[possible, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )

@@ -33,6 +33,8 @@ class RecogniserSettings:
         excluded_cost: cost in the library from which on a fitting would have been visible.
         followed: most rows that are followed: roughly, closely, to the end.
         follow_cost: cost above the least from which on rows are not followed, for the same stages.
+        follow_forms: number of forms of which the best row is always followed, for the same
+            stages: a start between two entries of the library misses by much.
         rough_turns: (11,) rad, directions tried beside that of each row, its own first.
         fine_turns: (7,) rad, the same in the end.
         few_starts: starting sizes of a form up to which the rough search tries all once more; forms
@@ -46,6 +48,10 @@ class RecogniserSettings:
         dim_starts: starting sizes from which on a form has no such search.
         end_offsets: (41,) m, positions of an end that are compared beside the fitted one: gradients
             do not see its edge.
+        beyond_rough: factor of the residual from which on a pixel's cost is bounded, where its ray
+            leaves the fitting of a form by another port: more fittings may follow there.
+        beyond_bias: cost that makes the mean of such pixels by noise alone that of the others.
+        exit_error: standard deviations by which a pixel may be nearer than the port.
         horizon: bores, beyond which a fitting is not reported.
         least_valid: part of the pixels that have to be valid.
         error_scale: factor of the errors that the normal equations give, as measured: edges that
@@ -95,6 +101,7 @@ class RecogniserSettings:
     excluded_cost: float = 25.0
     followed: tuple[int, int, int] = (14, 7, 3)
     follow_cost: tuple[float, float, float] = (400.0, 200.0, 100.0)
+    follow_forms: tuple[int, int, int] = (5, 4, 2)
     rough_turns: Array = field(
         default_factory=lambda: np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
     )
@@ -107,6 +114,9 @@ class RecogniserSettings:
     dim_starts: int = 9
     end_offsets: Array = field(default_factory=lambda: np.arange(-0.04, 0.0401, 0.002))
     # Decision
+    beyond_rough: float = 0.5
+    beyond_bias: float = 0.23
+    exit_error: float = 3.0
     horizon: float = 3.5
     least_valid: float = 0.2
     error_scale: float = 3.0
