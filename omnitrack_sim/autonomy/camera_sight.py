@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
 from omnitrack_sim.autonomy.recognition.forms import (
+    CENTRED,
     DISTANCE,
     PLACES,
     STILL,
@@ -92,29 +93,26 @@ class CameraSight:
             estimate: of the robot's pose in its gear, on its map, of a look ahead.
         """
         fitting, port = passage.part.fitting, passage.part.port(passage.leave)
-        outside = estimate is None or fitting.is_plain
-        if not outside and estimate.rotation[:, 2] @ port.rotation[:, 2] < math.cos(
-            LEG_PLANNER.along
-        ):
-            return None  # It sees little but the wall before it.
-        bore = 2 * fitting.port_radius(passage.leave)
-        bore = round(bore / CAMERA_SIGHT.bore_step) * CAMERA_SIGHT.bore_step
+        bore = round(2 * fitting.port_radius(passage.leave) / CAMERA_SIGHT.bore_step)
+        bore *= CAMERA_SIGHT.bore_step
+        lens, prior, nearest = self._eyes.mount.ahead, CENTRED, CAMERA_SIGHT.nearest * bore
+        if estimate is not None and not fitting.is_plain:
+            # Out of a fitting no straight wall shows that would tell how the camera stands in the
+            # pipe beyond; the map does.
+            frame = estimate.rotation
+            if frame[:, 2] @ port.rotation[:, 2] < math.cos(LEG_PLANNER.along):
+                return None  # It sees little but the wall before it.
+            mean = numbers_at(port, estimate.position + lens * frame[:, 2], frame)
+            bends = isinstance(fitting, Elbow)
+            prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
+            nearest = 0.0
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
         nose, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
         pose = truth.position[None], truth.rotation[None], nose
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
-        lens, nearest = self._eyes.mount.ahead, CAMERA_SIGHT.nearest * bore
-        if outside:
-            return ahead_of(recogniser.single(picture), bore, lens, nearest)
-        # Out of a fitting no straight wall shows that would tell how the camera stands in the pipe
-        # beyond; the map does.
-        position = estimate.position + lens * estimate.rotation[:, 2]
-        mean = numbers_at(port, position, estimate.rotation)
-        bends = isinstance(fitting, Elbow)
-        prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
-        return ahead_of(recogniser.single(picture, prior), bore, lens, 0.0)
+        return ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
 
 
 def behind_lens(route: Route, lens: float) -> Passage:
