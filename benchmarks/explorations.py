@@ -1,6 +1,6 @@
 """Explores the shipped unknown networks, by the true pose and by camera.
 
-python benchmarks/explorations.py [--quick]
+python benchmarks/explorations.py [--missions N]
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def row(name: str, sense: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="the smallest network by truth alone")
-    quick = parser.parse_args().quick
+    parser.add_argument("--missions", type=int, default=len(MISSIONS), help="the first so many")
+    missions = MISSIONS[: parser.parse_args().missions]
     heads = (
         "run",
         "sensing",
@@ -51,8 +51,8 @@ def main() -> None:
         "processor time, s",
     )
     print(f"## runs\n\n| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
-    for name in MISSIONS[: 1 if quick else None]:
-        for sense in ("truth",) if quick else ("truth", "depth"):
+    for name in missions:
+        for sense in ("truth", "depth"):
             print(row(name, sense), flush=True)
 
 

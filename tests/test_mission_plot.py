@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
@@ -66,6 +68,21 @@ def test_names_do_not_cover_each_other(figure):
         boxes = [text.get_window_extent(renderer) for text in axis.texts]
         for i, box in enumerate(boxes):
             assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_names_of_short_legs_do_not_cover_each_other():
+    """Of 40 legs each has its number alone, or no name where it is too short for that."""
+    result = two_legs_result()
+    record = result.trajectory
+    turn = 40 * np.arange(len(record.time)) // len(record.time)
+    channels = record.channels | {"leg": turn % 2}
+    figure = plot_mission(replace(result, trajectory=replace(record, channels=channels)))
+    renderer = figure.canvas.get_renderer()
+    names = [text for axis in figure.axes for text in axis.texts if text.get_text().strip()]
+    legs = [name for name in names if name.get_text().strip() in ("1", "2", "leg 1", "leg 2")]
+    assert len(legs) > 10
+    boxes = [name.get_window_extent(renderer) for name in legs]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
 def test_names_stand_by_their_parts(figure):

@@ -371,16 +371,29 @@ class _Mission:
         text.remove()
 
     def _name_legs(self, strip: Axes, leg: NDArray[np.intp]) -> None:
-        """Write number and gear of each leg into a row at the bottom of the strip."""
+        """Write number and gear of each leg into a row at the bottom of the strip, or what of it
+        there is room for."""
         time, middle = self.trajectory.time, 0.5 * self.legs
         line: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "marker": "|", "markersize": 6}
         for first, last in spans(leg):
             start, end = float(time[first]), float(time[last])
             strip.plot([start, end], [middle] * 2, **line)
             gear = ", tail first" if self.trajectory["gear"][first] < 0 else ""
-            text = f" leg {leg[first] + 1}{gear} "
-            name = strip.text((start + end) / 2, middle, text, ha="center", va="center", fontsize=6)
-            name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+            number = leg[first] + 1
+            self._name_leg(strip, (start, end), middle, (f" leg {number}{gear} ", f" {number} "))
+
+    def _name_leg(
+        self, strip: Axes, across: tuple[float, float], up: float, names: tuple[str, ...]
+    ) -> None:
+        """Write the first of some names that is no longer than its leg; none without room."""
+        room = np.ptp(strip.transData.transform([(time, up) for time in across])[:, 0])
+        name = strip.text(sum(across) / 2, up, "", ha="center", va="center", fontsize=6)
+        name.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+        for text in names:
+            name.set_text(text)
+            if name.get_window_extent(self.renderer).width <= room:
+                return
+        name.remove()
 
 
 def _outcome(result: Result) -> str:
