@@ -83,7 +83,7 @@ class Maker:
             and not record.older
             and list(record.commands) == part.lines("OUT", quick=self.quick)
             and not record.differs(part, self.physics)
-            and all((self.docs / picture).is_file() for picture in part.pictures)
+            and all((self.docs / picture).is_file() for picture in part.files)
         )
 
     def make(self, name: str, again: bool = False) -> None:
@@ -120,7 +120,7 @@ class Maker:
 
     def _put(self, part: Part, made: Mapping[str, str]) -> None:
         """Put what a part has made in place: pictures, then pages, then the record."""
-        missing = [name for name in part.pictures.values() if not self._made(part, name).is_file()]
+        missing = [name for name in part.files.values() if not self._made(part, name).is_file()]
         wanted = {
             match["piece"]
             for page in pages.pages_of(self.docs)
@@ -130,7 +130,7 @@ class Maker:
         missing += [f"## {piece}" for piece in sorted(wanted - set(made))]
         if missing:
             raise Failed(f"{part.name} did not make {', '.join(missing)}")
-        for target, source in part.pictures.items():
+        for target, source in part.files.items():
             write_file(self.docs / target, self._made(part, source).read_bytes())
         self.fill({part.name: made})
         write_records(self.records, self.file)

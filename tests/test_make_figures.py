@@ -26,7 +26,7 @@ MANIFEST = DOCS / "figures.toml"
 PARTS = parts.read_parts(MANIFEST)
 RECORDS = parts.read_records(DOCS / "figures.json")
 PAGES = pages.pages_of(DOCS)
-SUFFIXES = (".png", ".svg", ".jpg")
+SUFFIXES = (".png", ".svg", ".jpg", ".ipynb")
 
 
 def shown(command: list[str], root: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -36,12 +36,12 @@ def shown(command: list[str], root: Path = ROOT) -> subprocess.CompletedProcess[
 
 
 def test_every_picture_is_made_by_one_part():
-    """The pictures below docs are those of the manifest, none of two parts."""
-    made = [picture for part in PARTS.values() for picture in part.pictures]
+    """The pictures and notebooks below docs are those of the manifest, none of two parts."""
+    made = [file for part in PARTS.values() for file in part.files]
     assert len(made) == len(set(made))
     there = {
         str(path.relative_to(DOCS))
-        for folder in (DOCS, DOCS / "figures")
+        for folder in (DOCS, DOCS / "figures", DOCS / "tutorials")
         for path in folder.iterdir()
         if path.suffix in SUFFIXES
     }
@@ -55,9 +55,8 @@ def test_every_picture_is_shown():
         for page in PAGES
         for path in pages.PICTURE.findall(page.read_text(encoding="utf-8"))
     }
-    assert {p for part in PARTS.values() for p in part.pictures} == {
-        str(path.relative_to(DOCS)) for path in pictures
-    }
+    made = {p for part in PARTS.values() for p in part.files if not p.endswith(".ipynb")}
+    assert made == {str(path.relative_to(DOCS)) for path in pictures}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -169,7 +168,7 @@ TOY = """
 about = "counts"
 minutes = 1
 commands = ["FOLDER/first.py {out}", "FOLDER/second.py {out}"]
-pictures = { "figures/toy.png" = "toy.png" }
+files = { "figures/toy.png" = "toy.png" }
 """
 FIRST = """
 import pathlib, sys

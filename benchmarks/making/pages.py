@@ -48,7 +48,7 @@ def parts_of(page: Path, docs: Path, parts: Mapping[str, Part]) -> list[str]:
     return [
         name
         for name, part in parts.items()
-        if name in named or any((docs / picture).resolve() in pictures for picture in part.pictures)
+        if name in named or any((docs / picture).resolve() in pictures for picture in part.files)
     ]
 
 

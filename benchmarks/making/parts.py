@@ -29,7 +29,8 @@ class Part:
         commands: ``omnitrack ...`` or ``benchmarks/... .py ...``, one after the other. ``{out}`` is
             the part's own folder, ``{workers}`` the number of processes, ``{NAME}`` a size.
         sizes: name of a size, and its value in the whole and in the quick form.
-        pictures: file below docs, and the file below ``{out}`` that becomes it.
+        files: pictures and notebooks below docs, each with the one below ``{out}`` that becomes
+            it.
     """
 
     name: str
@@ -38,7 +39,7 @@ class Part:
     commands: tuple[str, ...]
     probes: tuple[str, ...] = ()
     sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    pictures: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def lines(self, out: Path | str, workers: int = 1, quick: bool = False) -> list[str]:
         """Return the commands with folder, number of processes and sizes in their places."""

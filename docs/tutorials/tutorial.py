@@ -1,12 +1,13 @@
 """Runs the notebooks of the documentation from top to bottom and stores what they show in them.
 
-    python docs/tutorials/tutorial.py [NAME ...]
+    python docs/tutorials/tutorial.py [NAME ...] [--out FOLDER]
 
 It needs the groups of development (nbclient, ipykernel) and takes less than three minutes.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +16,8 @@ import nbformat
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
-NOTEBOOKS = sorted(Path(__file__).parent.glob("*.ipynb"))
+FOLDER = Path(__file__).parent
+NOTEBOOKS = {path.stem: path for path in sorted(FOLDER.glob("*.ipynb"))}
 _LONGEST = 300
 """Seconds that a cell may take."""
 
@@ -43,9 +45,12 @@ def executed(path: Path, folder: Path | None = None) -> NotebookNode:
 
 
 if __name__ == "__main__":
-    for notebook in NOTEBOOKS:
-        if notebook.stem in (sys.argv[1:] or [notebook.stem]):
-            with TemporaryDirectory() as folder:
-                found = executed(notebook, Path(folder))
-            nbformat.write(found, notebook)
-            print(f"wrote {notebook}", file=sys.stderr)
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NOTEBOOKS)}; all")
+    parser.add_argument("--out", type=Path, default=FOLDER, help="where they go; default: in place")
+    given = parser.parse_args()
+    for name in given.names or NOTEBOOKS:
+        with TemporaryDirectory() as folder:
+            found = executed(NOTEBOOKS[name], Path(folder))
+        nbformat.write(found, given.out / f"{name}.ipynb")
+        print(f"wrote {given.out / name}.ipynb", file=sys.stderr)
