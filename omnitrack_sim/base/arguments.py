@@ -30,12 +30,7 @@ _MAKERS = {
 
 
 def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
-    """Return ``value`` if it is a ``kind``.
-
-    Args:
-        kind: a public class.
-        where: name of the argument.
-        value: the argument.
+    """Return ``value``, the argument ``where``, if it is of the public class ``kind``.
 
     Raises:
         TypeError: it is something else.

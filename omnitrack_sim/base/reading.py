@@ -373,14 +373,8 @@ def _fault_of(
     kinds: tuple[str, ...],
     choices_at: Callable[[list[str]], tuple[str, ...]],
 ) -> Fault:
-    """Translate a pydantic error into a fault with its path in the file and the valid choices.
-
-    Args:
-        item: of ``ValidationError.errors()``.
-        union: key of the list whose tables have a ``kind``.
-        kinds: valid kinds.
-        choices_at: gives the valid keys of the table at a pydantic path.
-    """
+    """Translate a pydantic error into a fault with its path in the file and the valid choices;
+    see ``checked``."""
     places = [str(p) for p in item["loc"]]
     # pydantic puts the kind of a table into the path. The file has no such level.
     where = ".".join(

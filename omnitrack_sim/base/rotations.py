@@ -181,12 +181,8 @@ def orthonormal(rotation: Array) -> Array:
 
 
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
-    """Flip frames (..., 3, 3) of robots in reverse gear so that z points along travel.
-
-    Args:
-        rotation: frames (..., 3, 3) of the robots.
-        gear: (...,) 1 where the nose leads, -1 where the tail does.
-    """
+    """Flip frames (..., 3, 3) of robots in reverse gear, -1 of ``gear`` (...,), so that z points
+    along travel."""
     back = gear < 0
     if not np.count_nonzero(back):
         return rotation

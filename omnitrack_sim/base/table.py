@@ -133,12 +133,8 @@ Size = Annotated[float, Field(ge=1e-5, le=1000)]
 
 
 def model_of(annotation: Any, value: Any) -> type[BaseModel] | None:
-    """Return the model of the table at a place; None where no table belongs.
-
-    Args:
-        annotation: type of the place.
-        value: plain data there; see ``Table.model_for``.
-    """
+    """Return the model of the table at a place of type ``annotation`` that holds plain data
+    ``value``; None where no table belongs."""
     annotation = _bare(annotation)
     if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
         return None

@@ -38,7 +38,7 @@ _CANNOT_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
 
 
 def format_of(path: object, format: str | None, what: str, formats: tuple[str, ...]) -> str:
-    """Return the requested format, or else that of a path's ending.
+    """Return the requested format of a file, or else that of its path's ending.
 
     Args:
         path: of the file that is to be written.

@@ -234,12 +234,7 @@ def _in_lines(lines: Lines) -> Callable[..., None]:
 
 
 class Lines:
-    """Progress in occasional lines.
-
-    Args:
-        title: stands before every line.
-        console: that prints them.
-    """
+    """Progress in occasional lines, each of which begins with a title."""
 
     def __init__(self, title: str, console: Console) -> None:
         self.title, self.console = title, console

@@ -91,14 +91,7 @@ def _case(
     sector_deg: float | None,
     options: dict[str, Any],
 ) -> TurnCase:
-    """Turn case, robot and tee, of the options.
-
-    Args:
-        pipe_radius: m.
-        turn_angle: rad.
-        sector_deg: deg, the sector that the reach is to give, in place of a reach.
-        options: other fields of ``TurnCase``; those that are None keep their defaults.
-    """
+    """Turn case, robot and tee; its reach is that given, or gives the sector ``sector_deg``."""
     from omnitrack_sim.robots.omnitrack.singularity import TurnCase, reach_from_sector
 
     # Options that are left out take the defaults of `TurnCase`, which are the robot's.

@@ -44,16 +44,12 @@ Observed = Any
 class EpisodeSampler:
     """Draws the scenario of each episode.
 
-    Args:
-        options: of the environment.
-
-    Raises:
-        InputError: the scenario, or one of the values that may be drawn, cannot be used; the faults
-            name their keys.
-
     Attributes:
         alike: whether all episodes share a batch; otherwise each has pipes of its own.
         example: a scenario with the largest of all values that are drawn.
+
+    Raises:
+        InputError: the scenario, or one of the values that may be drawn, cannot be used.
     """
 
     def __init__(self, options: EnvOptions) -> None:
@@ -146,10 +142,6 @@ def _changed(
 class EpisodeBatch:
     """n robots that share a simulation, each in an episode of its own, driven by actions.
 
-    Args:
-        scenarios: of the first episodes, of one batch.
-        options: of the environment.
-
     Attributes:
         simulation: that runs the episodes.
         decisions: from actions to commands.
@@ -231,14 +223,8 @@ class Transition(NamedTuple):
 class Episodes:
     """n robots in episodes, in as few simulations as their pipes allow.
 
-    Args:
-        options: of the environment.
-        n: number of robots.
-
     Attributes:
         sampler: draws the scenario of each episode.
-        action_space: of one robot.
-        observation_space: of one robot.
         entries: where each feature stands in the vector of entries, by name.
         batches: the simulations, equally large; empty before the first episode.
     """

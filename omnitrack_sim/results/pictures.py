@@ -150,11 +150,8 @@ class Pictures(Sequence[Array]):
 
 
 def read_pictures(folder: Path, end: float) -> Pictures:
-    """Return the pictures in a run's folder; so far only their times are read.
-
-    Args:
-        folder: of the run.
-        end: s, the end of the run.
+    """Return the pictures in the folder of a run that ended at ``end`` s; so far only their times
+    are read.
 
     Raises:
         OutputError: the file is missing or damaged.
@@ -197,14 +194,8 @@ class Album:
     def add(
         self, time: Array, end: NDArray[np.int_], picture: Array, active: NDArray[np.bool_]
     ) -> None:
-        """Record a picture (n, k) of each robot; those of inactive robots do not count.
-
-        Args:
-            time: (n,) s.
-            end: (n,) 1 from the nose, -1 from the tail.
-            picture: (n, k) pixels.
-            active: (n,) robots whose runs go on.
-        """
+        """Record a picture (n, k) of each robot at ``time`` (n,) s from ``end`` (n,), 1 the
+        nose, -1 the tail; those of inactive robots do not count."""
         part = np.zeros(len(time), self._coding.record)
         part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
         with told(self._place):

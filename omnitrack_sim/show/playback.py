@@ -60,16 +60,11 @@ def smooth_belts(
 def show_belts(
     model: mujoco.MjModel, qpos: NDArray[np.float64], travel: NDArray[np.float64], pitch: float
 ) -> None:
-    """Put the belts of joint positions where they have run to, within half a visible pitch.
+    """Put the belts in joint positions (..., nq) where ``travel`` (..., 3) m has brought them,
+    within half a visible pitch, m.
 
     The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
     would seem to stand still or to run backward.
-
-    Args:
-        model: of a scene with looks.
-        qpos: (..., nq), changed.
-        travel: (..., 3) m, as of ``belt_travel``.
-        pitch: m, ``looks.look_pitch``.
     """
     shown = (travel + pitch / 2) % pitch - pitch / 2
     for module in range(shown.shape[-1]):

@@ -137,12 +137,8 @@ def needs_map(result: Result) -> bool:
 
 
 def axis_lines(part: Part, straight: float = np.inf) -> list[Array]:
-    """Axes of a part, points (n, 3) m.
-
-    Args:
-        part: of an assembly.
-        straight: distance of neighbouring points of a straight axis, m; as it is, its two ends.
-    """
+    """Axes of a part, points (n, 3) m; those of straight axes ``straight`` m apart, or their two
+    ends."""
     return [line.at(_stations(line, straight))[0] for line, _, _ in part.axes]
 
 

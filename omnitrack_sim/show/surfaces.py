@@ -194,13 +194,8 @@ def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
 
 
 def seam(port: Pose, radius: float, away: Array) -> Surface:
-    """The weld at a port, a low ridge in the bore, world frame.
-
-    Args:
-        port: the port's frame.
-        radius: of the narrower bore that meets there, m.
-        away: (3,) world direction in which the pipes are cut away, or zeros.
-    """
+    """The weld at a port, a low ridge in the bore of ``radius`` m, world frame; without what
+    looks ``away`` (3,) to where pipes are cut away."""
     angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]

@@ -45,12 +45,7 @@ class Stay:
 
 
 def stays(result: Result, trajectory: Trajectory) -> list[Stay]:
-    """Stays of a run in order of time.
-
-    Args:
-        result: the run.
-        trajectory: its record, or what of it is sound.
-    """
+    """Stays of a run in order of time, by its record or what of it is sound."""
     leg, gear = trajectory["leg"].astype(int), trajectory["gear"]
     if result.map is None:
         routes = result.routes()
@@ -107,12 +102,7 @@ class Discovery:
 
     @classmethod
     def of(cls, result: Result, trajectory: Trajectory) -> Self:
-        """Return what a run discovers.
-
-        Args:
-            result: the run.
-            trajectory: its record, or what of it is sound.
-        """
+        """Return what a run discovers, by its record or what of it is sound."""
         parts, exploration = result.pipes.parts, result.scenario.exploration
         never, rows = len(trajectory.time), _rows(trajectory)
         plates = result.plate_rims()

@@ -193,11 +193,6 @@ class MapPanel(_Panel):
 
     The pipes are drawn once, or again whenever the robot discovers more of them; of the path, what
     is new. All is drawn on a large map, and reduced for smooth lines.
-
-    Args:
-        result: the run.
-        trajectory: its record.
-        size: width and height of the frames, pixels.
     """
 
     def __init__(self, result: Result, trajectory: Trajectory, size: tuple[int, int]) -> None:

@@ -249,12 +249,8 @@ _HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 
 
 class Painter:
-    """A robot and pipes, painted in pictures of one size.
-
-    Attributes:
-        width, height: of the pictures, pixels.
-        pipes: surfaces in the world frame, in the order handed over.
-    """
+    """A robot and pipes, painted in pictures of one size; ``pipes`` are in the order handed
+    over."""
 
     def __init__(
         self,
@@ -270,10 +266,9 @@ class Painter:
     ):
         """
         Args:
-            robot: in the frames of its bodies.
+            robot: in the frames of its bodies, of which there are ``bodies`` with the world.
             casting: what of it throws shadows.
             pipes: what stands still, in the world frame.
-            bodies: how many there are, with the world.
             size: width and height of the pictures, pixels.
             fine: paint with twice the width and height, and reduce.
             lamp: light from the eye instead of a sun.
@@ -320,7 +315,7 @@ class Painter:
             eye: from where.
             poses: (bodies, 3, 4) rotation and place of each body.
             sun: its view of the robot; None with a lamp.
-            clearness: of each pipe, 0 to 1: how much is seen of it; a pipe of 0 is left out.
+            clearness: of each pipe, 0 to 1: how much is seen of it.
             region: to paint; all when not given.
             robot: whether it is there.
         """

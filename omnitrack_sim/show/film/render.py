@@ -188,15 +188,7 @@ def painted(
     options: Mapping[str, Any],
     processes: int = 1,
 ) -> Iterator[Image]:
-    """The pictures (height, width, 3) of a run at ``times`` s.
-
-    Args:
-        result: the run.
-        times: s.
-        size: width and height, pixels.
-        camera: one of ``CAMERAS``.
-        options: of ``Stage``.
-        processes: that paint.
+    """The pictures (height, width, 3) of a run at ``times`` s, with ``options`` of ``Stage``.
 
     Raises:
         RenderError: no offscreen OpenGL, or a process died.

@@ -129,12 +129,7 @@ def view_directions(trajectory: Trajectory, network: Assembly, liking: ArrayLike
 
     Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
     direction is cheap if it looks across the robot and across the plane of a bend or tee, not
-    through other pipes, and lies near ``liking``; turning costs, too.
-
-    Args:
-        trajectory: the record.
-        network: the true pipes.
-        liking: (3,) direction to prefer where nothing speaks against it.
+    through other pipes, and lies near ``liking`` (3,); turning costs, too.
     """
     liking = unit(liking)
     rows, travel = _nodes(trajectory)
@@ -284,11 +279,7 @@ class Framing(NamedTuple):
 
 
 class FilmCamera:
-    """Base of the cameras of films.
-
-    Args:
-        network: the pipes.
-        aspect: width over height of the pictures.
+    """Base of the cameras of films, with pictures of width over height ``aspect``.
 
     Attributes:
         stands: eye and sun are the same all the time.
@@ -316,15 +307,9 @@ class FilmCamera:
 
 
 class SideCamera(FilmCamera):
-    """Camera that stands still, before pipes that are cut open towards it.
-
-    Args:
-        trajectory: the record.
-        network: the pipes.
-        aspect: width over height of the pictures.
-        reach: of the robot about its centre, m.
-        panel: part of the picture's height that panels cover in its lower left corner.
-    """
+    """Camera that stands still, before pipes that are cut open towards it. The robot reaches
+    ``reach`` m about its centre; ``panel`` is the part of the picture's height that panels
+    cover in its lower left corner."""
 
     stands = True
 
@@ -357,14 +342,8 @@ class SideCamera(FilmCamera):
 
 class FollowCamera(FilmCamera):
     """Camera that keeps with the robot, looks into pipes that are open towards it, and through
-    those that are in the way; the sun goes with it.
-
-    Args:
-        trajectory: the record.
-        network: the pipes.
-        aspect: width over height of the pictures.
-        reach: of the robot about its centre, m.
-    """
+    those that are in the way; the sun goes with it. The robot reaches ``reach`` m about its
+    centre."""
 
     def __init__(
         self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float
@@ -391,13 +370,8 @@ class FollowCamera(FilmCamera):
 
 
 class OnboardCamera(FilmCamera):
-    """Camera that looks ahead from the robot's nose, in the light of its lamp.
-
-    Args:
-        network: the pipes.
-        aspect: width over height of the pictures.
-        size: scale of the robot.
-    """
+    """Camera that looks ahead from the nose of a robot of scale ``size``, in the light of its
+    lamp."""
 
     lamp = True
 

@@ -47,8 +47,7 @@ class Stage:
         camera: one of ``CAMERAS``.
         inset: pictures of a long route have a map.
         fine: paint with twice the width and height, and reduce.
-        overlay: pictures have a panel with time, phase and speeds, and one with the pictures of
-            the robot's cameras, where those were recorded.
+        overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
 
     def __init__(

@@ -302,14 +302,9 @@ def draw_names(
 ) -> None:
     """Write the name of each part into the view that shows most of it.
 
-    Args:
-        axes: of the views, with their limits and places.
-        views: what each of them shows.
-        renderer: measures the text.
-        pipes: all pipes; names keep off their bores where they can.
-        path: (n, 3) m, points that names keep off above all: the travelled path, marks.
-        size: of the letters, points.
-        shown_only: leave out names of parts that are seen along their axis.
+    Names keep off the bores where they can, and above all off the points ``path`` (n, 3) m;
+    ``size`` is that of the letters, points; ``shown_only`` leaves out parts that are seen along
+    their axis.
     """
     bores = np.concatenate([part.bore_samples() for part in pipes.parts])
     crowds = [

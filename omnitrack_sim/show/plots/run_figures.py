@@ -196,13 +196,8 @@ def shade_of(code: int) -> str:
 
 
 class PanelGrid:
-    """A figure as wide as a page with rows and columns of panels, each at a known place: to find a
-    layout takes longer than to draw.
-
-    Args:
-        rows: how many.
-        columns: how many.
-    """
+    """A figure as wide as a page with rows and columns of panels, each at a known place: to find
+    a layout takes longer than to draw."""
 
     def __init__(self, rows: int, columns: int) -> None:
         self.rows, self.columns = rows, columns

@@ -169,15 +169,10 @@ def _draw_candidates(axis: Axes, x: Array, y: Array, feasible: NDArray[np.bool_]
 
 
 def _draw_marks(axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: Tried) -> None:
-    """Draw what the checked candidates have shown on other trials, each tied to what it had shown
-    in the search, the start, place 0, in its own colour; and a ring about the best candidate.
-
-    Args:
-        axis: to draw on.
-        x: (C,) of the candidates, and (F,) of their checks, to the right.
-        y: the same upward.
-        tried: which of them were checked, and the best one.
-    """
+    """Draw what the checked candidates have shown on other trials, each tied to what it had
+    shown in the search, the start, place 0, in its own colour; and a ring about the best
+    candidate. ``x`` and ``y`` hold the values (C,) of the candidates and (F,) of their
+    checks."""
     places = np.asarray(tried.places, int)
     known = np.isfinite([x[1], y[1]]).all(axis=0)
     for own, label, colour in (

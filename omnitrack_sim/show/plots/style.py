@@ -85,12 +85,8 @@ class PictureWarning(UserWarning):
 def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
     """Return what ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
 
-    For pictures of what has been computed: whatever is wrong with one, the data are not lost.
-
-    Args:
-        what: name of the picture.
-        draw: makes it.
-        again: what makes it from the data, once the cause is gone; told with the warning.
+    For pictures of what has been computed: whatever is wrong with one, the data are not lost;
+    ``again`` makes it from the data later.
     """
     try:
         return draw()
@@ -217,16 +213,8 @@ def _check_format(path: str | Path | None, format: str | None) -> None:
 def headline(
     figure: Figure, name: str, text: str, left: float, good: bool = True, right: float = 0.08
 ) -> None:
-    """Write the head of a page: a name on the left, and what came of it on the right.
-
-    Args:
-        figure: as wide as a page.
-        name: of a run, a network.
-        text: on the right, red where it is not ``good``.
-        left: margin, inches.
-        good: whether it went well.
-        right: margin, inches.
-    """
+    """Write the head of a page: a name on the left, and what came of it on the right, red where
+    it is not ``good``; margins in inches."""
     top = 1 - 0.07 / figure.get_figheight()
     figure.text(left / PAGE, top, clipped(name, 60), size=10, weight="bold", color=INK, va="top")
     colour = INK if good else ALARM
@@ -243,14 +231,8 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
 
 
 def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:
-    """Write a figure, whole or not at all.
-
-    Neither date nor program is written into the file, so the same data gives the same bytes.
-
-    Args:
-        figure: of ``new_figure``.
-        path: file to write; bitmaps have ``DPI``; or an open binary file, with ``format``.
-        format: of ``FORMATS``; none: from the ending of ``path``.
+    """Write a figure of ``new_figure``, whole or not at all, into a file or an open binary one;
+    without ``format`` the path's ending says it.
 
     Raises:
         InputError: no such format.

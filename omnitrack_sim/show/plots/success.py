@@ -247,18 +247,12 @@ def groups_of(axes: Sequence[Spread]) -> Spread | None:
 def sweep_figure(
     axes: Sequence[Spread], passed: Array, case: TurnCase | None = None, name: str = ""
 ) -> Figure:
-    """Plot success over what was varied.
+    """Plot success over what was varied: ``passed`` (n,) 1, 0, or NaN where a trial has no outcome.
 
     The kind of figure depends on the axes. If only ``start.theta5_deg`` was varied, or it and at
     most four words, the figure is a map of the orientations, with the singular range of ``case``
     behind it. Two numbers give a map, for each group that is compared. Everything else gives one
     panel for each axis with its main effect, the largest first, with a curve for each group.
-
-    Args:
-        axes: what was varied.
-        passed: (n,) 1 passed, 0 failed, not a number where a trial has no outcome.
-        case: robot and tee, if the trials turn in a tee.
-        name: of the sweep, for the title.
     """
     numbers = [axis for axis in axes if not axis.order]
     words = [axis for axis in axes if axis.order]
@@ -494,13 +488,8 @@ _LONGEST_NAME = 24
 
 @style(PAPER)
 def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Plot how many trials of each task each entry of a benchmark passed: a panel for each task,
-    with a row for each entry.
-
-    Args:
-        rows: of the table of results, with ``task``, ``entry``, ``passed``, ``trials`` and the ends
-            ``success_low`` and ``success_high`` of the interval of the rate.
-    """
+    """Plot how many trials of each task each entry of a benchmark passed, by the rows of its
+    table: a panel for each task, with a row for each entry."""
     tasks = list(dict.fromkeys(row["task"] for row in rows))
     entries = list(dict.fromkeys(row["entry"] for row in rows))
     across, down = min(len(tasks), _ACROSS), math.ceil(len(tasks) / _ACROSS)

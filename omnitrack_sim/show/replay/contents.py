@@ -193,12 +193,7 @@ def events_table(result: Result) -> dict[str, Any]:
 
 
 def arrow_scales(trajectory: Trajectory, scale: float) -> dict[str, float]:
-    """Length of the arrows of forces, m/N: nearly the largest one is about half a bore long.
-
-    Args:
-        trajectory: the record.
-        scale: of the robot.
-    """
+    """Length of the arrows of forces, m/N: nearly the largest one is about half a bore long."""
     found = {}
     for name in ("normal_force", "traction"):
         sizes = np.abs(trajectory[name])

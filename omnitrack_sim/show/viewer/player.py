@@ -53,12 +53,7 @@ def region_of(routes: RouteMap, location: Location, reach: float) -> Region | No
 
 
 class ShownRun:
-    """A run of one robot at one moment, in words and figures.
-
-    Attributes:
-        scenario: of the run.
-        routes: of the run.
-    """
+    """A run of one robot at one moment, in words and figures."""
 
     scenario: Scenario
     routes: RouteMap
@@ -106,13 +101,9 @@ def _three(form: str, values: Array | tuple[int, int, int]) -> str:
 
 
 class LiveRun(ShownRun):
-    """A simulation of one robot. It is stepped by ``Simulation.step`` and by nothing else, so what
-    is seen is what ``omnitrack run`` computes.
-
-    Args:
-        simulation: of one robot.
-        model: of the scene with looks.
-    """
+    """A simulation of one robot, shown with the model with looks. It is stepped by
+    ``Simulation.step`` and by nothing else, so what is seen is what ``omnitrack run``
+    computes."""
 
     def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
         self.simulation, self._model = simulation, model
@@ -161,12 +152,7 @@ class LiveRun(ShownRun):
 
 
 class SavedRun(ShownRun):
-    """A saved run, sample by sample.
-
-    Attributes:
-        row: the sample that is shown.
-        count: number of samples.
-    """
+    """A saved run of ``count`` samples, of which sample ``row`` is shown."""
 
     def __init__(self, result: Result, model: mujoco.MjModel) -> None:
         self._result, self.row, self.scenario = result, 0, result.scenario
@@ -234,17 +220,8 @@ _CORNER = mujoco.mjtGridPos
 
 
 class Player:
-    """Shows a scenario as it runs under its controller.
-
-    Args:
-        scenario: what to run.
-        window: open, on this scenario.
-        speed: see ``Pace``.
-
-    Attributes:
-        run: what is shown.
-        pace: when its steps are due.
-    """
+    """Shows a scenario in an open window as it runs under its controller, at a speed of
+    ``Pace``."""
 
     keys: tuple[Key, ...] = VIEW
 

@@ -42,18 +42,11 @@ class KeyContext:
 
 
 class Teleoperation:
-    """The set points of a driver.
+    """The set points of a driver; ``order`` is the last one that was given.
 
     Every press changes one of them by a step, and it stays so until the next press. Left and right
     are those of the picture: the heading is turned about the line of sight, and away and towards
-    about the line across it.
-
-    Args:
-        cruise_speed: m/s, of which a press is a part.
-        speed_limit: m/s, of a belt; no more is asked.
-
-    Attributes:
-        order: the last order; its ``time`` is when it was given.
+    about the line across it. Speeds are in m/s.
     """
 
     def __init__(self, cruise_speed: float, speed_limit: float, roll_deg: float) -> None:
