@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -32,8 +32,6 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from omnitrack_sim.trials.bench_run import BenchResult
     from omnitrack_sim.trials.dispatch import Status
     from omnitrack_sim.trials.study import Study
@@ -213,15 +211,9 @@ def bench_control(
         _print_bench(result, target)
 
 
-class WorkerOptions(TypedDict):
-    """Arguments of ``run_sweep`` and its like that say who runs the trials."""
-
-    workers: int
-    executor: Callable[[], Executor] | None
-
-
-def worker_options(workers: int | None, dask: str | None) -> WorkerOptions:
-    """Return the workers that the options ask for: processes of this machine, or a Dask cluster.
+def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
+    """Return who runs the trials, as arguments of ``run_sweep`` and its like: processes of this
+    machine, or a Dask cluster.
 
     Raises:
         InputError: both are asked for.

@@ -73,12 +73,8 @@ class EpisodeScreen:
         pitch = look_pitch(scenario.robot)
         show_belts(self._window.model, qpos, lane.travel[robot], pitch)
         self._window.show(qpos, [])
-        self._wait(lane.decisions.hold * lane.simulation.period)
-
-    def _wait(self, period: float) -> None:
-        """Wait until ``period`` s after the last picture."""
         time.sleep(max(0.0, self._due - time.monotonic()))
-        self._due = time.monotonic() + period
+        self._due = time.monotonic() + lane.decisions.hold * lane.simulation.period
 
     def _close_window(self) -> None:
         if self._window is not None:
@@ -127,7 +123,8 @@ def _along_the_route(scenario: Scenario) -> Result:
     channels["position"] = route.centreline.at(distance)[0]
     channels["quaternion"] = quaternion_from_matrix(route.centreline.frame(distance))
     channels["distance"], channels["gear"] = distance, np.ones(samples)
-    qpos = np.zeros((samples, 7 + _joints(scenario)))
+    joints = JOINT_POSITIONS + drive_of(scenario.robot.drive).shafts
+    qpos = np.zeros((samples, joints))
     # Cameras are set up by the poses alone: the joints may stay at 0.
     qpos[:, :3], qpos[:, 3:7] = channels["position"], channels["quaternion"]
     when = distance / scenario.control.cruise_speed
@@ -135,8 +132,3 @@ def _along_the_route(scenario: Scenario) -> Result:
     legs = () if planner is None else (planner.first,)
     end = float(trajectory.time[-1])
     return Result(scenario, Outcome.REACHED_GOAL, "", end, {}, trajectory, {}, legs=legs)
-
-
-def _joints(scenario: Scenario) -> int:
-    """Joint positions of the robot beside its pose."""
-    return JOINT_POSITIONS - 7 + drive_of(scenario.robot.drive).shafts

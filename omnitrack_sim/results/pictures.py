@@ -234,18 +234,14 @@ class _SavedRecords:
         self._at, self._part = -1, np.zeros(0, coding.record)
 
     def __getitem__(self, rows: slice) -> NDArray:
-        """Return the records of these rows, without a step.
+        """Return the records of these rows of one part.
 
         Raises:
             OutputError: the file is gone or damaged.
         """
-        first, last, _ = rows.indices(self._groups[-1][1])
-        each, parts = _per_group(self._coding), []
-        for number in range(first // each, -(-last // each)):
-            start, _ = self._groups[number]
-            part = self._group(number)
-            parts.append(part[max(0, first - start) : last - start])
-        return np.concatenate(parts)
+        number = rows.start // _per_group(self._coding)
+        begin, _ = self._groups[number]
+        return self._group(number)[rows.start - begin : rows.stop - begin]
 
     def _group(self, number: int) -> NDArray:
         if number == self._at:

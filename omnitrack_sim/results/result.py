@@ -298,7 +298,9 @@ def load_result(directory: str | Path) -> Result:
     folder = Path(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
-        events = [_event(table) for table in summary.events]
+        events = [event_of(table) for table in summary.events]
+        # The fields of a damaged file may be of any type, which shows when the text is made.
+        _ = [str(event) for event in events]
         _check_metrics(summary.metrics)
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
@@ -365,14 +367,6 @@ def _summary(text: bytes) -> _Summary:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise ValueError(f"{where}: {first['msg']}".lstrip(": ")) from error
-
-
-def _event(table: dict[str, Any]) -> Event:
-    """Return an event from its table, with a text that can be made."""
-    event = event_of(table)
-    # The fields of a damaged file may be of any type, which shows only when the text is made.
-    str(event)
-    return event
 
 
 def _check_metrics(metrics: Metrics) -> None:

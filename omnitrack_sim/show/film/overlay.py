@@ -136,7 +136,6 @@ class CameraPanel(_Panel):
         super().__init__(width, height)
         self._pictures, self._font = pictures, font(self._px(15))
         self._palette = palette(pictures.unit)
-        self._tiles: dict[int, Image.Image] = {}
 
     def write(self, frame: NDArray[np.uint8], time: float, gear: int) -> None:
         """Draw the last pictures at ``time`` s into ``frame`` (h, w, 3) of a robot in ``gear``."""
@@ -151,17 +150,14 @@ class CameraPanel(_Panel):
             return
         corner, image, draw = opened
         draw.text((px(16), px(10)), "what the robot sees", font=self._font, fill=_FAINT)
-        self._tiles = {index: self._tile(index) for index in taken.values()}
         for number, (word, index) in enumerate(taken.items()):
             place = px(16) + number * px(_TILE + _GAP), px(34)
-            image.paste(self._tiles[index], place)
+            image.paste(self._tile(index), place)
             draw.text((place[0], px(34 + _TILE + 4)), word, font=self._font, fill=_FAINT)
         corner[:] = np.asarray(image)
 
     def _tile(self, index: int) -> Image.Image:
-        """A picture as wide as a tile; a camera takes fewer pictures than a film has frames."""
-        if index in self._tiles:
-            return self._tiles[index]
+        """A picture as wide as a tile."""
         pixels = self._palette[levels(self._pictures[index], self._pictures.unit)]
         size = self._px(_TILE)
         smaller = size < self._pictures.size

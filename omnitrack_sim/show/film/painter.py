@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from OpenGL.GL.shaders import compileProgram, compileShader
 from OpenGL.raw.GL.VERSION.GL_2_0 import glVertexAttribPointer
 
 from omnitrack_sim.show.film import shaders
-from omnitrack_sim.show.film.shots import Eye, Sun
+from omnitrack_sim.show.film.shots import Eye, PixelRect, Sun
 from omnitrack_sim.show.surfaces import Surface
 
 _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
@@ -23,20 +23,6 @@ _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
 _FILLS_ITS_MAP = (1.5, 4.0)
 
 Image = NDArray[np.uint8]
-
-
-class PixelRect(NamedTuple):
-    """A part of a picture, pixels from its upper left corner."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def end(self) -> tuple[int, int]:
-        """Right and bottom, the first pixels beyond it."""
-        return self.left + self.width, self.top + self.height
 
 
 class Painted:
@@ -242,8 +228,6 @@ NEAR_MAP, FINE_NEAR_MAP, FAR_MAP = 768, 1024, 3072
 texels: those of the robot are finer than the pixels of a film in its default size."""
 GROUND = (0.145, 0.168, 0.2)
 """Red, green, blue behind everything outside of a pipe."""
-MARGIN = shaders.REACH
-"""Reach of a change in a picture: pixels beside it that it can change."""
 _TO_TEXELS = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
 _HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 
@@ -397,7 +381,7 @@ class Painter:
 
     def _around(self, region: PixelRect, scale: int, margins: int) -> PixelRect:
         """A region in the pixels painted, with margins."""
-        more = margins * MARGIN
+        more = margins * shaders.REACH
         left, top = max(0, scale * region.left - more), max(0, scale * region.top - more)
         right = min(scale * self.width, scale * (region.left + region.width) + more)
         bottom = min(scale * self.height, scale * (region.top + region.height) + more)

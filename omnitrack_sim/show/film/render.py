@@ -24,10 +24,12 @@ from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import check_file, format_of, whole_file
+from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import font
+from omnitrack_sim.show.whereabouts import stays
 
 if TYPE_CHECKING:
-    from omnitrack_sim.results.result import Result
     from omnitrack_sim.show.film.stage import Stage
 
 CAMERAS = ("side", "follow", "onboard")
@@ -226,7 +228,6 @@ def _paint(order: Path, time: float) -> Image:
     if not _stages:
         # Software OpenGL takes a thread for each processor, and so does each of these processes.
         os.environ.setdefault("LP_NUM_THREADS", "1")
-        from omnitrack_sim.scenario import Scenario
         from omnitrack_sim.show.film.stage import Stage
 
         scenario, rest, size, camera, options = pickle.loads(order.read_bytes())
@@ -276,8 +277,6 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    from omnitrack_sim.results.result import as_result
-
     path = Path(path)
     check_request(camera, width, height, fps, film_format(path), processes)
     check_file(path)
@@ -340,8 +339,6 @@ def render_frames(
 
     ``overlay``: with the panel of time, phase and speeds.
     """
-    from omnitrack_sim.results.result import as_result
-
     check_times("times", times)
     check_request(camera, width, height)
     check_frames(len(times), width, height)
@@ -388,8 +385,6 @@ def render_strip(
         >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
         'strip.png'
     """
-    from omnitrack_sim.results.result import as_result
-
     path = Path(path)
     format = format_of(path, None, "picture", STRIP_FORMATS)
     check_request(camera, width, height)
@@ -419,8 +414,6 @@ def render_strip(
 def strip_times(result: Result, count: int = FRAMES) -> list[float]:
     """Times, s, evenly from just before the first fitting that bends, branches or narrows to just
     after the last; over the whole run where there is none."""
-    from omnitrack_sim.show.whereabouts import stays
-
     time = result.trajectory.time
     first, last = time[[0, -1]].tolist()
     bends = [stay for stay in stays(result, result.trajectory) if not stay.part.fitting.is_plain]

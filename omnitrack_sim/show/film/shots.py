@@ -22,6 +22,20 @@ from omnitrack_sim.robots.omnitrack.looks import (
 from omnitrack_sim.walls.meshes import THICKNESS
 
 
+class PixelRect(NamedTuple):
+    """A part of a picture, pixels from its upper left corner."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """Right and bottom, the first pixels beyond it."""
+        return self.left + self.width, self.top + self.height
+
+
 @dataclass(frozen=True)
 class Eye:
     """From where and how a picture is seen.

@@ -17,12 +17,14 @@ from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP, look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.overlay import BOTH_PANELS, CameraPanel, MapPanel, StatusPanel
+from omnitrack_sim.show.film.shaders import REACH
 from omnitrack_sim.show.film.shots import (
     PANEL,
     FilmCamera,
     FollowCamera,
     Framing,
     OnboardCamera,
+    PixelRect,
     SideCamera,
 )
 from omnitrack_sim.show.playback import smooth_belts, sound
@@ -31,7 +33,7 @@ from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, p
 from omnitrack_sim.show.whereabouts import stays
 
 if TYPE_CHECKING:
-    from omnitrack_sim.show.film.painter import Image, Painter, PixelRect
+    from omnitrack_sim.show.film.painter import Image, Painter
 
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """Command that installs the libraries of headless rendering on Debian and Ubuntu."""
@@ -147,16 +149,14 @@ class Stage:
 
     def _changed(self, shot: Framing) -> PixelRect | None:
         """The pixels that robot and shadow can change; None where that cannot be told."""
-        from omnitrack_sim.show.film.painter import MARGIN, PixelRect
-
         size, sun = np.array([self._painter.width, self._painter.height]), shot.sun
         assert sun is not None
         ends = np.stack([sun.middle, sun.middle - sun.reach * sun.towards])
         box = shot.eye.box(ends, sun.radius, self._aspect)
         if box is None:
             return None
-        low = np.clip(np.floor(box[:2] * size).astype(int) - MARGIN, 0, size)
-        high = np.clip(np.ceil(box[2:] * size).astype(int) + MARGIN, 0, size)
+        low = np.clip(np.floor(box[:2] * size).astype(int) - REACH, 0, size)
+        high = np.clip(np.ceil(box[2:] * size).astype(int) + REACH, 0, size)
         return PixelRect(*low.tolist(), *(high - low).tolist())
 
     def _pose(self, qpos: Array) -> None:

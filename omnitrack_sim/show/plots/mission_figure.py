@@ -21,8 +21,8 @@ from omnitrack_sim.record.timeline import (
     phase_starts,
     running_mean,
 )
-from omnitrack_sim.record.trajectory import spans
-from omnitrack_sim.results.result import as_result
+from omnitrack_sim.record.trajectory import Trajectory, spans
+from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.plots.network_figure import draw_names, draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     ALARM,
@@ -41,9 +41,6 @@ from omnitrack_sim.show.whereabouts import stays
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.results.result import Result
 
 SHADES = {
     "straight": "#f1f3f5",

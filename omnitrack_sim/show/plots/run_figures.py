@@ -21,8 +21,9 @@ from omnitrack_sim.record.channels import (
     Vector,
 )
 from omnitrack_sim.record.metrics import KNOWN
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, told
-from omnitrack_sim.results.result import as_result
+from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.plots.style import (
     COLUMN,
     GREY,
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
-
-    from omnitrack_sim.record.trajectory import Trajectory
-    from omnitrack_sim.results.result import Result
 
 
 LINES: tuple[dict[str, Any], ...] = ({"lw": 0.9}, {"lw": 1.9, "alpha": 0.5}, {"lw": 0.9})
