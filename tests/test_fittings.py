@@ -16,7 +16,7 @@ from trimesh import Trimesh
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Pose, unit
-from omnitrack_sim.base.table import units_of
+from omnitrack_sim.base.table import Unit, marks_of
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
 from omnitrack_sim.pipes.compiled import HIGH, LOW
 from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
@@ -256,7 +256,7 @@ def test_the_table_and_back(fitting):
     table = fitting.to_table()
     assert fitting_class(table.pop("kind")) is type(fitting)
     assert type(fitting).from_table(fitting.Table(**table)) == fitting
-    assert set(units_of(fitting.Table)) == set(table)
+    assert set(marks_of(fitting.Table, Unit)) == set(table)
     for port in fitting.port_names:
         assert table[fitting.bore_key(port)] == 2 * fitting.port_radius(port)
     assert all(unit_of(f"pipes.0.{key}") for key in table)

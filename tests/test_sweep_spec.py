@@ -17,7 +17,7 @@ from omnitrack_sim import (
     override,
     shipped_sweeps,
 )
-from omnitrack_sim.base.table import units_of
+from omnitrack_sim.base.table import Unit, marks_of
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import UNITS, unit_of
@@ -378,7 +378,9 @@ def test_units_are_those_of_the_documents():
         for cell in cells[1:]
     }
     tables = [kind.Table for kind in shipped_fittings().values()]
-    pipes = {f"pipes.{k}": unit.symbol for table in tables for k, unit in units_of(table).items()}
+    pipes = {
+        f"pipes.{k}": unit.symbol for table in tables for k, unit in marks_of(table, Unit).items()
+    }
     for path, unit in (UNITS | pipes).items():
         key = path.rpartition(".")[2]
         assert unit == "1" or (key, unit) in told, path

@@ -117,6 +117,12 @@ def shipped_scenarios() -> ByName[Path]:
     return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)
 
 
+def _shipped_in(folder: str) -> ByName[Path]:
+    """Files of a folder beside the scenarios, by their names without ending."""
+    files = sorted((_scenario_folder() / folder).glob("*.*"))
+    return ByName((path.stem, path) for path in files)
+
+
 def shipped_sweeps() -> ByName[Path]:
     """Sweep files that come with the package, by name.
 
@@ -124,8 +130,7 @@ def shipped_sweeps() -> ByName[Path]:
         >>> ot.shipped_sweeps()["tee_orientation"].name
         'tee_orientation.toml'
     """
-    files = sorted((_scenario_folder() / "sweeps").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)
+    return _shipped_in("sweeps")
 
 
 def shipped_studies() -> ByName[Path]:
@@ -135,8 +140,7 @@ def shipped_studies() -> ByName[Path]:
         >>> ot.shipped_studies()["robot_design"].name
         'robot_design.toml'
     """
-    files = sorted((_scenario_folder() / "studies").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)
+    return _shipped_in("studies")
 
 
 def shipped_networks() -> ByName[Path]:
@@ -146,8 +150,7 @@ def shipped_networks() -> ByName[Path]:
         >>> ot.shipped_networks()["fig14"].name
         'fig14.toml'
     """
-    files = sorted((_scenario_folder() / "networks").glob("*.toml"))
-    return ByName((path.stem, path) for path in files)
+    return _shipped_in("networks")
 
 
 def shipped_policies() -> ByName[Path]:
@@ -157,5 +160,4 @@ def shipped_policies() -> ByName[Path]:
         >>> ot.shipped_policies()["tee_turn"].name
         'tee_turn.npz'
     """
-    files = sorted((_scenario_folder() / "policies").glob("*.npz"))
-    return ByName((path.stem, path) for path in files)
+    return _shipped_in("policies")

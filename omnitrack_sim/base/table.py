@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticUndefined, to_jsonable_python
@@ -53,6 +53,9 @@ class Unit:
     short: str | None = None
 
 
+_Mark = TypeVar("_Mark")
+
+
 @dataclass(frozen=True)
 class FileName:
     """Mark, in the annotation of a key, that it names a file.
@@ -67,25 +70,19 @@ class FileName:
     digest: str
 
 
-def files_of(table: type[BaseModel]) -> dict[str, FileName]:
-    """Keys of a table that name files."""
-    fields = table.model_fields.items()
-    marks = {key: [m for m in info.metadata if isinstance(m, FileName)] for key, info in fields}
-    return {key: names[0] for key, names in marks.items() if names}
-
-
-def units_of(table: type[BaseModel]) -> dict[str, Unit]:
-    """Units of the keys of a table that have one."""
-    units = {
-        key: next((item for item in info.metadata if isinstance(item, Unit)), None)
+def marks_of(table: type[BaseModel], kind: type[_Mark]) -> dict[str, _Mark]:
+    """Marks of a kind, such as ``Unit``, in the annotations of the keys that have one."""
+    return {
+        key: mark
         for key, info in table.model_fields.items()
+        for mark in info.metadata
+        if isinstance(mark, kind)
     }
-    return {key: unit for key, unit in units.items() if unit is not None}
 
 
 def symbol_of(table: type[BaseModel], key: str) -> str:
     """Unit of a key; empty where it has none."""
-    unit = units_of(table).get(key)
+    unit = marks_of(table, Unit).get(key)
     return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
 
 

@@ -75,9 +75,9 @@ def table_of(*heads: str, gap: int = 2) -> Table:
     return Table(*heads, box=None, padding=(0, gap))
 
 
-def print_table(heads: Sequence[str], rows: Iterable[Sequence[str | Text]], gap: int = 2) -> None:
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
     """Print a table without lines; its texts as they are, but for those with a style."""
-    table = table_of(*heads, gap=gap)
+    table = table_of(*heads)
     for row in rows:
         table.add_row(*(plain(cell) if isinstance(cell, str) else cell for cell in row))
     out.print(table)

@@ -223,14 +223,14 @@ def _print_network(net: Network) -> None:
 
 def _sizes(part: NetworkFitting) -> str:
     """The sizes of a part, mm and degrees."""
-    from omnitrack_sim.base.table import units_of
+    from omnitrack_sim.base.table import Unit, marks_of
 
     fitting = part.fitting()
     # Twice the radius in mm; equal bores are named once.
     bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))
     sizes = [f"D {' to '.join(f'{bore:.4g}' for bore in bores)} mm"]
     table = fitting.to_table()
-    for key, unit in units_of(fitting.Table).items():
+    for key, unit in marks_of(fitting.Table, Unit).items():
         if unit.short is not None:
             value = table[key]
             number = f"{1e3 * value:.4g} mm" if unit.symbol == "m" else f"{value:g} {unit.symbol}"

@@ -158,14 +158,10 @@ class Overloaded(Event):
     module: int
     force: float
     preloads: float
-
-    @property
-    def text(self) -> str:
-        """The largest normal force of the run, N, and how many times the preload that is."""
-        return (
-            f"module {self.module}: normal force of {self.force:.0f} N, {self.preloads:.0f} times "
-            "the preload; forces of this run are not to be relied on"
-        )
+    sentence = (
+        "module {module}: normal force of {force:.0f} N, {preloads:.0f} times the preload; forces "
+        "of this run are not to be relied on"
+    )
 
 
 @dataclass(frozen=True)
@@ -174,11 +170,7 @@ class BeyondStop(Event):
 
     module: int
     depth_mm: float
-
-    @property
-    def text(self) -> str:
-        """How far the arm stood beyond its stop at most."""
-        return f"arm {self.module}: stood {self.depth_mm:.1f} mm beyond its stop"
+    sentence = "arm {module}: stood {depth_mm:.1f} mm beyond its stop"
 
 
 @dataclass(frozen=True)

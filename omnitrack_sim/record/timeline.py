@@ -241,16 +241,9 @@ def _counts(
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in phase_starts(trajectory, phase).tolist():
-        leg = int(trajectory["leg"][row])
-        ahead = _ahead(routes[leg], float(trajectory["distance"][row]))
-        meant = None if ahead is None else int(offsets[leg]) + ahead
+        leg, distance = int(trajectory["leg"][row]), float(trajectory["distance"][row])
+        # The first elbow or tee whose bend or opening ends beyond the robot's centre, if any.
+        ahead = (i for i, p in enumerate(routes[leg].passages) if p.span[1] > distance)
+        meant = next((int(offsets[leg]) + i for i in ahead), None)
         counts[meant if meant in visited else group[row]] += 1
     return counts
-
-
-def _ahead(route: Route, distance: float) -> int | None:
-    """Index of the first elbow or tee whose bend or opening ends beyond ``distance`` m, if any."""
-    for index, passage in enumerate(route.passages):
-        if passage.span[1] > distance:
-            return index
-    return None

@@ -12,7 +12,15 @@ from pydantic import BaseModel, ValidationError
 from omnitrack_sim.base.arguments import check_changes, check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
-from omnitrack_sim.base.table import below, default_of, files_of, index_of, inside, keys_of
+from omnitrack_sim.base.table import (
+    FileName,
+    below,
+    default_of,
+    index_of,
+    inside,
+    keys_of,
+    marks_of,
+)
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
@@ -129,7 +137,7 @@ def _forget_digest(data: Any, path: str, place: Any) -> None:
     if tuple(before) != OPEN_TABLE:
         return
     model = _parameters_of(inside(inside(data, "control"), "kind"))
-    file = {} if model is None else files_of(model)
+    file = {} if model is None else marks_of(model, FileName)
     if key in file:
         place.pop(file[key].digest, None)
 
@@ -284,7 +292,7 @@ def _absolute_files(
     """Absolute paths of the existing files that a controller's parameters name, by key."""
     # A saved scenario then finds them from any folder.
     paths = {}
-    for key in files_of(model):
+    for key in marks_of(model, FileName):
         name = table.get(key)
         if isinstance(name, str) and is_file(path := Path(beside(folder, name))):
             paths[key] = str(path.resolve())

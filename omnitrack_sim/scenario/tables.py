@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from omnitrack_sim.base.bounds import SHORTEST_STEP
-from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit, units_of
+from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit, marks_of
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, known_fittings
 from omnitrack_sim.record.events import Outcome
@@ -37,7 +37,7 @@ def unit_of(path: str) -> str | None:
 def pipe_units() -> dict[str, str]:
     """Units of the keys of all fittings that are known in this process."""
     tables = [fitting.Table for fitting in known_fittings().values()]
-    return {key: unit.symbol for table in tables for key, unit in units_of(table).items()}
+    return {key: unit.symbol for table in tables for key, unit in marks_of(table, Unit).items()}
 
 
 class Pipe(FittingEntry):
@@ -274,7 +274,7 @@ _TABLES: dict[str, type[Table]] = {
 UNITS: dict[str, str] = {
     f"{name}.{key}": unit.symbol
     for name, table in _TABLES.items()
-    for key, unit in units_of(table).items()
+    for key, unit in marks_of(table, Unit).items()
 }
 """Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
 fittings have their own."""

@@ -7,6 +7,7 @@ import base64
 import io
 import math
 import zlib
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
@@ -217,28 +218,23 @@ def map_table(result: Result, trajectory: Trajectory) -> dict[str, Any] | None:
         return None
     parts, view, end = result.pipes.parts, clearest(result.pipes), len(trajectory.time)
     discovery = Discovery.of(result, trajectory)
+    pieces = view.segments(parts)
+
+    def shown(key: str, shapes: Iterable[Array], first: Iterable[int]) -> list[dict[str, Any]]:
+        """Shapes that ever are on the map, each with the sample from which on it is."""
+        rows = zip(shapes, map(int, first), strict=True)
+        return [{key: rounded(shape, 4), "from": row} for shape, row in rows if row < end]
+
     return {
         "beside": BESIDE,
         "view": rounded(view.axes[:, :2].T, 7),
         "pieces": [
-            {
-                "radius": round(parts[number].fitting.radius, 4),
-                "ends": rounded(ends, 4),
-                "from": int(discovery.parts[number]),
-            }
-            for number, ends in view.segments(parts)
-            if discovery.parts[number] < end
+            {"radius": round(parts[number].fitting.radius, 4)} | piece
+            for number, ends in pieces
+            for piece in shown("ends", [ends], [discovery.parts[number]])
         ],
-        "goals": [
-            {"point": rounded(view.flat(point), 4), "from": int(first)}
-            for point, first in zip(result.goal_points(), discovery.goals, strict=True)
-            if first < end
-        ],
-        "plates": [
-            {"rim": rounded(view.flat(rim), 4), "from": int(first)}
-            for rim, first in zip(result.plate_rims(), discovery.plates, strict=True)
-            if first < end
-        ],
+        "goals": shown("point", view.flat(result.goal_points()), discovery.goals),
+        "plates": shown("rim", map(view.flat, result.plate_rims()), discovery.plates),
     }
 
 
