@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 
 import numpy as np
@@ -20,7 +19,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
-from omnitrack_sim.show.plots.style import PictureWarning, attempt, save_figure
+from omnitrack_sim.show.plots.style import PictureWarning, attempt, figure_bytes
 from omnitrack_sim.show.plots.success import Spread, sweep_figure
 
 NAMES = ("$", "a$b$c", r"$\frac$", "_x^2_$", r"50%_\&#{}", "日本", "\x07\x1b[31m\x85", "n" * 250)
@@ -30,7 +29,7 @@ PART_NAMES = [name for name in NAMES if "\\" not in name and "\x07" not in name]
 
 def texts(figure: Figure) -> list[str]:
     """The texts of a figure that is drawn; none of them may be read as TeX."""
-    save_figure(figure, io.BytesIO(), "svg")
+    figure_bytes(figure, "svg")
     found = [text for text in figure.findobj(Text) if text.get_text()]
     assert not any(text.get_parse_math() or text.get_usetex() for text in found)
     return [text.get_text() for text in found]

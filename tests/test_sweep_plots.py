@@ -1,6 +1,5 @@
 """The figure of a sweep shows the rates of the table, in the form that fits the axes."""
 
-import io
 import re
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
 from omnitrack_sim.trials.dispatch import Status
 from omnitrack_sim.trials.sweep import load_sweep, resolve
@@ -48,9 +47,7 @@ def test_every_form_is_drawn_and_repeats(form, left_out):
     )
     files = []
     for _ in range(2):
-        buffer = io.BytesIO()
-        save_figure(sweep_figure(FORMS[form], passed, TurnCase()), buffer, "png")
-        files.append(buffer.getvalue())
+        files.append(figure_bytes(sweep_figure(FORMS[form], passed, TurnCase())))
     assert files[0] == files[1]
     assert len(files[0]) > 5_000
 

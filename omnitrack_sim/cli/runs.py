@@ -461,12 +461,10 @@ def _check_target(target: Path | None) -> None:
 
 def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
     """Write what ``--out`` asks for; returns the files written."""
-    import io
-
     from omnitrack_sim.base.text import strict_json
     from omnitrack_sim.base.writing import write_files
     from omnitrack_sim.show.plots.run_figures import plot_compare
-    from omnitrack_sim.show.plots.style import save_figure
+    from omnitrack_sim.show.plots.style import figure_bytes, save_figure
 
     if target is None:
         return []
@@ -475,10 +473,8 @@ def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
         save_figure(figure, target)
         return [target]
     # Drawn before anything is written, so that the folder gets both files or none.
-    picture = io.BytesIO()
-    save_figure(figure, picture, "png")
     table = strict_json(comparison.summary()) + "\n"
-    files = {target / TABLE_FILE: table.encode(), target / FIGURE_FILE: picture.getvalue()}
+    files = {target / TABLE_FILE: table.encode(), target / FIGURE_FILE: figure_bytes(figure)}
     return write_files(files)
 
 

@@ -28,7 +28,7 @@ from omnitrack_sim.paper.plots.over_time import (
 from omnitrack_sim.paper.plots.region import plot_singularity
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.show.plots.style import attempt, save_figure
+from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 
 if TYPE_CHECKING:
@@ -150,12 +150,11 @@ def _draw(runs: Runs, folder: Path, format: str) -> dict[str, ReportFigure | Non
 
     def draw(name: str) -> ReportFigure:
         caption, make = FIGURES[name]
-        figure, data = make(runs), io.BytesIO()
+        figure = make(runs)
         save_figure(figure, folder / f"{name}.{format}")
-        save_figure(figure, data, "svg")
         # The caption of a failure states how it ended.
         caption = caption.format(*runs.get("slippery_downward", ()))
-        return ReportFigure(name, caption, data.getvalue(), "svg+xml")
+        return ReportFigure(name, caption, figure_bytes(figure, "svg"), "svg+xml")
 
     def stills(name: str) -> ReportFigure:
         from omnitrack_sim.show.film.render import composed, render_frames, strip_times

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +21,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.show.plots.style import attempt, save_figure
+from omnitrack_sim.show.plots.style import attempt, figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.bench import DEFAULT, Bench
@@ -359,6 +358,4 @@ def _more(row: Mapping[str, Any], name: str, factor: float) -> str:
 
 
 def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    picture = io.BytesIO()
-    save_figure(bench_figure(rows), picture, "png")
-    return picture.getvalue()
+    return figure_bytes(bench_figure(rows))

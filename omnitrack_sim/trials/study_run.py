@@ -6,7 +6,6 @@ goes on from wherever it was killed.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -22,7 +21,7 @@ from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.tables import unit_of
 from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
-from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.trials.batches import Batch, Trial, batched, fitted, matches, value_at
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.objectives import Measure
@@ -429,6 +428,4 @@ def draw_front(study: Study, history: History, checked: History | None, best: Ca
     feasible = violations_of(study, values) == 0
     on_front = front(study, history)
     tried = Tried(values[:, weighed], feasible, on_front, best.number, again, places)
-    buffer = io.BytesIO()
-    save_figure(study_figure(scales, tried), buffer, "png")
-    return buffer.getvalue()
+    return figure_bytes(study_figure(scales, tried))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -21,7 +20,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.tables import unit_of
-from omnitrack_sim.show.plots.style import save_figure
+from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, groups_of, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
 from omnitrack_sim.trials.batches import ERROR, INVALID
@@ -300,9 +299,7 @@ def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread
 
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """Draw ``success_map.png``."""
-    buffer = io.BytesIO()
-    save_figure(_figure(sweep, _passed(table)), buffer, "png")
-    return buffer.getvalue()
+    return figure_bytes(_figure(sweep, _passed(table)))
 
 
 def _passed(table: pa.Table) -> Array:

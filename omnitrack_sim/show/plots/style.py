@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, shown
-from omnitrack_sim.base.writing import format_of, whole_file
+from omnitrack_sim.base.writing import format_of, write_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,9 +147,7 @@ def _figure_class() -> type[Figure]:
 
         def _repr_png_(self) -> bytes:
             """Return the bitmap that notebooks show."""
-            buffer = io.BytesIO()
-            self.savefig(buffer, format="png", dpi=_NOTEBOOK_DPI)
-            return buffer.getvalue()
+            return figure_bytes(self, dpi=_NOTEBOOK_DPI)
 
     return StyledFigure
 
@@ -221,7 +219,7 @@ def headline(
     figure.text(1 - right / PAGE, top, text, size=8, color=colour, va="top", ha="right")
 
 
-def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str:
+def figure_format(path: str | Path, format: str | None = None) -> str:
     """The file format asked for, or else that of the path's ending.
 
     Raises:
@@ -230,17 +228,18 @@ def figure_format(path: str | Path | BinaryIO, format: str | None = None) -> str
     return format_of(path, format, "figure", FORMATS)
 
 
-def save_figure(figure: Figure, path: str | Path | BinaryIO, format: str | None = None) -> None:
-    """Write a figure of ``new_figure``, whole or not at all, into a file or an open binary one;
-    without ``format`` the path's ending says it.
+def figure_bytes(figure: Figure, format: str = "png", **options: Any) -> bytes:
+    """The file of a figure of ``new_figure``: the same data give the same bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=format, **options)
+    return buffer.getvalue()
+
+
+def save_figure(figure: Figure, path: str | Path, format: str | None = None) -> None:
+    """Write a figure of ``new_figure``, whole or not at all.
 
     Raises:
         InputError: no such format.
         OutputError: the file cannot be written.
     """
-    format = figure_format(path, format)
-    if isinstance(path, str | Path):
-        with whole_file(path) as part:
-            figure.savefig(part, format=format)
-    else:
-        figure.savefig(path, format=format)
+    write_file(path, figure_bytes(figure, figure_format(path, format)))
