@@ -8,7 +8,7 @@ these pass. Before that the same files run on the program as it is, and have to 
 kept in the results file; a run that is broken off goes on from there, as long as neither program
 nor tests have changed.
 
-Ends with status 1 if more than 3 of the 65 are not caught, if a change that is not caught has no
+Ends with status 1 if more than 3 of the 67 are not caught, if a change that is not caught has no
 explanation, or, of a part of the changes, if more than 3 are not caught.
 """
 

@@ -6,7 +6,7 @@ import numpy as np
 from samples import drive, sample_result
 
 from omnitrack_sim.base.rotations import quaternion_from_matrix
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
 
@@ -32,7 +32,9 @@ def elbow_result() -> Result:
         "distance": distance,
     }
     channels["belt_speed"] = np.full((len(time), 3), 0.1)
-    qpos = np.concatenate([position, channels["quaternion"], np.zeros((len(time), 15))], axis=1)
+    qpos = np.concatenate(
+        [position, channels["quaternion"], np.zeros((len(time), JOINT_POSITIONS - 7))], axis=1
+    )
     channels["gear"] = np.ones(len(time))
     trajectory = Trajectory(time, channels, ("straight",), qpos)
     return sample_result(trajectory, scenario=scenario)
@@ -54,7 +56,12 @@ def chain_result() -> Result:
     distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
     channels = drive(way, distance)
     qpos = np.concatenate(
-        [channels["position"], channels["quaternion"], np.zeros((len(distance), 15))], axis=1
+        [
+            channels["position"],
+            channels["quaternion"],
+            np.zeros((len(distance), JOINT_POSITIONS - 7)),
+        ],
+        axis=1,
     )
     trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
     return sample_result(trajectory, scenario=scenario)

@@ -122,7 +122,8 @@ def legs_trajectory(
     channels = {name: np.concatenate([part[name] for part in parts]) for name in RECORDED}
     time = 0.02 * np.arange(len(channels["distance"]))
     qpos = np.concatenate(
-        [channels["position"], channels["quaternion"], np.zeros((len(time), 15))], axis=1
+        [channels["position"], channels["quaternion"], np.zeros((len(time), JOINT_POSITIONS - 7))],
+        axis=1,
     )
     return Trajectory(time, channels, PHASES, qpos)
 

@@ -17,7 +17,14 @@ from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_functio
 from omnitrack_sim.walls import track
 from omnitrack_sim.walls.collider import collide, install
 from omnitrack_sim.walls.geoms import add_exact_walls
-from omnitrack_sim.walls.track import ENDS, RECORD_SIZE, bounding_box, line_record, wall_record
+from omnitrack_sim.walls.track import (
+    ENDS,
+    RECORD_SIZE,
+    bounding_box,
+    line_record,
+    sprocket_record,
+    wall_record,
+)
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -35,12 +42,12 @@ RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
 LINE_CONTACTS = WORD(NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3)
 
 
-def line_contacts(records, position, matrix, margin=0.0):
-    """Contacts (k, 10) of geom 1, a line, with geom 0; ``records`` (2, RECORD_SIZE) are theirs."""
+def line_contacts(records, position, matrix, margin=0.0, half=HALF):
+    """Contacts (k, 10) of geom 1, a line, with geom 0; the first two ``records`` are theirs."""
     con = np.zeros((track.MOST_CONTACTS, track.CONTACT_SIZE))
     room, records, *frames = pointers(con, records, position, matrix)
     call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
-    return con[: call(room, records, 0, RECORD_SIZE, *frames, 1, 0, RADIUS, HALF, margin)]
+    return con[: call(room, records, 0, RECORD_SIZE, *frames, 1, 0, RADIUS, half, margin)]
 
 
 def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True), side=0.0):
@@ -56,6 +63,17 @@ def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True), si
     found = line_contacts(np.array(records), position, matrix.ravel(), margin)
     lug = found[:, 1:4] + found[:, 4:7] * (RADIUS + found[:, :1] / 2)
     return found[:, 0], found[:, 1:4], found[:, 4:7], (lug - centre) @ z
+
+
+def sprocket_contacts(fitting, place, other):
+    """Contacts (k, 10) of a sprocket with a fitting; that of the module's other end is at
+    ``other``."""
+    box, _ = bounding_box(fitting)
+    records = np.array(
+        [wall_record(fitting, (True, True)), sprocket_record(1), np.zeros(RECORD_SIZE)]
+    )
+    position = np.stack([box, place, other]).ravel()
+    return line_contacts(records, position, np.tile(np.eye(3).ravel(), 3), half=1e-9)
 
 
 def touching_lines(fitting, count, seed=0):
@@ -189,19 +207,21 @@ def test_lugs_half_a_pitch_away_push_against_the_flanks_of_a_bend():
     assert distance.min() == pytest.approx(-3e-4, abs=1e-7)
 
 
-def test_the_depth_of_moving_a_row_back_does_not_count():
-    """At an end that faces along its row, beyond a depth that no spring gives; across it all
-    counts."""
-    elbow = Elbow(0.24)
-    spare = {}
-    for side in (0.0, 1.0):
-        centre = np.array([elbow.radius - RADIUS - 0.012, 0, 0.03])
-        spare[side] = contacts(elbow, centre, np.array([0.6, 0, 0.8]), side=side)
-    (deep, _, normal, s), (less, *_) = spare[0.0], spare[1.0]
-    end = int(np.argmax(s))
-    moved = PITCH * abs(normal[end] @ [0.6, 0, 0.8])
-    assert -deep[end] > track.END_DEPTH
-    assert less[end] == pytest.approx(min(-track.END_DEPTH, deep[end] + moved))
+@pytest.mark.parametrize("lean_deg", [20.0, 35.0, 39.0, 60.0])
+def test_an_end_that_a_wall_faces_is_its_sprockets(lean_deg):
+    """The end of a run touches up to an angle, from there on the sprocket in its place alone: one
+    of both, as deep, at the same point."""
+    pipe, lean = Straight(0.4), math.radians(lean_deg)
+    # A track whose front leans against the wall.
+    along = np.array([math.sin(lean), 0.0, math.cos(lean)])
+    end = np.array([pipe.radius - RADIUS + 1e-4, 0.0, 0.2])
+    run = contacts(pipe, end - HALF * along, along, side=1.0)
+    front = sprocket_contacts(pipe, end, end - 2 * HALF * along)
+    rear = sprocket_contacts(pipe, end - 2 * HALF * along, end)
+    on_sprocket = math.sin(lean) > track.LEAN
+    assert (len(run[0]), len(front), len(rear)) == ((0, 1, 0) if on_sprocket else (1, 0, 0))
+    found = front[0, :4] if on_sprocket else [run[0][0], *run[1][0]]
+    np.testing.assert_allclose(found, [-1e-4, pipe.radius + 5e-5, 0.0, 0.2], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["straight", "elbow_240", "tee"])

@@ -17,13 +17,14 @@ from omnitrack_sim.senses.sensor import SENSORS, Addresses, State
 from omnitrack_sim.senses.settings import ImuTable, SensingTable
 
 THREE = np.arange(3)
-CONTACT = np.arange(42).reshape(3, 2, 7)
-TOUCH = 42 + np.arange(6).reshape(3, 2)
+CONTACT = np.arange(84).reshape(3, 4, 7)
+TOUCH = 84 + np.arange(12).reshape(3, 4)
 AT = Addresses(
     slide=7 + THREE,
     pitch=10 + THREE,
     roll=13 + THREE,
     belts=16 + np.arange(6).reshape(3, 2),
+    sprockets=22 + np.arange(6).reshape(3, 2),
     slide_dofs=6 + THREE,
     pitch_dofs=9 + THREE,
     belt_dofs=15 + np.arange(6).reshape(3, 2),
@@ -39,7 +40,7 @@ AT = Addresses(
 )
 """Addresses of a state of four bodies: the chassis and its modules."""
 READ = {sensor.channel.name: sensor for sensor in SENSORS}
-NONE, EYE = np.zeros((3, 2, 3)), np.eye(3)
+NONE, EYE = np.zeros((3, 4, 3)), np.eye(3)
 
 
 def state_of(
@@ -57,16 +58,16 @@ def state_of(
 
     Args:
         before: values of sensors at the moment before.
-        force: (3, 2, 3) N that each track puts on the wall.
-        contact: (3, 2, 3) m, where.
-        touch: (3, 2) N, normal forces.
+        force: (3, 4, 3) N that upper and lower track, front and rear sprocket put on the wall.
+        contact: (3, 4, 3) m, where.
+        touch: (3, 4) N, normal forces.
         velocity: (3,) m/s of the chassis, world frame.
         spin: (3,) rad/s of the chassis, its own frame.
         belts: (3,) m/s of the upper tracks.
         roll: (3,) rad.
         frame: rotation of the bodies.
     """
-    sensors, qpos, qvel = np.zeros((1, 48)), np.zeros((1, 22)), np.zeros((1, 21))
+    sensors, qpos, qvel = np.zeros((1, 96)), np.zeros((1, 28)), np.zeros((1, 27))
     sensors[:, CONTACT[..., 0]] = np.linalg.norm(force, axis=-1) > 0
     sensors[:, CONTACT[..., 1:4]] = force
     sensors[:, CONTACT[..., 4:7]] = contact
@@ -86,20 +87,22 @@ def state_of(
     return State(arrays, AT, ot.Robot(), READ, before)
 
 
-def on_track(track: int, *vector: float) -> Array:
-    """A vector (3, 2, 3) on one track of each module, and nothing on the other."""
-    vectors = np.zeros((3, 2, 3))
-    vectors[:, track] = vector
+def on_part(part: int, *vector: float) -> Array:
+    """A vector (3, 4, 3) on one part of each module's chain, and nothing on the others."""
+    vectors = np.zeros((3, 4, 3))
+    vectors[:, part] = vector
     return vectors
 
 
-@pytest.mark.parametrize("track", [0, 1], ids=["upper", "lower"])
-def test_forces_count_on_either_track(track: int) -> None:
+@pytest.mark.parametrize("part", range(4), ids=["upper", "lower", "front", "rear"])
+def test_forces_count_on_every_part_of_the_chain(part: int) -> None:
     """A module's touch sensors read its normal force, and its push back along its axis is its
-    traction, whichever track it stands on."""
-    touch = np.zeros((3, 2))
-    touch[:, track] = 20.0
-    state = state_of(force=on_track(track, 20.0, 0.0, -3.0), touch=touch)
+    traction, whichever part of its chain it stands on; a sprocket's contact is both tracks'."""
+    touch = np.zeros((3, 4))
+    touch[:, part] = 20.0
+    state = state_of(force=on_part(part, 20.0, 0.0, -3.0), touch=touch)
+    count = [[1, 0], [0, 1], [1, 1], [1, 1]][part]
+    assert state["contact_count"][0].tolist() == [count] * 3
     assert state["normal_force"][0] == pytest.approx([20.0] * 3)
     assert state["traction"][0] == pytest.approx([3.0] * 3)
 
@@ -107,7 +110,7 @@ def test_forces_count_on_either_track(track: int) -> None:
 def test_forces_are_taken_along_the_module_and_across_it() -> None:
     """Of modules that are turned with the robot the components along their own axes count."""
     turned = rotation_about([0.3, -1.0, 0.5], 1.1)
-    force = on_track(0, 20.0, 0.0, -3.0) @ turned.T
+    force = on_part(0, 20.0, 0.0, -3.0) @ turned.T
     state = state_of(force=force, frame=turned)
     assert state["traction"][0] == pytest.approx([3.0] * 3)
 
@@ -115,8 +118,8 @@ def test_forces_are_taken_along_the_module_and_across_it() -> None:
 def test_the_centre_of_contact_is_nearer_to_the_stronger_track() -> None:
     """Weighed with the force of each track: with three times the force on the upper one it is a
     quarter of the way from there to the lower one's."""
-    force = on_track(0, 15.0, 0.0, 0.0) + on_track(1, 5.0, 0.0, 0.0)
-    contact = on_track(0, 0.08, 0.0, 0.04) + on_track(1, 0.08, 0.0, -0.04)
+    force = on_part(0, 15.0, 0.0, 0.0) + on_part(1, 5.0, 0.0, 0.0)
+    contact = on_part(0, 0.08, 0.0, 0.04) + on_part(1, 0.08, 0.0, -0.04)
     assert state_of(force=force, contact=contact)["contact_position"][0] == pytest.approx(
         np.tile([0.08, 0.0, 0.02], (3, 1))
     )
@@ -125,7 +128,7 @@ def test_the_centre_of_contact_is_nearer_to_the_stronger_track() -> None:
 def test_a_module_that_has_lost_the_wall_is_where_it_touched_last() -> None:
     """Its contact position stays, as that of the others moves on; its slip is none."""
     before = {"contact_position": np.arange(9.0).reshape(1, 3, 3)}
-    force, contact = on_track(0, 10.0, 0.0, 0.0), on_track(0, 0.08, 0.0, 0.5)
+    force, contact = on_part(0, 10.0, 0.0, 0.0), on_part(0, 0.08, 0.0, 0.5)
     force[1] = contact[1] = 0.0
     state = state_of(before, force=force, contact=contact, belts=np.full(3, 0.1))
     assert state["contact_position"][0, 1].tolist() == [3.0, 4.0, 5.0]
@@ -138,10 +141,10 @@ def test_the_speed_of_a_module_is_that_at_the_wall() -> None:
     """A rigid robot that turns in a bend: the speed over the wall is the rate times the distance of
     the contact, not of the module's middle, from the bend's centre."""
     rate, bend, lever = 0.4, 0.24, 0.08  # about the y axis, through (-bend, 0, 0)
-    contact = on_track(0, lever, 0.0, 0.0)
+    contact = on_part(0, lever, 0.0, 0.0)
     velocity = [0.0, 0.0, rate * bend]
     state = state_of(
-        force=on_track(0, 10.0, 0.0, 0.0),
+        force=on_part(0, 10.0, 0.0, 0.0),
         contact=contact,
         velocity=velocity,
         spin=[0.0, -rate, 0.0],
@@ -168,7 +171,7 @@ def test_slip_is_the_lead_of_the_belt_over_the_robot(
     velocity = [0.0, 0.0, module]
     track, sign = (0, 1.0) if roll == 0.0 else (1, -1.0)
     state = state_of(
-        force=on_track(track, 10.0, 0.0, 0.0),
+        force=on_part(track, 10.0, 0.0, 0.0),
         velocity=velocity,
         belts=np.full(3, sign * belt),
         roll=np.full(3, roll),

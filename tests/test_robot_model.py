@@ -136,3 +136,31 @@ def test_the_tracks_that_face_the_wall_touch_it() -> None:
     for result, tracks in zip(results, expected.values(), strict=True):
         touched = (result.trajectory["contact_count"] > 0).any(axis=0)
         assert touched.tolist() == [tracks] * 3
+
+
+def test_sprockets_turn_with_their_chains() -> None:
+    """The surface of a sprocket moves as the upper run does where it faces the upper side, as the
+    lower one on the other, and across the module's axis at its end."""
+    spec, robot = new_spec("test"), Robot()
+    add_robot(spec, robot, line_tracks=True)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.joint("belt_upper_2").qvel[0] = speed = 0.2
+    for name in ("chain_2", "sprocket_front_2", "sprocket_rear_2"):
+        tie = model.equality(name)
+        data.qvel[model.jnt_dofadr[tie.obj1id[0]]] = tie.data[1] * speed
+    mujoco.mj_forward(model, data)
+
+    def velocity(body: str, out: np.ndarray) -> np.ndarray:
+        """Velocity of the surface of a body in direction ``out``, both in the module's frame."""
+        frame, jacobian = data.body("module_2").xmat.reshape(3, 3), np.zeros((3, model.nv))
+        point = data.body(body).xpos + robot.lug_radius * frame @ out
+        mujoco.mj_jac(model, data, jacobian, None, point, model.body(body).id)
+        return frame.T @ jacobian @ data.qvel
+
+    up, ahead = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    for end, sign in (("front", 1.0), ("rear", -1.0)):
+        sprocket = f"sprocket_{end}_2"
+        assert velocity(sprocket, up) == pytest.approx(velocity("track_upper_2", up))
+        assert velocity(sprocket, -up) == pytest.approx(velocity("track_lower_2", -up))
+        assert velocity(sprocket, sign * ahead) == pytest.approx(sign * speed * up)

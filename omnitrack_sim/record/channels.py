@@ -275,7 +275,8 @@ _SHIPPED = (
         "contact_count",
         (3, 2),
         "1",
-        "contact points, per module and track (upper, lower); a lug may touch two wall pieces",
+        "contact points, per module and track (upper, lower); a lug may touch two wall pieces, and "
+        "a sprocket's contact is both tracks'",
         tail_first="swapped",
         whole=True,
     ),

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 RECORDED = recorded(CHANNELS.values())
 """The channels of every trajectory, by name, in the order of the file."""
-JOINTS_OF_A_MODULE = ("slide", "pitch", "roll", "belt_upper", "belt_lower")
+JOINTS_OF_A_MODULE = (
+    *("slide", "pitch", "roll", "belt_upper", "belt_lower"),
+    *("sprocket_front", "sprocket_rear"),
+)
 """Names of a module's joints in the model, before an underscore and the module's number."""
 JOINT_POSITIONS = 7 + len(JOINTS_OF_A_MODULE) * MODULE_COUNT
 """Number of joint positions of a robot with a motor for each belt: the chassis' pose, and those of

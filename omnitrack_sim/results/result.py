@@ -134,7 +134,8 @@ class Result:
     @property
     def joints(self) -> dict[str, slice]:
         """Columns of ``qpos`` by the name of the joint in the model: ``robot``, and of each module
-        ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1`` and ``belt_lower_1``; then shafts."""
+        ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1``, ``belt_lower_1``,
+        ``sprocket_front_1`` and ``sprocket_rear_1``; then shafts."""
         modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
         shafts = [f"shaft_{i + 1}" for i in range(self.qpos.shape[1] - JOINT_POSITIONS)]
         columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}

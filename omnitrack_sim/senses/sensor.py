@@ -50,13 +50,15 @@ class Addresses:
         belts: (3, 2) in ``qpos``.
         slide_dofs, pitch_dofs: (3,) in ``qvel``.
         belt_dofs: (3, 2) in ``qvel``.
+        sprockets: (3, 2) in ``qpos``, front and rear.
         tracks: (3, 2) bodies.
         places: (3, 3) in ``xpos``, of the modules.
         forward: (3, 3) in ``xmat``: the modules' axes.
         chassis: (3,) in ``xpos``.
         frame: (3, 3) in ``xmat``: the chassis, axis by axis.
-        contact: (3, 2, 7) in ``sensordata``: found, force (3,), position (3,) of each track.
-        touch: (3, 2) in ``sensordata``: sum of the normal forces of each track.
+        contact: (3, k, 7) in ``sensordata``: found, force (3,), position (3,) of each part of the
+            chain: upper and lower track, and on exact walls front and rear sprocket.
+        touch: (3, k) in ``sensordata``: sum of the normal forces of each part.
         belt_motors: (m,) actuators.
         roll_motors: (3,) actuators.
     """
@@ -72,6 +74,7 @@ class Addresses:
     forward: NDArray[np.intp]
     chassis: NDArray[np.intp]
     frame: NDArray[np.intp]
+    sprockets: NDArray[np.intp]
     tracks: NDArray[np.intp]
     contact: NDArray[np.intp]
     touch: NDArray[np.intp]
@@ -171,14 +174,15 @@ def _motor_torque(state: State) -> Array:
 
 
 def _contact(state: State) -> Array:
-    """Net contact of each track (n, 3, 2, 7): found, force on the wall, position; world frame."""
+    """Net contact of each part of the chains (n, 3, k, 7): found, force on the wall, position;
+    world frame."""
     if "contact" not in state.shared:
         state.shared["contact"] = state.sensordata.take(state.at.contact, axis=1)
     return state.shared["contact"]
 
 
 def _force(state: State) -> Array:
-    """Force of the wall on each track (n, 3, 2, 3) N, world frame."""
+    """Force of the wall on each part of the chains (n, 3, k, 3) N, world frame."""
     if "force" not in state.shared:
         state.shared["force"] = -_contact(state)[..., 1:4]
     return state.shared["force"]
@@ -191,22 +195,34 @@ def _forward(state: State) -> Array:
     return state.shared["forward"]
 
 
+def _over_chain(values: Array) -> Array:
+    """Sum of (n, 3, k) over the parts of each chain, in their order."""
+    total = values[..., 0]
+    for part in range(1, values.shape[-1]):
+        total = total + values[..., part]
+    return total
+
+
 def _traction(state: State) -> Array:
-    along = dot(_force(state), _forward(state)[:, :, None])  # (n, 3, 2) N
-    return along[..., 0] + along[..., 1]
+    return _over_chain(dot(_force(state), _forward(state)[:, :, None]))
 
 
 def _normal_force(state: State) -> Array:
-    touch = state.sensordata.take(state.at.touch, axis=1)  # (n, 3, 2) N
-    return touch[..., 0] + touch[..., 1]
+    return _over_chain(state.sensordata.take(state.at.touch, axis=1))
+
+
+def _contact_count(state: State) -> Array:
+    count = _contact(state)[..., 0]
+    # Both runs pass over the sprockets.
+    return count[..., :2] + _over_chain(count[..., 2:])[..., None] if count.shape[-1] > 2 else count
 
 
 def _contact_position(state: State) -> Array:
     contact, force = _contact(state), _force(state)
     # Weighted by force: a track that hardly touches hardly moves the centre.
-    weight = np.sqrt(dot(force, force))  # (n, 3, 2)
-    total = weight[..., 0] + weight[..., 1]
-    places = weight[..., :1] * contact[:, :, 0, 4:7] + weight[..., 1:] * contact[:, :, 1, 4:7]
+    weight = np.sqrt(dot(force, force))  # (n, 3, k)
+    total = _over_chain(weight)
+    places = np.stack([_over_chain(weight * contact[..., axis]) for axis in (4, 5, 6)], axis=-1)
     known = total > 0
     if np.count_nonzero(known) == known.size:
         return places / total[..., None]
@@ -256,7 +272,7 @@ _READ: dict[str, Callable[[State], Array]] = {
     "normal_force": _normal_force,
     "slip_velocity": _slip_velocity,
     "slip_ratio": _slip_ratio,
-    "contact_count": lambda state: _contact(state)[..., 0],
+    "contact_count": _contact_count,
     "contact_position": _contact_position,
     "module_speed": _module_speed,
     "slide": lambda state: state.qpos.take(state.at.slide, axis=1),

@@ -17,6 +17,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_CONAFFINITY,
     LUG_CONTYPE,
+    SPROCKETS,
     friction_tendons,
     lug_pitch,
 )
@@ -140,7 +141,8 @@ class Plant:
         b, model, at = self._batch, self.model, self._at
         springs = [model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS]
         each = robots[:, None]
-        b.expand("geom_friction")[each, self._lugs.ravel(), 0] = start.friction[:, None]
+        touching = np.flatnonzero(model.geom_contype == LUG_CONTYPE)
+        b.expand("geom_friction")[each, touching, 0] = start.friction[:, None]
         b.expand("opt.gravity")[robots] = start.gravity
         b.expand("tendon_lengthspring")[each, springs, 0] = start.spring_free[:, None]
         torque = start.roll_torque[:, None, None] * np.array([-1.0, 1.0])
@@ -221,6 +223,7 @@ class Plant:
             if not self._drive.direct:
                 # Shafts are tied to their belts and have to be moved back with them.
                 self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
+            self.qpos[:, self._at.sprockets] -= back / self.robot.lug_radius
         self._leave_out_far_tracks()
         try:
             self._batch.step(active, nstep=substeps)
@@ -290,8 +293,12 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def bodies(kind: str) -> NDArray[np.intp]:
         return np.array([model.body(f"{kind}_{i}").id for i in NUMBERS])
 
-    def of_tracks(kind: str) -> NDArray[np.intp]:
-        return np.array([[model.sensor(f"{kind}_{t}_{i}").adr[0] for t in TRACKS] for i in NUMBERS])
+    # Sprockets touch exact walls alone.
+    exact = model.body("sprocket_front_1").geomnum[0] > 0
+    parts = (*TRACKS, *SPROCKETS) if exact else TRACKS
+
+    def of_chain(kind: str) -> NDArray[np.intp]:
+        return np.array([[model.sensor(f"{kind}_{p}_{i}").adr[0] for p in parts] for i in NUMBERS])
 
     chassis = model.body("chassis").id
     actuators = [model.actuator(i) for i in range(model.nu)]
@@ -311,9 +318,12 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         forward=9 * bodies("module")[:, None] + np.arange(2, 9, 3),
         chassis=3 * chassis + np.arange(3),
         frame=9 * chassis + np.arange(9).reshape(3, 3).T,
+        sprockets=np.array(
+            [[model.joint(f"sprocket_{e}_{i}").qposadr[0] for e in SPROCKETS] for i in NUMBERS]
+        ),
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
-        contact=of_tracks("contact")[:, :, None] + np.arange(7),
-        touch=of_tracks("touch"),
+        contact=of_chain("contact")[:, :, None] + np.arange(7),
+        touch=of_chain("touch"),
         belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
     )

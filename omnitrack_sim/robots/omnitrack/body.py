@@ -7,6 +7,11 @@ plant moves the row back by one pitch, so it never runs out. The motor's reflect
 the armature of that joint, so belt, friction and robot are solved together in one implicit step. A
 belt speed set from outside would need steps of microseconds against stiff friction, because three
 belts in one pipe are coupled rigidly.
+
+At the ends of a module the chain runs round its sprockets: spheres that turn with the belt about
+the module's cross axis. On exact walls an end that a wall faces touches with its sprocket, which
+drives along the wall and does not push the row back (``walls.track``); in rows of spheres the
+outermost lugs touch.
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Robot
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 from omnitrack_sim.robots.omnitrack.quantity import similar
-from omnitrack_sim.walls.track import line_record
+from omnitrack_sim.walls.track import line_record, sprocket_record
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
@@ -35,7 +40,15 @@ LINE_IMPEDANCE = (0.993, 0.993)
 """Of a row of lugs seen as one line. It rests on two points instead of 15 lugs, which together
 should be as stiff: (1 - d) / d is 2/15 of the lugs'."""
 CHAIN_TIME = 0.004
-"""Time constant of the tie between the two runs of a chain, which move as one, s; numerical."""
+"""Time constant of the ties by which the two runs of a chain and its sprockets move as one, s;
+numerical."""
+SPROCKET_MASS, SPROCKET_INERTIA = 0.01, 0.02
+"""Mass of a sprocket as a part of a track's, which goes without it, and its part of the inertia at
+its belt; numerical."""
+SPROCKETS = ("front", "rear")
+"""Ends of a module, in the order of its sprockets."""
+SPHERE = 1e-9
+"""Half length of a capsule that is a sphere, m."""
 STOP_TIME, STOP_IMPEDANCE = 0.005, (0.95, 0.99)
 """Time constant, s, and impedance of the stops of an arm's slide and pitch: 1 kN/mm, so that no
 arm stands beyond its stop."""
@@ -53,13 +66,13 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the
     compiled collider.
 
-    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i`` for i = 1, 2,
-    3. Joints ``robot``
-    (free), ``slide_i``, ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i`` (tied: the two
-    runs of one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators ``roll_i``
-    (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt). Sensors
-    ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
-    ``touch_lower_i`` (sum of its normal forces).
+    Bodies ``chassis``, ``arm_i``, ``module_i``, ``track_upper_i``, ``track_lower_i``,
+    ``sprocket_front_i``, ``sprocket_rear_i`` for i = 1, 2, 3. Joints ``robot`` (free), ``slide_i``,
+    ``pitch_i``, ``roll_i``, ``belt_upper_i``, ``belt_lower_i``, ``sprocket_front_i``,
+    ``sprocket_rear_i`` (tied: one chain). Tendons ``spring_front_i``, ``spring_rear_i``. Actuators
+    ``roll_i`` (position, rad) and ``belt_i`` (velocity servo, m/s; forces in N at the belt).
+    Sensors ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
+    ``touch_lower_i`` (sum of its normal forces), and with ``line_tracks`` the same of sprockets.
     """
     chassis = add_chassis(spec, robot)
     for number, angle in enumerate(MODULE_ANGLES, start=1):
@@ -68,11 +81,17 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
             _add_track(module, robot, f"{track}_{number}", side, line_tracks)
             add_contact_sensor(spec, f"contact_{track}_{number}", f"track_{track}_{number}")
-            _add_touch_sensor(spec, robot, f"{track}_{number}")
+            _add_touch_sensor(spec, robot, f"{track}_{number}", f"track_{track}_{number}")
+        for end, side in zip(SPROCKETS, (1.0, -1.0), strict=True):
+            _add_sprocket(spec, module, robot, f"{end}_{number}", side, line_tracks)
         add_springs(spec, robot, number)
         add_roll_motor(spec, robot, number)
-        # The lower run of a chain follows the upper one.
-        tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", f"belt_upper_{number}")
+        # The lower run of a chain and the sprockets follow the upper one.
+        belt = f"belt_upper_{number}"
+        tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", belt)
+        for end in SPROCKETS:
+            name = f"sprocket_{end}_{number}"
+            tie_joints(spec, robot, name, name, belt, 1 / robot.lug_radius)
     add_belt_motors(spec, robot)
     return chassis
 
@@ -150,17 +169,14 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
     """
     track = module.add_body(name=f"track_{name}")
     track.ipos = [0, 0, 0]
-    track.mass, track.inertia, track.explicitinertial = (
-        robot.track_mass,
-        [robot.track_mass * robot.lug_radius**2] * 3,
-        True,
-    )
+    track.mass, track.explicitinertial = (1 - SPROCKET_MASS) * robot.track_mass, True
+    track.inertia = [track.mass * robot.lug_radius**2] * 3
     track.add_joint(
         name=f"belt_{name}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0, 0, -side],
-        # The two runs of a chain are tied, so that each carries half of the inertia.
-        armature=output_inertia(robot) / 2,
+        # The runs of a chain and its sprockets are tied, so that each carries its part.
+        armature=(1 / len(TRACKS) - SPROCKET_INERTIA) * output_inertia(robot),
     )
     places, radius = lug_places(robot), robot.lug_radius - robot.track_offset
     if line:
@@ -184,6 +200,34 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
             solimp=impedance(*LUG_IMPEDANCE, robot.contact_depth),
             **contact_of_lugs(robot),
         )
+
+
+def _add_sprocket(
+    spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, name: str, end: float, line: bool
+) -> None:
+    """The sprocket at the front, ``end`` = 1, or rear, -1, of a module: at the last lug's place."""
+    sprocket = module.add_body(name=f"sprocket_{name}", pos=[0, 0, end * lug_places(robot)[-1]])
+    inertia = SPROCKET_INERTIA * output_inertia(robot) * robot.lug_radius**2
+    sprocket.mass, sprocket.explicitinertial = SPROCKET_MASS * robot.track_mass, True
+    sprocket.inertia = [robot.track_mass * robot.lug_radius**2] * 3
+    sprocket.add_joint(
+        name=f"sprocket_{name}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0, 1, 0],
+        armature=inertia,
+    )
+    if line:
+        sprocket.add_geom(
+            name=f"sprocket_{name}",
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[robot.lug_radius, SPHERE, 0],
+            solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
+            # The front's sphere comes before the rear's.
+            userdata=sprocket_record(int(end)),
+            **contact_of_lugs(robot),
+        )
+        add_contact_sensor(spec, f"contact_{name}", f"sprocket_{name}")
+        _add_touch_sensor(spec, robot, name, f"sprocket_{name}")
 
 
 def contact_of_lugs(robot: Robot) -> dict[str, Any]:
@@ -268,17 +312,24 @@ def roll_damping(robot: Robot) -> float:
     return 2 * math.sqrt(robot.roll_stiffness * robot.rotary_motor.reflected_inertia)
 
 
-def tie_joints(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str, leader: str) -> None:
-    """An equality by which one joint moves as another does."""
+def tie_joints(
+    spec: mujoco.MjSpec,
+    robot: Robot,
+    name: str,
+    follower: str,
+    leader: str,
+    ratio: float = 1.0,
+) -> None:
+    """An equality by which one joint moves as another does, times ``ratio``."""
     spec.add_equality(
         name=name,
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
         name1=follower,
         name2=leader,
-        data=[0, 1, *[0] * 10],
+        data=[0, ratio, *[0] * 10],
         solref=[sized(robot, CHAIN_TIME, "s"), 1.0],
-        solimp=impedance(0.9, 0.95, sized(robot, TIE_DEPTH, "m")),
+        solimp=impedance(0.9, 0.95, ratio * sized(robot, TIE_DEPTH, "m")),
     )
 
 
@@ -314,16 +365,16 @@ def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
     )
 
 
-def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str) -> None:
-    """Sum of the normal forces of all contacts of a track, N.
+def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str, body: str) -> None:
+    """Sum of the normal forces of all contacts of a body, N.
 
     The net force does not tell it: where contacts have different normals, as at a rim, or where the
     arm does not stand at right angles to the wall, friction has a share along the arm.
     """
-    zone = spec.body(f"track_{name}").add_site(
+    zone = spec.body(body).add_site(
         name=f"touch_{name}",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        # A touch sensor counts the contacts inside its site: large enough for all of the track's.
+        # A touch sensor counts the contacts inside its site: large enough for all of the body's.
         size=[robot.length, 0, 0],
         group=COLLISION_GROUP,
         rgba=[0, 0, 0, 0],
