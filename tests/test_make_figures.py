@@ -14,11 +14,13 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+import omnitrack_sim as ot
 from omnitrack_sim.cli import app
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import sweep_tables  # noqa: E402
 from making import pages, parts, probes  # noqa: E402
 
 DOCS = ROOT / "docs"
@@ -161,6 +163,21 @@ def test_the_list_shows_every_part_and_its_cost():
     """A line for each part."""
     lines = shown(["--list"]).stdout.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == list(PARTS)
+
+
+def test_tables_of_a_sweep_count_each_trial_once():
+    """Rows of a range, of a direction and of words add up to the row of all trials."""
+    quick = {"run.time_limit": 0.01}
+    sweep = ot.load_sweep("tee_monte_carlo", quick).model_copy(update={"samples": 16})
+    result = ot.run_sweep(sweep)
+    for cuts in sweep_tables.TABLES["tee_monte_carlo"].values():
+        for cut in cuts:
+            assert sum(
+                which.astype(int) for which in sweep_tables.groups(result, cut).values()
+            ) == (pytest.approx(1))
+        *rows, every = sweep_tables.table(result, cuts).splitlines()[2:]
+        counts = [int(row.split("|")[-2].split()[2].rstrip(",").strip()) for row in [*rows, every]]
+        assert sum(counts[:-1]) == counts[-1] == 16
 
 
 TOY = """
