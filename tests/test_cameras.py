@@ -125,3 +125,26 @@ def test_sensors_that_cannot_be_are_refused(changes, where, told):
         ot.override(ot.load_scenario("tee_turn"), {"sensing.kind": "onboard"} | changes)
     assert where in str(error.value)
     assert told in str(error.value)
+
+
+def test_slopes_of_light_are_those_of_its_pictures():
+    """Beside the lamp's direction of the pipe, where joints and shadows do not show; the exposure
+    changes with all pixels."""
+    camera = HeadlightCamera(HeadlightTable(ring=0.0))
+    walls, place, frame, rays, hits = hits_in("straight", 0.3, camera)
+    slopes = camera.slopes(hits, rays, frame)[0]
+
+    def picture(*pose):
+        return camera.expected(walls.trace(ONE, *pose, rays, 1.5, camera.lamp), rays)[0]
+
+    for axis, step in ((0, 1e-3), (1, 1e-3), (2, 1e-3), (3, 1e-2), (4, 1e-2)):
+        move = step * np.eye(3)[None, axis % 3]
+        sides = [
+            picture(place + side * move, frame)
+            if axis < 3
+            else picture(place, frame @ turned_by(side * move))
+            for side in (1.0, -1.0)
+        ]
+        change = (sides[0] - sides[1]) / (2 * step)
+        error = np.median(np.abs(slopes[:, axis] - change))
+        assert error < 0.25 * np.median(np.abs(change)) + 0.02

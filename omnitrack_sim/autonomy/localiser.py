@@ -52,7 +52,7 @@ class LocaliserSettings:
 
     Attributes:
         touch_period: s, time between two updates by arms and accelerometer.
-        all_turns: number of rotations about the axis that a robot of unknown rotation compares, 10
+        all_turns: number of rotations about the axis that a robot of unknown rotation compares, 15
             degrees apart.
         few_places: number of positions at which each of these is compared: the rotation is sought
             there, the position only has to be near.
@@ -72,13 +72,15 @@ class LocaliserSettings:
         turns: number of rotations about the axis compared.
         variance_drop: part of its prior variance below which an update has to bring the posterior:
             where all candidates look alike, a smaller gain is chance.
+        least_contrast: cost by which rotations about the axis have to differ in a picture that
+            tells one from another.
         pause: pictures of one end that are not compared after one without information.
         remapped_place_std: m, standard deviation that is added where a bend of the map changes.
         remapped_turn_std: rad, the same of each rotation.
     """
 
     touch_period: float = 0.1
-    all_turns: int = 36
+    all_turns: int = 24
     few_places: int = 3
     most_doubt: float = 1e-3
     margin: float = 4.0
@@ -93,7 +95,8 @@ class LocaliserSettings:
     places: int = 13
     turns: int = 9
     variance_drop: float = 0.85
-    pause: int = 1
+    least_contrast: float = 1.0
+    pause: int = 2
     remapped_place_std: float = 0.015
     remapped_turn_std: float = 0.03
 
@@ -329,6 +332,10 @@ class Localiser:
         cost = prior + self._candidates.around(
             robots, shot, axis, steps, every, self._candidates.few
         )
+        # Where no fitting is in sight, as behind it mostly, all turns look alike.
+        of_each = cost.min(axis=2)
+        alike = np.ptp(of_each, axis=1) < LOCALISER.least_contrast
+        self._pause(robots, shot, alike)
         weight = chances(cost)  # (m, t, p)
         # Pictures are taken as independent, so their evidence adds up; none rules a turn out.
         self._evidence[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
@@ -360,7 +367,8 @@ class Localiser:
         every = np.tile(self._turns, (len(robots), 1))
         axis, reach = self.filter.rotation[robots, :, 2], LOCALISER.verified_reach
         steps = np.tile(np.linspace(-reach, reach, LOCALISER.few_places), (len(robots), 1))
-        cost = self._candidates.around(robots, shot, axis, steps, every).min(axis=2)
+        few = self._candidates.few
+        cost = self._candidates.around(robots, shot, axis, steps, every, few).min(axis=2)
         apart = np.abs(wrap_angle(self._turns)) > CANDIDATES.distinct_turn
         wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - LOCALISER.margin
         self.unknown[robots] |= wrong
@@ -372,33 +380,48 @@ class Localiser:
         Close to the truth the gradients of the picture tell more; farther off they lead astray, and
         where pixels begin or cease to see something, as at an open end, they tell nothing.
         """
-        axis, std = self.filter.least_certain()
+        axis, place_std = self.filter.least_certain()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std(TURN, forward)
-        large = (std > LOCALISER.least_place_std) | (turn_std > LOCALISER.least_turn_std)
-        robots = np.flatnonzero(large & ~self.unknown & rested)
+        ready = ~self.unknown & rested
+        apart = ready & (place_std > LOCALISER.least_place_std)
+        turned = ready & (turn_std > LOCALISER.least_turn_std)
+        information = np.zeros((len(axis), POSE, POSE))
+        evidence, informative = np.zeros((len(axis), POSE)), np.zeros(len(axis), bool)
+        most = np.minimum(LOCALISER.reach * place_std, LOCALISER.most_reach)
+        for block, uncertain, direction, std, reach, count in (
+            (PLACE, apart, axis, place_std, most, LOCALISER.places),
+            (TURN, turned, forward, turn_std, LOCALISER.reach * turn_std, LOCALISER.turns),
+        ):
+            robots = np.flatnonzero(uncertain)
+            if len(robots) == 0:
+                continue
+            values, still = (
+                reach[robots, None] * np.linspace(-1, 1, count),
+                np.zeros((len(robots), 1)),
+            )
+            steps, turns = (values, still) if block is PLACE else (still, values)
+            cost = self._candidates.around(
+                robots, shot, direction[robots], steps, turns, self._candidates.few
+            ).reshape(len(robots), count)
+            gain, pull = _gain(values, std[robots], cost)
+            along = direction[robots]
+            information[robots, block, block] += gain[:, None, None] * outer(along, along)
+            evidence[robots, block] += pull[:, None] * along
+            informative[robots] |= gain > 0
+        robots = np.flatnonzero(apart | turned)
         if len(robots) == 0:
             return
-        reach, still = LOCALISER.reach, np.zeros((len(robots), 1))
-        most = np.minimum(reach * std[robots], LOCALISER.most_reach)
-        steps = most[:, None] * np.linspace(-1.0, 1.0, LOCALISER.places)  # (m, p)
-        turns = reach * turn_std[robots, None] * np.linspace(-1.0, 1.0, LOCALISER.turns)  # (m, t)
-        around, few = self._candidates.around, self._candidates.few
-        step_cost = around(robots, shot, axis[robots], steps, still, few)[:, 0]
-        turn_cost = around(robots, shot, axis[robots], still, turns)[..., 0]
-        information = np.zeros((len(axis), POSE, POSE))
-        evidence = np.zeros((len(axis), POSE))
-        informative = np.zeros(len(robots), bool)
-        for block, direction, gain, pull in (
-            (PLACE, axis[robots], *_gain(steps, std[robots], step_cost)),
-            (TURN, forward[robots], *_gain(turns, turn_std[robots], turn_cost)),
-        ):
-            information[robots, block, block] += gain[:, None, None] * outer(direction, direction)
-            evidence[robots, block] += pull[:, None] * direction
-            informative |= gain > 0
-        end = (shot.facing[robots] > 0).astype(np.intp)
-        self._rest[robots, end] = np.where(informative, 0, LOCALISER.pause)
+        self._pause(robots, shot, ~informative[robots])
         self.shot = self._correct(information, evidence, shot)
+
+    def _pause(
+        self, robots: NDArray[np.intp], shot: Shot, uninformative: NDArray[np.bool_]
+    ) -> None:
+        """Have robots (m,) compare no poses by the next pictures of an end whose last one is
+        ``uninformative`` (m,)."""
+        end = (shot.facing[robots] > 0).astype(np.intp)
+        self._rest[robots, end] = np.where(uninformative, LOCALISER.pause, 0)
 
     def seek(
         self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array

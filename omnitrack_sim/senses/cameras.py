@@ -88,6 +88,11 @@ class DepthCamera:
 
 EXPOSED = 0.9
 """Part of the pixels that the exposure keeps below full brightness."""
+ABOUT = 0.05
+"""To either side of that part, in the Jacobian, the pixels whose brightness is about the same."""
+GRAZING = 0.03
+"""Least sine of the angles of rays and light to a wall in the Jacobian, which would grow without
+bound."""
 BRIGHT = 0.8
 """Brightness that the exposure gives to that pixel."""
 
@@ -141,14 +146,14 @@ class HeadlightCamera:
         """See ``Camera``."""
         table = self._table
         light = self._light(hits, rays) * (1 + table.dirt * hits[..., GRAIN])
-        coded = self._coded(light, rays, metered)
+        coded = self._coded(self._received(light, rays), metered)
         noisy = coded + table.noise * normal(keys, "headlight", number, pixels)
         steps = 2**table.bits - 1
         return np.round(np.clip(noisy, 0.0, 1.0) * steps) / steps
 
     def expected(self, hits: Array, rays: Array) -> Array:
         """See ``Camera``."""
-        coded = self._coded(self._light(hits, rays), rays)
+        coded = self._coded(self._received(self._light(hits, rays), rays))
         return np.where(np.isnan(hits[..., RANGE]), np.nan, coded)
 
     def spread(self, expected: Array) -> Array:
@@ -157,8 +162,33 @@ class HeadlightCamera:
         dirt = table.dirt * 0.5 / table.gamma * expected
         return np.hypot(table.noise + 0.5 / 2**table.bits, dirt)
 
-    def slopes(self, hits: Array, rays: Array, rotation: Array) -> None:
-        """See ``Camera``: found from neighbouring poses."""
+    def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array:
+        """See ``Camera``. Of light (v n) / |v|³, with v from the wall to the lamp and its normal n,
+        the logarithm changes by (3 (v u) / v² - (u n) / (v n)) dr as the ray u becomes longer by
+        dr, and by -w (n x v) / (v n) as the camera turns by w; a pixel by that, less the change
+        of the exposure, over gamma."""
+        table = self._table
+        normals = np.einsum("nki,nij->nkj", hits[..., NORMAL], rotation)  # (n, k, 3) camera
+        reach = np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], 1.0)[..., None]
+        to_lamp = self.lamp - reach * rays
+        far = (to_lamp**2).sum(axis=-1)
+        across = np.minimum((normals * rays).sum(axis=-1), -GRAZING)
+        facing = np.maximum((normals * to_lamp).sum(axis=-1), GRAZING * np.sqrt(far))
+        longer = 3 * (to_lamp * rays).sum(axis=-1) / far - across / facing  # of a metre of range
+        moved = -normals / across[..., None]
+        turned = cross(reach * rays, moved)
+        moved_light = longer[..., None] * np.einsum("nkj,nij->nki", moved, rotation)
+        turned_light = longer[..., None] * turned - cross(normals, to_lamp) / facing[..., None]
+        light = np.concatenate([moved_light, turned_light], axis=-1)
+        received = self._received(self._light(hits, rays), rays)
+        # As the camera moves, other pixels come to be those that the exposure goes by.
+        order, count = np.argsort(received, axis=1, kind="stable"), received.shape[1]
+        first, last = (int((EXPOSED + side * ABOUT) * count) for side in (-1, 1))
+        about = order[:, first:last]
+        exposure = np.take_along_axis(light, about[..., None], axis=1).mean(axis=1)
+        pixels = self._coded(received)
+        shown = np.where(pixels < 1.0, pixels, 0.0) / table.gamma
+        return shown[..., None] * (light - exposure[:, None])
 
     def _light(self, hits: Array, rays: Array) -> Array:
         """Light (n, k) that comes back to the lens: what falls on the wall, which scatters it alike
@@ -169,10 +199,13 @@ class HeadlightCamera:
         rings = 1 - self._table.ring * np.exp(-((hits[..., JOINT] / self._table.ring_width) ** 2))
         return np.where(met, hits[..., LIT] * rings / (to_lamp**2).sum(axis=-1), 0.0)
 
-    def _coded(self, light: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
+    def _received(self, light: Array, rays: Array) -> Array:
+        """Light (n, k) behind the lens, which loses some towards the corners of the picture."""
+        return light * (1 - self._table.vignetting * (1 - rays[:, 2]) / self._corner)
+
+    def _coded(self, received: Array, metered: NDArray[np.intp] | None = None) -> Array:
         """Pixels (n, k) of light, exposed by the picture's own brightness."""
         table = self._table
-        received = light * (1 - table.vignetting * (1 - rays[:, 2]) / self._corner)
         meter = received if metered is None else received[:, metered]
         level = np.quantile(meter, EXPOSED, axis=1, keepdims=True)
         # BRIGHT is a pixel's value: to the power of gamma it is light.
