@@ -178,9 +178,7 @@ def test_region_tells_the_way_to_its_border(theta5, inside, border):
     simulation = ot.Simulation([ot.override(ot.load_scenario("tee_turn"), changes)])
     reach = simulation.scenarios[0].robot.reach
     region = region_of(simulation.legs.routes, simulation.location, reach)
-    assert region is not None
-    assert region.inside is inside
-    assert np.degrees(region.border) == pytest.approx(border, abs=0.01)
+    assert region == (inside, pytest.approx(np.radians(border), abs=2e-4))
 
 
 def test_no_region_without_a_tee_turn():

@@ -302,10 +302,8 @@ def _ended(outcomes: Sequence[Outcome | None], ended: NDArray[np.bool_]) -> dict
     """Outcomes of the episodes that have ``ended`` (n,), as ``info`` has them."""
     if not ended.any():
         return {}
-    words = np.full(len(ended), None, object)
-    for robot in np.flatnonzero(ended).tolist():
-        outcome = outcomes[robot]
-        words[robot] = None if outcome is None else outcome.value
+    pairs = zip(outcomes, ended, strict=True)
+    words = np.array([own.value if own and over else None for own, over in pairs], object)
     reached = np.array([outcome is Outcome.REACHED_GOAL for outcome in outcomes])
     return _masked({"outcome": words, "is_success": reached & ended}, ended)
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
@@ -110,32 +109,22 @@ class EpisodeSampler:
         return validate(data, changes=self._changes)
 
 
-def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+def with_values(table: Any, values: Mapping[str, Any]) -> Any:
     """Copy a scenario in plain pipes with values by dotted path, as ``override`` does, without
     checking them.
 
     The route stays: nothing of what a batch's robots need not share changes it.
     """
-    return _changed(scenario, {tuple(path.split(".")): v for path, v in values.items()}, ("route",))
-
-
-def _changed(
-    table: BaseModel, values: Mapping[tuple[str, ...], Any], kept: tuple[str, ...] = ()
-) -> Any:
-    """Copy a table with values by path, without cached properties other than ``kept``."""
-    inner: dict[str, dict[tuple[str, ...], Any]] = {}
-    own = {}
-    for (key, *rest), value in values.items():
-        if rest:
-            inner.setdefault(key, {})[tuple(rest)] = value
-        else:
-            own[key] = value
-    own |= {key: _changed(getattr(table, key), below) for key, below in inner.items()}
-    fields = {key: own.get(key, getattr(table, key)) for key in type(table).model_fields}
+    fields = {key: getattr(table, key) for key in type(table).model_fields}
+    for path, value in values.items():
+        key, _, below = path.partition(".")
+        fields[key] = with_values(fields[key], {below: value}) if below else value
+    changed = table.model_fields_set | {path.partition(".")[0] for path in values}
     # Not validated: both ends of each range were, and what lies between them is valid, too.
-    copy = table.model_construct(_fields_set=set(table.model_fields_set) | set(own), **fields)
-    # A cached property holds what old values gave; only those that no value changes are kept.
-    copy.__dict__.update({key: table.__dict__[key] for key in kept if key in table.__dict__})
+    copy = table.model_construct(_fields_set=changed, **fields)
+    # Other cached properties hold what old values gave, and are computed anew.
+    if "route" in table.__dict__:
+        copy.__dict__["route"] = table.__dict__["route"]
     return copy
 
 

@@ -91,12 +91,6 @@ def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
     return centres, radii
 
 
-def geom_colour(model: mujoco.MjModel, geom: int) -> Array:
-    """Red, green, blue (3,) of a geom, 0 to 1, sRGB."""
-    material = int(model.geom_matid[geom])
-    return (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3]
-
-
 def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
     # Normals are the mean of the faces that meet at a corner, and apart at an edge that is sharp.
     # MuJoCo's own are those of another face at many a sharp edge of a mesh.
@@ -104,12 +98,13 @@ def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
     position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
+    colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     gloss = 0.25 if material < 0 else float(model.mat_specular[material])
     return _painted(
         position @ rotation.T + model.geom_pos[geom],
         unit(normal) @ rotation.T,
         mesh.tri_verts,
-        (*geom_colour(model, geom).tolist(), gloss),
+        (*colour[:3].tolist(), gloss),
         int(model.geom_bodyid[geom]),
     )
 

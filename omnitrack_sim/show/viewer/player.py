@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -28,20 +27,9 @@ from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
 
 
-class Region(NamedTuple):
-    """Position of theta5 relative to the motion singularity region of a tee turn.
-
-    Attributes:
-        inside: a module will lose the wall, as Section IV of the paper has it.
-        border: rad, angle to the region's nearest border, by whichever way is shorter.
-    """
-
-    inside: bool
-    border: float
-
-
-def region_of(routes: RouteMap, location: Location, reach: float) -> Region | None:
-    """Return the region of the tee turn ahead or at hand; None where there is none."""
+def region_of(routes: RouteMap, location: Location, reach: float) -> tuple[bool, float] | None:
+    """Return whether theta5 lies inside the motion singularity region of the tee turn ahead or at
+    hand, and the angle, rad, to the nearest border; None where there is none."""
     number = int(location.passage[0])
     passage = routes.passages[number]
     if passage is None or passage.manoeuvre != "tee_turn":
@@ -49,7 +37,7 @@ def region_of(routes: RouteMap, location: Location, reach: float) -> Region | No
     # A right angle, whatever that of the branch: see Aligner.learn.
     margin = float(safe_margin(sector_angle(routes.corner_radius[number], reach, np.pi / 2)))
     error = float(orientation_error(location.theta5[0], preferred_theta5("tee_turn")))
-    return Region(abs(error) > margin, abs(abs(error) - margin))
+    return abs(error) > margin, abs(abs(error) - margin)
 
 
 class ShownRun:
@@ -84,8 +72,8 @@ class ShownRun:
         region = region_of(self.routes, self.location, self.scenario.robot.reach)
         text = "no tee turn ahead"
         if region is not None:
-            side = "INSIDE" if region.inside else "outside"
-            text = f"{side}, border at {np.degrees(region.border):.1f} deg"
+            inside, border = region
+            text = f"{'INSIDE' if inside else 'outside'}, border at {np.degrees(border):.1f} deg"
         return [
             ("module", _three("{:>6d}", (1, 2, 3))),
             ("slip ratio", _three("{:>z6.2f}", self.value("slip_ratio"))),
