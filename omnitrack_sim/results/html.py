@@ -47,7 +47,8 @@ def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int
     values = scale * np.asarray(trajectory[channel], float).reshape(len(trajectory.time), -1)
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    x = _LEFT + _WIDTH * _part(trajectory.time)
+    time = trajectory.time - trajectory.time[0]
+    x = _LEFT + _WIDTH * (time / max(float(time[-1]), 1e-9))
     # SVG counts y downward; a constant channel has no range to divide by.
     y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
     colours = _COLOURS if values.shape[1] > 1 else (_INK,)
@@ -59,11 +60,6 @@ def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int
         _text(_LEFT - 4, top + _HEIGHT, f"{low:.3g}", "end"),
     ]
     return "".join([_phases(trajectory, x, top), *texts, *lines])
-
-
-def _part(time: NDArray) -> NDArray[np.float64]:
-    """Time (T,) as a part of the whole, 0 to 1."""
-    return (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
 
 
 def _phases(trajectory: Trajectory, x: NDArray, top: int) -> str:

@@ -141,7 +141,7 @@ class _Mission:
         self.faces = bore_faces(self.pipes)
         self.marks, self.travel = marks_of(result), list(_travel_of(self.trajectory))
         # Height of the row of the time chart that names the legs.
-        self.legs = 0.16 if len({leg.index for leg in self.travel}) > 1 else 0.0
+        self.legs = 0.16 if len(self.travel) > 1 else 0.0
         self.legend = _CHART + 2 * _PANEL + _PANELS + self.legs + _STRIP + 0.38
         top = self._place_views(self.legend + 0.40)
         self.height = top + 0.44 + _HEAD
@@ -411,14 +411,12 @@ class LegTravel:
     """Travel on one leg, in n pieces of ``BIN``.
 
     Attributes:
-        index: of the leg.
         tail_first: it was driven tail first.
         rows: (n + 1,) samples that bound the pieces.
         slip: (n,) mean slip ratio of the modules, as a magnitude.
         force: (n,) N, least normal force of a module.
     """
 
-    index: int
     tail_first: bool
     rows: NDArray[np.intp]
     slip: Array
@@ -438,7 +436,6 @@ def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
         starts = np.flatnonzero(np.diff(np.floor(travel / BIN), prepend=-1.0))
         count = np.diff(np.append(starts, len(rows)))
         yield LegTravel(
-            index=int(leg),
             tail_first=bool(trajectory["gear"][rows[0]] < 0),
             rows=np.append(rows[starts], rows[-1]),
             slip=np.add.reduceat(slip[rows], starts) / count,

@@ -8,7 +8,6 @@ import io
 import math
 import zlib
 from collections.abc import Iterable
-from dataclasses import asdict
 from typing import Any
 
 import mujoco
@@ -32,7 +31,6 @@ from omnitrack_sim.robots.omnitrack.looks import (
     view_direction,
 )
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
-from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.playback import belt_travel
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
@@ -123,7 +121,7 @@ TILE, TILES_ACROSS = 48, 25
 """Largest side of a picture's tile, pixels, and tiles beside each other."""
 
 
-def _plotted(trajectory: Trajectory) -> list[str]:
+def plotted(trajectory: Trajectory) -> list[str]:
     """Channels that have a plot: ``PLOTTED``, and those of a user's own sensors."""
     own = [
         name
@@ -133,17 +131,9 @@ def _plotted(trajectory: Trajectory) -> list[str]:
     return [*PLOTTED, *own]
 
 
-def panels_table(trajectory: Trajectory) -> list[dict[str, Any]]:
-    """The plots of a run: how each channel is displayed."""
-    return [
-        {"channel": name, "first": name in FIRST, **asdict(trajectory.schema[name].display)}
-        for name in _plotted(trajectory)
-    ]
-
-
 def curves_table(trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
     """The channels that are shown, by name."""
-    names = _plotted(trajectory)
+    names = plotted(trajectory)
     commands = [trajectory.schema[name].display.command for name in names]
     names += [*filter(None, commands), *_NOT_PLOTTED]
     return {name: pack.ranged(trajectory[name]) for name in names}
@@ -408,11 +398,3 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
         "back": rounded(follow_direction(network), 6),
         "fov": FIELD_OF_VIEW,
     }
-
-
-def follow_table(result: Result, trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
-    """Return distance, m, and direction at each sample of the camera that keeps with the robot, as
-    in films."""
-    directions = view_directions(trajectory, result.pipes, follow_direction(result.pipes))
-    distance = FARTHER * DISTANCE * result.scenario.robot.scale
-    return {"distance": distance, "directions": pack.steps(directions, 1e-4)}

@@ -6,7 +6,7 @@ import html
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,9 @@ from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.omnitrack.looks import follow_direction
 from omnitrack_sim.robots.omnitrack.scene import build_looks
+from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.replay import contents
 
@@ -151,7 +153,8 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page's runs, of which the first one brings the pipes."""
     first, pack = runs[0], contents.Pack()
     network, trajectory = first.pipes, sound(first.trajectory)
-    shapes = contents.Shapes(pack)
+    shapes, schema = contents.Shapes(pack), first.trajectory.schema
+    back = view_directions(trajectory, network, follow_direction(network))
     models = [
         build_looks(run.pipes, run.scenario.robot, run.scenario.plates, coarse=False).compile()
         for run in runs
@@ -161,10 +164,16 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
             _run_table(run, model, pack, shapes) for run, model in zip(runs, models, strict=True)
         ],
         "pipes": contents.pipes_table(network, models[0], shapes),
-        "follow": contents.follow_table(first, trajectory, pack),
+        "follow": {
+            "distance": contents.FARTHER * DISTANCE * first.scenario.robot.scale,
+            "directions": pack.steps(back, 1e-4),
+        },
         "map": contents.map_table(first, trajectory),
         "pictures": contents.pictures_table(first.album, trajectory),
-        "panels": contents.panels_table(first.trajectory),
+        "panels": [
+            {"channel": name, "first": name in contents.FIRST, **asdict(schema[name].display)}
+            for name in contents.plotted(first.trajectory)
+        ],
         "colours": [[round(255 * part) for part in colour] for colour in MODULE_COLOURS],
         "headline": HEADLINE,
         "arrows": contents.arrow_scales(trajectory, first.scenario.robot.scale),
