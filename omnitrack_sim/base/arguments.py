@@ -30,11 +30,8 @@ _MAKERS = {
 
 
 def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
-    """Return ``value``, the argument ``where``, if it is of the public class ``kind``.
-
-    Raises:
-        TypeError: it is something else.
-    """
+    """Return ``value``, the argument ``where``; a ``TypeError`` if it is not of the class
+    ``kind``."""
     if isinstance(value, kind):
         return value
     problem = f"{where}: is {_described(value)}; it must be an ot.{kind.__name__}"
@@ -49,11 +46,7 @@ def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
 
 
 def check_all(kind: type[_Thing], where: str, values: Iterable[object]) -> list[_Thing]:
-    """Return ``values`` as a list if each is a ``kind``; arguments as of ``check_is``.
-
-    Raises:
-        TypeError: they are no list, or one of them is something else.
-    """
+    """Return ``values`` as a list; a ``TypeError`` if they are no list, or one is no ``kind``."""
     # A single scenario can be iterated as a pydantic model, so it must be refused before the loop.
     if isinstance(values, kind):
         raise TypeError(f"{where}: is one ot.{kind.__name__}, not a list; write [...] around it")
@@ -66,11 +59,7 @@ def check_all(kind: type[_Thing], where: str, values: Iterable[object]) -> list[
 
 
 def check_changes(changes: object) -> None:
-    """Check that changes are values by dotted path.
-
-    Raises:
-        TypeError: they are no mapping, or a path is no text.
-    """
+    """Raise a ``TypeError`` for changes that are no mapping of values by dotted path."""
     like = "such as {'world.friction': 0.3}"
     if not isinstance(changes, Mapping):
         raise TypeError(f"changes: is {_described(changes)}; it must be a mapping, {like}")
@@ -80,11 +69,7 @@ def check_changes(changes: object) -> None:
 
 
 def check_controller(controller: Any) -> None:
-    """Check that a controller is a class with a method ``step``.
-
-    Raises:
-        TypeError: it is no class with a ``step``.
-    """
+    """Raise a ``TypeError`` for a controller that is no class with a method ``step``."""
     if isinstance(controller, str):
         raise TypeError(
             f"controller: is {_described(controller)}; it must be a class. One by its name is "
@@ -99,12 +84,7 @@ def check_controller(controller: Any) -> None:
 
 
 def check_time(where: str, time: object) -> None:
-    """Check a time in a run, s.
-
-    Raises:
-        TypeError: it is no number.
-        InputError: it is NaN.
-    """
+    """Raise an error for a time in a run, s, that is no number, or NaN."""
     if not isinstance(time, Real):
         raise TypeError(f"{where}: is {_described(time)}; it must be a number, s")
     if math.isnan(time):

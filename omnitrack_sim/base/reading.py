@@ -358,10 +358,8 @@ def _oddity(value: Any, depth: int) -> str | None:
 
 
 def plain_value(value: Any) -> Any:
-    """Plain form of a value that JSON does not know.
-
-    Models become tables, NumPy values numbers and lists, everything else text.
-    """
+    """Plain form of a value that JSON does not know: a table of a model, numbers and lists of
+    NumPy's, text of all else."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)

@@ -166,11 +166,7 @@ def _whole(target: Path) -> Iterator[Path]:
 
 
 def check_file(path: str | Path) -> None:
-    """Refuse, before any work, a place where no file can be written.
-
-    Raises:
-        OutputError: its folder is missing or closed to us, or it is no place for a file.
-    """
+    """Raise an ``OutputError``, before any work, for a place where no file can be written."""
     with told(path):
         _try_out(_file_place(path).parent)
 
@@ -203,10 +199,8 @@ def check_folder(directory: str | Path, mark: str | None = None, files: Iterable
 
 
 def tidy(place: Path) -> None:
-    """Remove the workshops that killed processes left in a folder.
-
-    A replacement that such a process was in the middle of is finished first.
-    """
+    """Remove the workshops that killed processes left in a folder, and finish a replacement that
+    one was in the middle of."""
     for shop in place.iterdir():
         if not is_workshop(shop.name):
             continue
@@ -334,11 +328,8 @@ def _clear(shop: Path) -> None:
 
 
 def _exchange(one: Path, other: Path) -> None:
-    """Exchange two folders in one atomic step.
-
-    Raises:
-        OSError: ``_CANNOT_EXCHANGE`` where the system or the file system does not know how.
-    """
+    """Exchange two folders in one atomic step; an ``OSError`` of ``_CANNOT_EXCHANGE`` where the
+    system or the file system does not know how."""
     library = ctypes.CDLL(None, use_errno=True)
     ends = _AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other)
     known = hasattr(library, "renameat2")

@@ -83,10 +83,8 @@ def _tell(message: str) -> None:
 
 
 def _tell_usage(error: Any) -> int:
-    """Tell what is wrong with the options, which Typer has found; returns the exit status.
-
-    Typer's errors have no public class in common, and it would print them in full, however long.
-    """
+    """Tell what is wrong with the options, which Typer would print in full, however long;
+    returns the exit status."""
     if type(error).__name__ != "NoArgsIsHelpError":  # which has printed the help already
         _tell(error.format_message())
         if error.ctx is not None:

@@ -157,11 +157,8 @@ class EpisodeBatch:
         self.travel[rows] = 0.0
 
     def advance(self, actions: Array) -> Mapping[str, Array]:
-        """Carry out actions (n, 4) for one decision and return the terms (n,) of the reward before
-        weights.
-
-        Robots whose episode is over stay as they are.
-        """
+        """Carry out actions (n, 4) for one decision and return the terms (n,) of the reward
+        before weights; robots whose episode is over stay as they are."""
         simulation, decisions = self.simulation, self.decisions
         running, tally = simulation.active, Tally(simulation)
         # Whatever the caller gives for an episode that is over, it must not be refused.
@@ -302,11 +299,7 @@ class Episodes:
 
 
 def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
-    """Return actions as an array.
-
-    Raises:
-        ValueError: it has another shape than ``shape``.
-    """
+    """Return actions as an array; a ``ValueError`` where it has another shape."""
     actions = np.asarray(given)
     if actions.shape != shape:
         raise ValueError(f"action has shape {actions.shape}, expected {shape}")
@@ -314,11 +307,7 @@ def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
 
 
 def reset_options_of(given: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
-    """Return the options of a reset.
-
-    Raises:
-        InputError: one is not among the ``known``.
-    """
+    """Return the options of a reset; an ``InputError`` for those that are not ``known``."""
     problem = "unknown key" if known else "unknown key; a reset of one robot has no options"
     odd = [
         Fault(f"options.{key}", problem, known, str(key)) for key in given or {} if key not in known

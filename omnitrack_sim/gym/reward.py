@@ -50,11 +50,7 @@ TERMS: Mapping[str, Term] = {term.name: term for term in _TERMS}
 
 
 class Tally:
-    """Adds up the terms of n robots over the control steps of one decision, by the truth.
-
-    Args:
-        simulation: of the robots, before the first control step.
-    """
+    """Adds up the terms of n robots over the control steps of one decision, by the truth."""
 
     def __init__(self, simulation: Simulation) -> None:
         n, first = simulation.n, simulation.scenarios[0]

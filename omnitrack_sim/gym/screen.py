@@ -29,11 +29,7 @@ SPACING = 0.01
 
 
 class EpisodeScreen:
-    """Shows robots as they are now. What is needed to paint the pipes of a lane is made once.
-
-    Args:
-        options: of the environment.
-    """
+    """Shows robots as they are now. What is needed to paint the pipes of a lane is made once."""
 
     def __init__(self, options: EnvOptions) -> None:
         self._options = options

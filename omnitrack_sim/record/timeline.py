@@ -156,10 +156,8 @@ def phase_starts(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Return the centred mean (T, k) over ``window`` s of samples (T, k) at ``time`` (T,) s.
-
-    The window is shorter at both ends.
-    """
+    """Return the centred mean (T, k) over ``window`` s, shorter at both ends, of samples (T, k)
+    at ``time`` (T,) s."""
     values = np.asarray(values, float)
     if len(time) < 2:
         return values
@@ -174,10 +172,8 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """Samples that the figures of a visit are computed from.
-
-    Each is the mean over the interval from a sample to the next one (trapezoidal rule).
-    """
+    """Samples that the figures of a visit are computed from, each the mean over the interval to
+    the next one (trapezoidal rule)."""
 
     def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
         touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
@@ -234,10 +230,8 @@ def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
 def _counts(
     trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
 ) -> NDArray[np.intp]:
-    """Number of times that a phase began, for each fitting of each leg.
-
-    ``group`` (T,) is the number of the fitting that each sample is in.
-    """
+    """Number of times that a phase began, for each fitting of each leg; ``group`` (T,) is the
+    number of the fitting that each sample is in."""
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in phase_starts(trajectory, phase).tolist():

@@ -163,10 +163,8 @@ class _Absent:
 
 
 def differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield dotted path and both values where two tables of plain data differ.
-
-    Lists of numbers, and lists of tables of different length, differ as a whole.
-    """
+    """Yield dotted path and both values where two tables of plain data differ; lists of numbers,
+    and lists of tables of different length, differ as a whole."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
             there, here = a.get(key, _Absent), b.get(key, _Absent)

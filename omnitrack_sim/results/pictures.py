@@ -123,10 +123,7 @@ class Pictures(Sequence[Array]):
         return self._coding.pixels(self._records[place : place + 1]["pixels"][0])
 
     def seen_at(self, time: float, end: int) -> int | None:
-        """Index of the last picture up to ``time`` s from an end (1 nose, -1 tail).
-
-        None before the first one.
-        """
+        """Index of the last picture up to ``time`` s from an end (1 nose, -1 tail), if any."""
         known = np.flatnonzero((self.time <= time) & (self.end == end))
         return int(known[-1]) if len(known) else None
 
@@ -234,11 +231,8 @@ class _SavedRecords:
         self._at, self._part = -1, np.zeros(0, coding.record)
 
     def __getitem__(self, rows: slice) -> NDArray:
-        """Return the records of these rows of one part.
-
-        Raises:
-            OutputError: the file is gone or damaged.
-        """
+        """Return the records of these rows of one part; an ``OutputError`` where the file is
+        gone."""
         number = rows.start // _per_group(self._coding)
         begin, _ = self._groups[number]
         return self._group(number)[rows.start - begin : rows.stop - begin]
@@ -295,11 +289,7 @@ def _schema(coding: Coding) -> Any:
 
 
 def _coding_in(file: pq.ParquetFile) -> Coding:
-    """Return the encoding of the pictures in a file.
-
-    Raises:
-        ValueError: its columns are not those of pictures.
-    """
+    """Return the encoding of the pictures in a file; a ``ValueError`` where it holds none."""
     actual, about = file.schema_arrow, file.schema_arrow.metadata or {}
     size, unit = int(about[b"size"]), about[b"unit"].decode()
     require(_LEAST_SIZE <= size <= _MOST_SIZE and unit in ("1", "m"), "it has no such pictures")

@@ -112,10 +112,7 @@ def clearest(pipes: Assembly) -> Projection:
 
 
 def _oblique(azimuth: float, elevation: float) -> Projection:
-    """Of a viewer at ``azimuth`` and ``elevation``, rad.
-
-    At azimuth 0 the viewer stands on the side of -y; a positive one moves the viewer to the right.
-    """
+    """Of a viewer at ``azimuth`` and ``elevation``, rad: from -y, and to the right of that."""
     level = np.cos(elevation)
     back = np.array([np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)])
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])

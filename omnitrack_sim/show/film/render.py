@@ -48,11 +48,7 @@ MOST_PROCESSES = 64
 def check_request(
     camera: str, width: int, height: int, fps: int = 1, format: str = "", processes: int = 1
 ) -> None:
-    """Refuse what cannot be made, before any work.
-
-    Raises:
-        InputError: every fault.
-    """
+    """Raise an ``InputError`` with every fault of a request, before any work."""
     faults = []
     if camera not in CAMERAS:
         faults = [Fault("camera", f"there is no camera {camera!r}", CAMERAS, given=camera)]
@@ -72,11 +68,7 @@ def check_request(
 
 
 def check_frames(count: int, width: int, height: int) -> None:
-    """Refuse more pictures than anybody can wait for.
-
-    Raises:
-        InputError: they have more than ``MOST_FILM`` pixels.
-    """
+    """Raise an ``InputError`` for more pixels than ``MOST_FILM``, which nobody can wait for."""
     if count * width * height > MOST_FILM:
         most = int(MOST_FILM // (width * height))
         problem = f"are {count} of {width} x {height} pixels; at most {most} of this size"
@@ -91,11 +83,7 @@ _THREADS = 4
 
 
 def film_format(path: str | Path) -> str:
-    """The format of a film by the ending of its path.
-
-    Raises:
-        InputError: it is none of ``FILM_FORMATS``.
-    """
+    """The format of a film, one of ``FILM_FORMATS``, by the ending of its path."""
     return format_of(path, None, "film", FILM_FORMATS)
 
 

@@ -180,11 +180,8 @@ def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
 
 
 def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
-    """Share (P,) by which each part hides ``targets`` (k, 3) m from ``eye`` (3,) m: 0 not at all, 1
-    in full.
-
-    A part with a target in its bore is not in the way.
-    """
+    """Share (P,), 0 to 1, by which each part hides ``targets`` (k, 3) m from ``eye`` (3,) m:
+    none of a part with a target in its bore."""
     steps = np.linspace(0.0, 1.0, 14)[:, None, None]
     points = (targets + steps * (eye - targets)).reshape(-1, 3)
     found = np.zeros(len(parts))
@@ -200,11 +197,8 @@ def _depth(part: Part, points: Array) -> Array:
 
 
 def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples.
-
-    The travel always grows by a little, so that it can be interpolated where the robot stands
-    still.
-    """
+    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples, which
+    always grows a little, so that it can be interpolated."""
     step = np.abs(np.diff(trajectory["distance"]))
     step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
     travel = np.append(0.0, np.cumsum(step + 1e-9))
@@ -245,11 +239,8 @@ def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
 
 
 def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
-    """Indices (N,) of the cheapest sequence of choices.
-
-    A choice costs ``cost`` (N, C) at each place, and going on to another one at the next place
-    costs ``turn`` (C, C).
-    """
+    """Indices (N,) of the cheapest sequence of choices of ``cost`` (N, C), where going on to
+    another one costs ``turn`` (C, C)."""
     # Viterbi's algorithm: the cheapest way to each choice, then back from the cheapest end.
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):

@@ -213,10 +213,8 @@ class Stage:
 
 
 def _open_context(width: int, height: int) -> Any:
-    """A current offscreen OpenGL context.
-
-    The variable MUJOCO_GL decides if it is set; otherwise EGL is tried, then OSMesa.
-    """
+    """A current offscreen OpenGL context: by MUJOCO_GL if that is set, otherwise EGL, then
+    OSMesa."""
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     reasons = []
     for backend in [wanted] if wanted in ("egl", "osmesa", "glfw") else ["egl", "osmesa"]:

@@ -128,11 +128,8 @@ def plot_mission(
 
 
 class _Mission:
-    """The figure of one run: two columns of views, each with its colours, and the time chart.
-
-    Places are in inches from the lower left corner. The views are as large as their column can
-    hold.
-    """
+    """The figure of one run: two columns of views, each with its colours, and the time chart, at
+    places in inches from the lower left corner."""
 
     def __init__(self, result: Result) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -518,10 +515,8 @@ def _largest(values: Array) -> float:
 
 
 def _speed(trajectory: Trajectory) -> Array:
-    """Speed (T,) m/s along the centreline, positive with the nose ahead.
-
-    It is a running mean over ``SPEED_WINDOW``.
-    """
+    """Mean speed (T,) m/s over ``SPEED_WINDOW`` along the centreline, positive with the nose
+    ahead."""
     time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
     if len(time) < 2:
         return np.zeros(len(time))

@@ -220,11 +220,7 @@ def headline(
 
 
 def figure_format(path: str | Path, format: str | None = None) -> str:
-    """The file format asked for, or else that of the path's ending.
-
-    Raises:
-        InputError: it is none of ``FORMATS``.
-    """
+    """The file format asked for, or else that of the path's ending, one of ``FORMATS``."""
     return format_of(path, format, "figure", FORMATS)
 
 

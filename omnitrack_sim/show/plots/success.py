@@ -96,10 +96,8 @@ def success_figure(
 
 
 def _orientation_cells(theta5: Array, passed: Array) -> tuple[Array, Array]:
-    """Edges (K + 1,) deg and success rates (K,) of the different orientations.
-
-    The outer edges may lie beyond half a period.
-    """
+    """Edges (K + 1,) deg, which may lie beyond half a period, and success rates (K,) of the
+    different orientations."""
     if theta5.shape != passed.shape or theta5.ndim != 1 or not len(theta5):
         raise ValueError(
             f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one "

@@ -242,10 +242,8 @@ def _figure_rows(result: Result) -> list[dict[str, Any]]:
 
 
 def differences(one: Result, other: Result) -> list[list[str]]:
-    """Rows of dotted path, unit and both values, as text, where the scenarios of two runs differ.
-
-    Names are left out: they change nothing of a run.
-    """
+    """Rows of dotted path, unit and both values, as text, where the scenarios of two runs differ
+    but for names."""
     rows = [
         list(value_row(value))
         for value in compare_results(one, other).values

@@ -54,10 +54,8 @@ class Teleoperation:
         self.order = Order(time=0.0, roll_deg=roll_deg)
 
     def press(self, do: Do, pose: KeyContext) -> Order | None:
-        """The order that a key makes; None where it changes nothing.
-
-        While the controller drives, only a stop takes over from it, and the run can be ended.
-        """
+        """The order that a key makes; None where it changes nothing. While the controller
+        drives, only a stop takes over from it, and the run can be ended."""
         if do is Do.FINISH:
             return self._give(Order(time=pose.time, by="end"))
         if do is Do.STOP:

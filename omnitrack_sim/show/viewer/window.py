@@ -137,11 +137,8 @@ class Window:
         return self
 
     def _launched(self) -> Handle:
-        """MuJoCo's window, in a thread of its own.
-
-        Raises:
-            RenderError: MuJoCo cannot open one here, as on macOS without its own launcher.
-        """
+        """MuJoCo's window, in a thread of its own; a ``RenderError`` where it cannot open one,
+        as on macOS without its own launcher."""
         try:
             import mujoco.viewer
 
