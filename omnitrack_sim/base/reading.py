@@ -278,8 +278,6 @@ def checked(
     data: Mapping[str, Any],
     error: type[InputError],
     *,
-    union: str = "",
-    kinds: tuple[str, ...] = (),
     choices_at: Callable[[list[str]], tuple[str, ...]] | None = None,
     own_fault: Callable[[Mapping[str, Any]], Fault | None] = lambda item: None,
 ) -> _Model:
@@ -289,8 +287,6 @@ def checked(
         model: class of the model.
         data: contents of the file.
         error: exception class to raise for faults.
-        union: key of the list whose tables have a ``kind``.
-        kinds: valid kinds that pydantic puts into its paths.
         choices_at: gives the valid keys of the table at a path; by default those of ``model``.
         own_fault: words of the caller's own for one of ``ValidationError.errors()``; None for the
             common ones.
@@ -311,7 +307,7 @@ def checked(
         lists = {item["loc"][:1] for item in items if len(item["loc"]) > 1}
         # The caller's own words come first, the common translation serves all other faults.
         faults = [
-            own_fault(item) or _fault_of(item, union, kinds, choices)
+            own_fault(item) or _fault_of(item, choices)
             for item in items
             if item["loc"] not in lists or item["type"] != "too_short"
         ]
@@ -365,27 +361,14 @@ def plain_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
-def _fault_of(
-    item: Mapping[str, Any],
-    union: str,
-    kinds: tuple[str, ...],
-    choices_at: Callable[[list[str]], tuple[str, ...]],
-) -> Fault:
+def _fault_of(item: Mapping[str, Any], choices_at: Callable[[list[str]], tuple[str, ...]]) -> Fault:
     """Translate a pydantic error into a fault with its path in the file and the valid choices;
     see ``checked``."""
     places = [str(p) for p in item["loc"]]
-    # pydantic puts the kind of a table into the path. The file has no such level.
-    where = ".".join(
-        p for i, p in enumerate(places) if not (i == 2 and places[0] == union and p in kinds)
-    )
+    where = ".".join(places)
     kind, context = item["type"], item.get("ctx", {})
     if kind == "extra_forbidden":
         return Fault(where, "unknown key", choices_at(places[:-1]), given=places[-1])
-    if kind == "union_tag_invalid":
-        tag = str(context["tag"])
-        return Fault(f"{where}.kind", f"is {tag!r}", tuple(sorted(kinds)), given=tag)
-    if kind == "union_tag_not_found":
-        return Fault(f"{where}.kind", "is missing", tuple(sorted(kinds)))
     if kind == KIND_FAULT:
         choices, word = tuple(context["choices"]), str(context["given"])
         return Fault(f"{where}.kind", context["problem"], choices, word)

@@ -7,12 +7,12 @@ import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
@@ -196,7 +196,11 @@ class Network(Table):
     place: Origin = Origin()
     fittings: Annotated[
         tuple[
-            Annotated[SerializeAsAny[NetworkFitting], WrapValidator(by_kind(NetworkFitting))], ...
+            Annotated[
+                SerializeAsAny[NetworkFitting],
+                by_kind(partial(table_of, entry=NetworkFitting)),
+            ],
+            ...,
         ],
         Field(min_length=1, max_length=MOST_PARTS),
     ]
@@ -455,7 +459,7 @@ def validate(data: Mapping[str, Any]) -> Network:
     Raises:
         NetworkError: lists every fault with its dotted path.
     """
-    return checked(Network, data, NetworkError, union="fittings", own_fault=_fault)
+    return checked(Network, data, NetworkError, own_fault=_fault)
 
 
 def _fault(item: Mapping[str, Any]) -> Fault | None:

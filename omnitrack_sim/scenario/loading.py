@@ -334,7 +334,7 @@ def read_back(data: Mapping[str, Any]) -> Scenario:
             place = inside(place, key)
         return keys_of(_kind_at(data, places), place)
 
-    return checked(Scenario, data, ScenarioError, union="pipes", choices_at=choices)
+    return checked(Scenario, data, ScenarioError, choices_at=choices)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:

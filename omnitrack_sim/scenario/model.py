@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from omnitrack_sim.autonomy.explorer import Exploration
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
@@ -30,7 +30,7 @@ from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Route, route, route_through
-from omnitrack_sim.pipes.fittings.kinds import by_kind
+from omnitrack_sim.pipes.fittings.kinds import by_kind, table_of
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
@@ -84,7 +84,10 @@ class Scenario(Table):
     name: Annotated[str, Field(pattern=NAME_PATTERN)] = "scenario"
     """Of the run, and of the folder that its results go to."""
     pipes: Annotated[
-        tuple[Annotated[SerializeAsAny[Pipe], WrapValidator(by_kind(Pipe))], ...],
+        tuple[
+            Annotated[SerializeAsAny[Pipe], by_kind(partial(table_of, entry=Pipe))],
+            ...,
+        ],
         Field(max_length=MOST_PARTS),
     ] = ()
     """The pipes in the order of the route, each joined to the one before, the x axes of the ports

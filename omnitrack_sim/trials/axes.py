@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, SerializeAsAny, ValidationInfo, field_validator
 
 from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
+from omnitrack_sim.pipes.fittings.kinds import by_kind
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
@@ -70,6 +73,11 @@ class AxisTable(PathTable):
 
     With 0 its values are crossed with those of the other axes.
     """
+
+    @classmethod
+    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
+        """Return the table of the ``kind`` that stands in ``value``; this one without one."""
+        return AXES.get(str(value.get("kind")), cls)
 
     @property
     def crossed(self) -> bool:
@@ -198,9 +206,6 @@ class DirectionAxis(AxisTable):
         return (self.magnitude * vectors).tolist()
 
 
-Axis = Annotated[
-    GridAxis | ListAxis | UniformAxis | NormalAxis | DirectionAxis, Field(discriminator="kind")
-]
 AXES: dict[str, type[AxisTable]] = {
     "grid": GridAxis,
     "list": ListAxis,
@@ -208,3 +213,22 @@ AXES: dict[str, type[AxisTable]] = {
     "normal": NormalAxis,
     "direction": DirectionAxis,
 }
+
+
+def axis_table(kind: str) -> type[AxisTable]:
+    """Return the table of a kind of axis.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    if kind in AXES:
+        return AXES[kind]
+    problem = f"is {kind!r}"
+    if kind in ("latin_hypercube", "sobol"):
+        problem += f', which is no kind of axis: write sampling = "{kind}" at the top and a '
+        problem += "distribution here"
+    raise InputError(Fault("kind", problem, tuple(sorted(AXES)), kind))
+
+
+Axis = Annotated[SerializeAsAny[AxisTable], by_kind(axis_table)]
+"""An axis of any kind, as its ``kind`` says."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from omnitrack_sim.base.bounds import (
     MOST_AXES,
@@ -29,7 +29,6 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.scenario.model import samples_of
 from omnitrack_sim.trials.axes import (
-    AXES,
     BASE,
     Axis,
     AxisTable,
@@ -260,15 +259,7 @@ def resolve(
     Raises:
         SweepError: lists every fault with its dotted path.
     """
-    file = checked(
-        SweepFile,
-        data,
-        SweepError,
-        union="axes",
-        kinds=tuple(AXES),
-        choices_at=_choices_at,
-        own_fault=path_fault_of,
-    )
+    file = checked(SweepFile, data, SweepError, own_fault=path_fault_of)
     bases = _bases(file, folder, changes or {})
     faults: list[Fault] = []
     for number in range(len(file.axes)):
@@ -282,32 +273,17 @@ def resolve(
 
 
 def path_fault_of(item: Mapping[str, Any]) -> Fault | None:
-    """Return the fault of a path, base or axis for an error of pydantic; None for others.
+    """Return the fault of a path or base for an error of pydantic; None for others.
 
     A key that takes two kinds of value has an error for each; they become the same fault.
     """
-    places, context = item["loc"], item.get("ctx", {})
-    if item["type"] == "union_tag_invalid" and context["tag"] in ("latin_hypercube", "sobol"):
-        where = ".".join(map(str, (*places, "kind")))
-        tag = context["tag"]
-        problem = f'is {tag!r}, which is no kind of axis: write sampling = "{tag}" at the top'
-        return Fault(where, f"{problem} and a distribution here", tuple(sorted(AXES)))
-    if set(places) & {"path", "base"}:
-        where = places[: 1 + max(places.index(key) for key in ("path", "base") if key in places)]
-        plain = ".".join(
-            str(place) for i, place in enumerate(where) if not (i == 2 and place in AXES)
-        )
-        missing = item["type"] == "missing"
-        return Fault(plain, "is missing" if missing else "is neither a text nor a list of texts")
-    return None
-
-
-def _choices_at(places: list[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a pydantic path."""
-    table: type[BaseModel] = (
-        AXES[places[2]] if places[:1] == ["axes"] and len(places) > 2 else SweepFile
-    )
-    return tuple(table.model_fields)
+    places = item["loc"]
+    keys = [places.index(key) for key in ("path", "base") if key in places]
+    if not keys:
+        return None
+    where = ".".join(map(str, places[: 1 + max(keys)]))
+    missing = item["type"] == "missing"
+    return Fault(where, "is missing" if missing else "is neither a text nor a list of texts")
 
 
 def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> dict[str, Scenario]:

@@ -15,7 +15,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeGuard, TypeVar
 
-from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, create_model
+from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
 from omnitrack_sim.base.errors import Fault, InputError
@@ -132,33 +132,30 @@ def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
     return table
 
 
-def by_kind(
-    entry: type[_Entry],
-) -> Callable[[Any, ValidatorFunctionWrapHandler, ValidationInfo], _Entry]:
+def by_kind(table_of: Callable[[str], type[Table]]) -> WrapValidator:
     """Return a wrap validator that reads each table of a list with the model of its ``kind``.
 
     Faults within a table are reported at its keys.
+
+    Args:
+        table_of: returns the model of a kind, or raises an ``InputError`` with the valid ones.
     """
 
-    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> _Entry:
+    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         # The common handler then says that a table is expected.
         if not isinstance(data, Mapping):
             return handler(data)
         try:
-            table = table_of(str(data["kind"]), entry)
-        except KeyError:
-            raise _kind_fault(Fault("kind", "is missing", tuple(shipped_fittings()))) from None
+            table = table_of(str(data.get("kind", "")))
         except InputError as error:
-            raise _kind_fault(error.faults[0]) from error
+            fault = error.faults[0]
+            problem = fault.problem if "kind" in data else "is missing"
+            context = {"problem": problem, "choices": fault.choices, "given": fault.given}
+            # Only a pydantic error is collected beside the other faults; the parts of ours travel
+            # in its context.
+            raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
         if info.mode == "json":  # strict, as ``reading.checked`` is
             return table.model_validate_json(json.dumps(data), strict=True)
         return table.model_validate(data)
 
-    return opened
-
-
-def _kind_fault(fault: Fault) -> PydanticCustomError:
-    context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
-    # Only a pydantic error is collected beside the other faults; the parts of ours travel in its
-    # context.
-    return PydanticCustomError(KIND_FAULT, "{problem}", context)
+    return WrapValidator(opened)
