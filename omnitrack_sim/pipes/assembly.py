@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -43,8 +43,6 @@ SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
 STRETCH = 0.5
 """Length of the stretches that are first compared as a whole, m."""
-TOGETHER = 20
-"""Stretches whose samples are compared at a time."""
 OVERLAP = 1e-3
 """Depth by which two bores may share space unnoticed, m."""
 JOINED = 1e-6
@@ -128,19 +126,18 @@ class Part:
                 t, n = t * cos + n * sin, n * cos - t * sin
         return segments
 
-    def bore_samples(self, stretches: Sequence[Stretch] | None = None) -> Array:
-        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame; with
-        ``stretches`` only those beside them."""
+    def bore_samples(self, stretch: Stretch | None = None) -> Array:
+        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame; with a
+        ``stretch`` only those beside it."""
         samples = []
         for number, (line, start_radius, end_radius) in enumerate(self.axes):
             count = max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1)
             s: Array = np.linspace(0, line.length, count)
             radius: Array = np.linspace(start_radius, end_radius, len(s))
-            if stretches is not None:
-                wanted = np.zeros(len(s), bool)
-                for stretch in stretches:
-                    if stretch.axis == number:
-                        wanted |= np.abs(s - stretch.middle) <= stretch.half + SAMPLE_SPACING
+            if stretch is not None:
+                if stretch.axis != number:
+                    continue
+                wanted = np.abs(s - stretch.middle) <= stretch.half + SAMPLE_SPACING
                 s, radius = s[wanted], radius[wanted]
             point, frame = line.at(s)[0], line.frame(s)
             # Rings stay 5 % off the wall, so that bores that merely touch do not count as
@@ -271,12 +268,16 @@ class Assembly:
         """Parts that share space and are not joined, up to ``MOST_FAULTS``."""
         joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
         pairs: set[tuple[int, int]] = set()
-        for i, j, of_i, of_j in _close(self.parts):
-            if (
-                (i, j) not in pairs
-                and frozenset((i, j)) not in joined
-                and _share_space(self.parts[i], self.parts[j], of_i, of_j)
-            ):
+        every = [(i, stretch) for i, part in enumerate(self.parts) for stretch in part.stretches()]
+        centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
+        near = touching(centres, np.array([stretch.reach for _, stretch in every]))
+        for one, other in (pair for block in near for pair in block.tolist()):
+            (i, mine), (j, theirs) = every[one], every[other]
+            if i == j or (i, j) in pairs or frozenset((i, j)) in joined:
+                continue
+            # Both ways round: the samples of a wide bore may all miss a narrow one inside it.
+            a, b = self.parts[i], self.parts[j]
+            if a.holds(b.bore_samples(theirs), OVERLAP) or b.holds(a.bore_samples(mine), OVERLAP):
                 pairs.add((i, j))
                 if len(pairs) == MOST_FAULTS:
                     break
@@ -305,37 +306,6 @@ class Assembly:
             f"pipes.{i}) does, and is not joined to it"
         )
         return Fault(f"pipes.{j}", problem)
-
-
-def _close(
-    parts: Sequence[Part],
-) -> Iterator[tuple[int, int, list[Stretch], list[Stretch]]]:
-    """Parts that come close to each other, by their indices, and stretches of both that do; two
-    parts may come several times, with other stretches."""
-    every = [(i, stretch) for i, part in enumerate(parts) for stretch in part.stretches()]
-    centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
-    radii = np.array([stretch.reach for _, stretch in every])
-    for block in touching(centres, radii):
-        close: dict[tuple[int, int], tuple[dict[int, Stretch], dict[int, Stretch]]] = {}
-        for first, second in block.tolist():
-            (i, one), (j, other) = every[first], every[second]
-            if i != j:
-                of_i, of_j = close.setdefault((i, j), ({}, {}))
-                of_i[first], of_j[second] = one, other
-        for (i, j), (of_i, of_j) in close.items():
-            yield i, j, list(of_i.values()), list(of_j.values())
-
-
-def _share_space(a: Part, b: Part, of_a: list[Stretch], of_b: list[Stretch]) -> bool:
-    """Return whether two bores overlap on some of their stretches."""
-    # Both ways round: the samples of a wide bore may all miss a narrow one inside it.
-    for mine, other, stretches in ((a, b, of_b), (b, a, of_a)):
-        # In portions: most overlaps show early, and a long part's samples need not all be made.
-        for start in range(0, len(stretches), TOGETHER):
-            points = other.bore_samples(stretches[start : start + TOGETHER])
-            if mine.holds(points, OVERLAP):
-                return True
-    return False
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
