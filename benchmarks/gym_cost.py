@@ -22,7 +22,8 @@ import numpy as np
 
 import omnitrack_sim.gym  # noqa: F401  registers the environments
 from omnitrack_sim import Scenario, Simulation
-from omnitrack_sim.robots.omnitrack.policy import DIRECT, Decisions
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.file import DIRECT
 
 ID = "omnitrack_sim/TeeTurn-v0"
 STRETCH = 10

@@ -7,10 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnitrack_sim.robots.omnitrack.policy import (
-    ACTIONS,
+from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURES
+from omnitrack_sim.robots.omnitrack.policy.file import (
     DIRECT,
-    FEATURES,
     Acting,
     Mlp,
     Policy,

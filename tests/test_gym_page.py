@@ -9,7 +9,7 @@ from documents import page
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.options import RANGES, EnvOptions
-from omnitrack_sim.robots.omnitrack.policy import ACTIONS, FEATURE_SETS
+from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURE_SETS
 
 PAGE = page("gym")
 

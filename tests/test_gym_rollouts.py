@@ -11,13 +11,13 @@ from gymnasium.vector import AutoresetMode
 
 import omnitrack_sim as ot
 from omnitrack_sim.gym import TERMS
-from omnitrack_sim.robots.omnitrack.policy import (
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import features_of
+from omnitrack_sim.robots.omnitrack.policy.file import (
     DIRECT,
     RESIDUAL,
-    Decisions,
     Mlp,
     TrainingRecord,
-    features_of,
     named_features,
 )
 

@@ -13,7 +13,7 @@ from runs import same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.robots.omnitrack.policy import RESIDUAL
+from omnitrack_sim.robots.omnitrack.policy.file import RESIDUAL
 
 TEE = """
 [[pipes]]

@@ -10,16 +10,15 @@ import pytest
 from runs import there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.policy import (
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import (
     ACTIONS,
-    DIRECT,
     FEATURE_SETS,
-    RESIDUAL,
-    Decisions,
     Feature,
     bounds,
     features_of,
 )
+from omnitrack_sim.robots.omnitrack.policy.file import DIRECT, RESIDUAL
 
 Decide = Callable[[np.ndarray], np.ndarray]
 

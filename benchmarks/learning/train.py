@@ -37,7 +37,7 @@ from validation import Score, Validation
 from variants import OBSERVATION, VALIDATION_SEED, VARIANTS, Variant
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.policy import TrainingRecord
+from omnitrack_sim.robots.omnitrack.policy.file import TrainingRecord
 
 ROLLOUT = 256
 """Decisions of each robot between two updates: 12.8 s, a whole turn. From a quarter of that, some

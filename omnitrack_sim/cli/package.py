@@ -23,7 +23,7 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.robots.omnitrack.policy import Policy
+    from omnitrack_sim.robots.omnitrack.policy.file import Policy
 
 
 @app.command()
@@ -182,7 +182,7 @@ def policies(
     """List the policies of the package, or tell what one is; `control.parameters.policy` names
     them."""
     from omnitrack_sim.base.naming import shipped_policies
-    from omnitrack_sim.robots.omnitrack.policy import load_policy
+    from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 
     if policy is not None:
         _print_policy(load_policy(policy), as_json)

@@ -25,7 +25,7 @@ from omnitrack_sim.gym.episodes import (
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import EpisodeScreen
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.omnitrack.policy import ACTIONS
+from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS
 from omnitrack_sim.scenario import Scenario
 
 FPS = 20

@@ -16,15 +16,9 @@ from omnitrack_sim.gym.reward import Tally
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.policy import (
-    ACTINGS,
-    ACTIONS,
-    DECISION_PERIOD,
-    Decisions,
-    bounds,
-    entry_slices,
-)
-from omnitrack_sim.robots.omnitrack.policy.controller import steps_of
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, steps_of
+from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, bounds, entry_slices
+from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS, DECISION_PERIOD
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.senses.settings import camera_of
 from omnitrack_sim.sim.onboard import Onboard

@@ -12,13 +12,13 @@ from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.gym.reward import TERMS
-from omnitrack_sim.robots.omnitrack.policy import (
-    ACTINGS,
+from omnitrack_sim.robots.omnitrack.policy.features import (
     FEATURE_SETS,
     FEATURES,
     Feature,
     features_of,
 )
+from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "world.friction": (0.6, 1.0),

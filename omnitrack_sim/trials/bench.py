@@ -22,7 +22,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.control.interface import CONTROLLERS, controller_of
-from omnitrack_sim.robots.omnitrack.policy import load_policy
+from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
 from omnitrack_sim.trials.sweep import Sweep
