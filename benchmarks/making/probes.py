@@ -27,10 +27,12 @@ SMALL = {
     "roll": 0.1,
     "energy": 0.1,
     "slip": 0.01,
+    "slip_velocity": 0.01,
+    "traction": 1.0,
     "force": 1.0,
     "parts": 1.0,
 }
-"""Scales of the values: m, m, 1, rad, J, m, N, 1."""
+"""Scales of the values: m, m, 1, rad, J, m, m/s, N, N, 1."""
 NEAR = {"start.distance": 0.2, "control.align": False}
 """A robot close before its fitting, which does not roll first."""
 ONBOARD = {"sensing.kind": "onboard", "start.theta5_deg": 30.0, "start.distance": 0.2}
@@ -151,6 +153,8 @@ def measured(name: str, changes: Mapping[str, Any] | None = None) -> Values:
         "roll": record["roll"][-1],
         "energy": metrics["energy_j"],
         "slip": np.sum(metrics["slip_distance_m"]),
+        "slip_velocity": record["slip_velocity"].mean(axis=0),
+        "traction": record["traction"].mean(axis=0),
         "force": record["normal_force"].max(),
     }
     if "position_estimate" in record.channels:
