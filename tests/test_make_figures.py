@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import signal
 import subprocess
@@ -81,6 +82,15 @@ def test_pieces_of_older_physics_say_so(page):
     for match in pages.MARK.finditer(page.read_text(encoding="utf-8")):
         body = match["body"].strip("\n")
         assert body == pages.with_note(body, match["part"], RECORDS.get(match["part"]))
+
+
+@pytest.mark.parametrize(
+    "page", [PAGES[0], *sorted((DOCS / "studies").glob("*.md"))], ids=lambda page: page.stem
+)
+def test_counts_of_trials_stand_between_marks(page):
+    """README and studies have no rate that a part does not fill."""
+    text = pages.MARK.sub("", page.read_text(encoding="utf-8"))
+    assert re.findall(r"\b\d+ of \d+\b|\d passe[ds]\b|\d % pass", text) == []
 
 
 def test_figures_are_of_todays_physics():
