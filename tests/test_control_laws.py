@@ -112,6 +112,25 @@ def test_each_fitting_has_its_own_damping(name: str, gain: float) -> None:
         assert (b.belt_speed - a.belt_speed)[0] == pytest.approx(wanted, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["tee_turn", "merge"])
+def test_a_robot_that_hangs_is_not_turned_at_all_costs(name: str) -> None:
+    """The rate loop is left out from ``hesitation`` without progress on, and back with the next
+    headway: a rotation that does not come would be asked for again and again."""
+    hesitation = {"control.parameters.recovery.hesitation": 0.002, "control.cruise_speed": 0.01}
+    scenario = scenario_of(name, **hesitation)
+    still, turning = Bench(scenario), Bench(scenario)
+    at, rate = still.inside(), np.array([0.03, -0.02, 0.0])
+
+    def against(distance: float) -> float:
+        pair = still.step(distance), turning.step(distance, angular_velocity=rate)
+        return float(np.abs(pair[1].belt_speed - pair[0].belt_speed).max())
+
+    sizes = [against(at) for _ in range(40)]
+    assert min(sizes[:20]) > 1e-4
+    assert max(sizes[22:]) == 0.0
+    assert against(at + 0.003) > 1e-4
+
+
 def test_the_rotation_rate_is_filtered() -> None:
     """A low pass of the first order, whose time constant is ``rate_filter``."""
     bench = Bench(scenario_of("elbow", **{"control.parameters.damping.rate_filter": 0.03}))

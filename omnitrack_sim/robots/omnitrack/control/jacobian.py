@@ -185,11 +185,11 @@ class JacobianController:
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
         inside = room < 0
         phase = np.where(inside, self.kind.take(location.passage), CRUISE)
-        damped, direction = inside, self._forward
+        damped, direction = inside & ~self.recovery.hesitating, self._forward
         if np.count_nonzero(self.resting):
             phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
             out = self.routes.out_of_branch.take(location.passage)
-            damped = np.where(backing, out, inside & ~aligning)
+            damped = np.where(backing, out, damped & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
         turning = (phase == TEE_TURN) & self.routes.into_branch.take(location.passage)
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
