@@ -250,3 +250,13 @@ def test_a_picture_that_says_nothing_is_not_sure(camera):
     assert recogniser(camera).single(nothing).confidence == 0.0
     noise = np.random.default_rng(1).uniform(0.0, 1.0, 48 * 48)
     assert recogniser(camera).single(noise).confidence < 0.95
+
+
+def test_a_pipe_that_is_like_none_is_not_sure():
+    """Where water stands in it, as straight pipe explains the most of that."""
+    taken, _ = pictures("depth", "straight", [0.3])
+    below = rays_of(CAMERAS["depth"].optics)[:, 0]
+    for level in (0.068, 0.072):
+        water = np.where(below > 0, level / np.maximum(below, 1e-9), np.inf)
+        sighting = recogniser("depth").single(np.minimum(taken[0], water))
+        assert sighting.confidence < 0.95

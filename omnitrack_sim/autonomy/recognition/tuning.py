@@ -121,7 +121,7 @@ class RecogniserSettings:
     least_valid: float = 0.2
     error_scale: float = 3.0
     lamp_alike: float = 2.0
-    misfit_cost: float = 3.0
+    misfit_cost: float = 1.7
     misfit_confidence: float = 0.5
     confidence: float = 0.95
     # Fit
