@@ -24,7 +24,7 @@ from omnitrack_sim.pipes.fittings.kinds import fitting_class, shipped_fittings
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.projection import bore_faces
 from omnitrack_sim.walls.geoms import add_walls
 from omnitrack_sim.walls.meshes import THICKNESS, fitting_mesh

@@ -17,10 +17,10 @@ from omnitrack_sim import (
     override,
     shipped_sweeps,
 )
-from omnitrack_sim.base.table import Unit, marks_of
+from omnitrack_sim.base.table import Table, Unit, marks_of
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.tables import UNITS, unit_of
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.trials.sweep import resolve
 
@@ -381,7 +381,13 @@ def test_units_are_those_of_the_documents():
     pipes = {
         f"pipes.{k}": unit.symbol for table in tables for k, unit in marks_of(table, Unit).items()
     }
-    for path, unit in (UNITS | pipes).items():
+    keys = {
+        f"{table}.{key}": unit.symbol
+        for table, info in Scenario.model_fields.items()
+        if isinstance(info.default, Table) and table != "sensing"
+        for key, unit in marks_of(type(info.default), Unit).items()
+    }
+    for path, unit in (keys | pipes).items():
         key = path.rpartition(".")[2]
         assert unit == "1" or (key, unit) in told, path
     assert unit_of("start.theta5_deg") == "deg"

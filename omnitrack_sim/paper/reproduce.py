@@ -196,8 +196,9 @@ def _elbows(runs: Runs, radius: int) -> Figure:
     return elbow_figure({label: runs[f"elbow_{radius}_{kind}"] for kind, label in DRIVES.items()})
 
 
-def by_friction(results: Iterable[Result], step: float = 0.05) -> list[tuple[str, int, int]]:
-    """Return label, passed and total by range of friction."""
+def by_friction(results: Iterable[Result]) -> list[tuple[str, int, int]]:
+    """Return label, passed and total by range of friction, each 0.05 wide."""
+    step = 0.05
     bins: dict[int, list[bool]] = {}
     for result in results:
         # 1e-9: a friction on a border must not fall below it by rounding.

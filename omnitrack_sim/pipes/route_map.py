@@ -205,17 +205,13 @@ class RouteMap:
         tangent, turned to ``theta5`` (n,) rad, at arc length ``distance`` (n,) m."""
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
         turning = self._turning_direction(distance, self._passage(distance, route), normal)
-        side = cross(tangent, turning)
-        x = np.cos(theta5)[:, None] * turning + np.sin(theta5)[:, None] * side
-        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
+        return position, _turned(tangent, turning, theta5)
 
     def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
         """Positions (k, 3) m and rotations (k, 3, 3) on the centreline at arc lengths (k,) m, along
         its tangent, with module 1 turned by ``turn`` (k,) rad from the centreline's normal."""
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
-        side = cross(tangent, normal)
-        x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
-        return position, np.stack([x, cross(tangent, x), tangent], axis=-1)
+        return position, _turned(tangent, normal, turn)
 
     def _passage(self, distance: Array, route: NDArray[np.intp]) -> NDArray[np.intp]:
         if len(self.routes) == 1:
@@ -236,6 +232,13 @@ class RouteMap:
         if not np.count_nonzero(bending):
             return directions
         return np.where(bending[:, None], normal, directions)
+
+
+def _turned(tangent: Array, normal: Array, turn: Array) -> Array:
+    """Frames (n, 3, 3) along ``tangent``, their x axes turned by ``turn`` (n,) from ``normal``."""
+    side = cross(tangent, normal)
+    x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
+    return np.stack([x, cross(tangent, x), tangent], axis=-1)
 
 
 def angle_about(axis: Array, start: Array, end: Array) -> Array:

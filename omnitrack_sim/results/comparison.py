@@ -14,7 +14,7 @@ from omnitrack_sim.base.text import clipped, printable
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.html import LONGEST, safe, table_html
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.scenario.model import unit_of
 
 NOISE = 1e-9
 """Part of the larger of two numbers by which they may differ and count as the same: what the order

@@ -28,9 +28,9 @@ from omnitrack_sim.base.errors import (
 from omnitrack_sim.base.naming import name_of, named, shipped_networks
 from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
-from omnitrack_sim.base.table import Table
+from omnitrack_sim.base.table import Table, symbol_of
 from omnitrack_sim.pipes import Route, route, route_through
-from omnitrack_sim.pipes.fittings.kinds import by_kind, table_of
+from omnitrack_sim.pipes.fittings.kinds import by_kind, known_fittings, table_of
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
@@ -342,6 +342,28 @@ class Scenario(Table):
     def hash(self) -> str:
         """SHA-256 of the resolved scenario, hexadecimal."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
+
+
+def unit_of(path: str) -> str | None:
+    """Return the unit of the value at a dotted path of a scenario; None where it has none."""
+    table, *keys = path.split(".")
+    if path.endswith("_deg"):
+        return "deg"
+    if table == "robot":
+        # A robot with a rotary motor of its own has all the parameters that a robot can have.
+        rows = Robot(roll_motor=Robot().motor).parameters()
+        return next((row.unit or None for row in rows if row.name == ".".join(keys)), None)
+    if table == "pipes":
+        kinds: list[Any] = [fitting.Table for fitting in known_fittings().values()]
+        keys = keys[-1:]
+    else:
+        # An item of a vector has the vector's unit.
+        info, keys = Scenario.model_fields.get(table), keys[:1]
+        kinds = [] if info is None else [info.annotation]
+    tables = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Table)]
+    return next(
+        (symbol for kind in tables for key in keys if (symbol := symbol_of(kind, key))), None
+    )
 
 
 def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:

@@ -8,36 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from omnitrack_sim.base.bounds import SHORTEST_STEP
-from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit, marks_of
+from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
-from omnitrack_sim.pipes.fittings.kinds import FittingEntry, known_fittings
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.omnitrack import Robot
-
-_ROBOT_UNITS = {
-    # A robot with a rotary motor of its own has all the parameters that a robot can have.
-    row.name: row.unit or None
-    for row in Robot(roll_motor=Robot().motor).parameters()
-}
-
-
-def unit_of(path: str) -> str | None:
-    """Unit of the value at a dotted path of a scenario; None where it has none."""
-    table, *keys = path.split(".")
-    if path.endswith("_deg"):
-        return "deg"
-    if table == "robot":
-        return _ROBOT_UNITS.get(".".join(keys))
-    named = [key for key in keys if not key.isdigit() and key != "*"]
-    if table == "pipes":
-        return pipe_units().get(named[-1]) if named else None
-    return UNITS.get(".".join([table, *named]))
-
-
-def pipe_units() -> dict[str, str]:
-    """Units of the keys of all fittings that are known in this process."""
-    tables = [fitting.Table for fitting in known_fittings().values()]
-    return {key: unit.symbol for table in tables for key, unit in marks_of(table, Unit).items()}
 
 
 class Pipe(FittingEntry):
@@ -260,21 +234,3 @@ class RecordTable(Table):
     pictures: bool = False
     """Save all pictures of the robot's cameras in `pictures.parquet`: for `sensing.kind =
     "onboard"`."""
-
-
-_TABLES: dict[str, type[Table]] = {
-    "start": StartTable,
-    "world": WorldTable,
-    "control": ControlTable,
-    "monitor": MonitorTable,
-    "physics": PhysicsTable,
-    "run": RunTable,
-    "record": RecordTable,
-}
-UNITS: dict[str, str] = {
-    f"{name}.{key}": unit.symbol
-    for name, table in _TABLES.items()
-    for key, unit in marks_of(table, Unit).items()
-}
-"""Units of the numbers by path; those in degrees end in ``_deg``, the robot's parameters and the
-fittings have their own."""

@@ -207,40 +207,19 @@ def _mission(seed: int, changes: Changes) -> Scenario:
     return validate(data, changes=changes)
 
 
+_DRAWN = (
+    ("turn", "up a run, out through the branch of a dry tee", "tee_turn", DRY),
+    ("turn_slippery", "the same on slippery walls", "tee_turn", SLIPPERY),
+    ("merge", "out of the branch, up the run", "tee_merge", DRY),
+    ("over", "straight over a tee", "tee_straight", DRY),
+    ("elbow", "through an elbow of mean radius 90 mm", "elbow_short", DRY),
+)
 TASKS: Mapping[str, Task] = {
-    task.name: task
-    for task in (
-        Task(
-            "turn",
-            "up a run, out through the branch of a dry tee",
-            200,
-            8,
-            partial(_drawn, "tee_turn", SEED, DRY),
-        ),
-        Task(
-            "turn_slippery",
-            "the same on slippery walls",
-            200,
-            8,
-            partial(_drawn, "tee_turn", SEED + 1, SLIPPERY),
-        ),
-        Task(
-            "merge",
-            "out of the branch, up the run",
-            200,
-            8,
-            partial(_drawn, "tee_merge", SEED + 2, DRY),
-        ),
-        Task("over", "straight over a tee", 200, 8, partial(_drawn, "tee_straight", SEED + 3, DRY)),
-        Task(
-            "elbow",
-            "through an elbow of mean radius 90 mm",
-            200,
-            8,
-            partial(_drawn, "elbow_short", SEED + 4, DRY),
-        ),
-        Task("network", "to a far end of a random network", 100, 4, _networks),
-    )
+    **{
+        name: Task(name, words, 200, 8, partial(_drawn, base, SEED + i, friction))
+        for i, (name, words, base, friction) in enumerate(_DRAWN)
+    },
+    "network": Task("network", "to a far end of a random network", 100, 4, _networks),
 }
 """All tasks by name."""
 

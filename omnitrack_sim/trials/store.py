@@ -26,7 +26,7 @@ from omnitrack_sim.results.html import LONGEST
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import attempt
 from omnitrack_sim.trials.axes import BASE
 from omnitrack_sim.trials.batches import INVALID, Batch, Row

@@ -19,7 +19,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import StudyError
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.trials.batches import Batch, Trial, batched, fitted, matches, value_at

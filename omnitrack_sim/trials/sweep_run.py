@@ -19,7 +19,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.scenario.tables import unit_of
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, groups_of, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis

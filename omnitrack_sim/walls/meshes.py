@@ -72,9 +72,7 @@ def fitting_mesh(
     return triangles_of(_wall(fitting, thickness, sections))
 
 
-def network_mesh(
-    network: Assembly, thickness: float = THICKNESS, sections: int = SECTIONS
-) -> TriangleMesh:
+def network_mesh(network: Assembly) -> TriangleMesh:
     """Return the walls of a whole network as one watertight solid, m, world frame: open at its
     open ends and nowhere else.
 
@@ -84,20 +82,20 @@ def network_mesh(
     outer, bores = [], []
     for part in network.parts:
         fitting, matrix = part.fitting, np.column_stack([part.pose.rotation, part.pose.position])
-        outer.append(_fill(fitting, thickness, sections).transform(matrix))
-        bores.append(_bore(fitting, sections).transform(matrix))
+        outer.append(_fill(fitting, THICKNESS, SECTIONS).transform(matrix))
+        bores.append(_bore(fitting, SECTIONS).transform(matrix))
     for (i, port), (j, other) in network.joints:
         # A disc lies in the plane of the joint, which both parts share.
         place = network.parts[i].port(port)
         matrix = np.column_stack([place.rotation, place.position])
         ends = (network.parts[i], port), (network.parts[j], other)
-        for solids, more in ((outer, thickness), (bores, 0.0)):
-            solids.append(_joint_disc(*ends, more, sections).transform(matrix))
+        for solids, more in ((outer, THICKNESS), (bores, 0.0)):
+            solids.append(_joint_disc(*ends, more, SECTIONS).transform(matrix))
     # A bore ends flush with its wall: at an open end it is cut a little beyond, or a film may stay.
     for i, port in network.open_ends:
         place, radius = network.parts[i].port(port), network.parts[i].fitting.port_radius(port)
         matrix = np.column_stack([place.rotation, place.position])
-        disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=sections, center=True)
+        disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=SECTIONS, center=True)
         bores.append(disc.transform(matrix))
     return triangles_of(
         Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add)
@@ -107,7 +105,6 @@ def network_mesh(
 def cutaway_mesh(
     fitting: Fitting,
     towards: ArrayLike,
-    thickness: float = THICKNESS,
     sections: int = SECTIONS,
     keep: bool = True,
 ) -> TriangleMesh:
@@ -118,12 +115,11 @@ def cutaway_mesh(
         fitting: what to cut.
         towards: (3,) direction of the viewer in the fitting frame. Fittings that bend or branch
             are cut along their own plane, on the viewer's side; axial ones along their axis.
-        thickness: of the wall, m.
         sections: corners of the cross-section.
         keep: True for the half that stays, False for the one taken away.
     """
     side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
-    return triangles_of(_wall(fitting, thickness, sections).trim_by_plane(tuple(side), 0.0))
+    return triangles_of(_wall(fitting, THICKNESS, sections).trim_by_plane(tuple(side), 0.0))
 
 
 def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:

@@ -8,7 +8,6 @@ from itertools import product
 import mujoco
 import numpy as np
 from manifold3d import CrossSection, Manifold
-from numpy.typing import ArrayLike
 
 from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Part
@@ -157,21 +156,14 @@ def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
         _look(module, f"cap_{end}_{number}", "dark", "ellipsoid", pos=tip, size=size)
 
 
-def add_pipe_looks(
-    spec: mujoco.MjSpec, network: Assembly, cutaway_normal: ArrayLike | None = None
-) -> None:
+def add_pipe_looks(spec: mujoco.MjSpec, network: Assembly) -> None:
     """Each part of the network cut open towards the viewer: ``pipe_<part>``, and the half cut off:
     ``front_<part>``.
 
-    Args:
-        spec: to add to (groups 1 and 4).
-        network: placed pipes.
-        cutaway_normal: (3,) world direction of the viewer; ``view_direction`` when not given.
+    The first are in group 1, the others in group 4.
     """
     _add_materials(spec)
-    towards = (
-        view_direction(network) if cutaway_normal is None else np.asarray(cutaway_normal, float)
-    )
+    towards = view_direction(network)
     for part in network.parts:
         local = part.pose.rotation.T @ towards
         for look, keep, group in (("pipe", True, PIPE_GROUP), ("front", False, FRONT_GROUP)):
