@@ -26,7 +26,7 @@ class RecoveryTable(Table):
     """Advance beyond the farthest point so far that counts as progress."""
     # A robot pressed with 15 to 20 N often hangs for a moment on the rim of the opening, where an
     # outer module has lost the wall. The rate loop then asks the belts to turn it at all costs, and
-    # nobody drives it forward: without this 95 of 120 such robots pass at once, with it 115.
+    # nobody drives it forward: without this 95 of 120 such robots pass at once, with it 112.
     hesitation: Annotated[Part, Unit("m")] = 0.04
     """Distance at cruise speed without progress after which the rate loop is left out, until the
     robot moves on."""
