@@ -56,19 +56,23 @@ def view(
     speed: SpeedOption = "1",
 ) -> None:
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
+    from omnitrack_sim.results.result import load_result
+
     pace = _speed(speed)
-    if _is_folder(source):
-        if assignments:
-            raise InputError(Fault(source, "is a saved run; --set is for scenarios"))
-        _replay(source, pace)
-        return
-    loaded = load(source, assignments)
-    from omnitrack_sim.show.viewer.player import Player
+    is_saved = _is_folder(source)
+    if is_saved and assignments:
+        raise InputError(Fault(source, "is a saved run; --set is for scenarios"))
+    result = load_result(source) if is_saved else None
+    scenario = load(source, assignments) if result is None else result.scenario
+    from omnitrack_sim.show.viewer.player import Player, Replayer
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()
-    with Window(loaded) as window:
-        Player(loaded, window, pace).play()
+    with Window(scenario) as window:
+        if result is None:
+            Player(scenario, window, pace).play()
+        else:
+            Replayer(result, window, pace).play()
 
 
 def _is_folder(source: str) -> bool:
@@ -80,17 +84,6 @@ def _is_folder(source: str) -> bool:
         return Path(source).is_dir() and source not in shipped_scenarios()
     except OSError:  # too long, no permission; told by whoever reads it
         return False
-
-
-def _replay(folder: str, speed: float) -> None:
-    from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.viewer.player import Replayer
-    from omnitrack_sim.show.viewer.window import Window, require_screen
-
-    result = load_result(folder)
-    require_screen()
-    with Window(result.scenario) as window:
-        Replayer(result, window, speed).play()
 
 
 @app.command(epilog=f"Keys: {_keys(DRIVE)}. The mouse moves the camera.")

@@ -159,6 +159,13 @@ def _phase_times(run: Run) -> dict[str, float]:
     return times
 
 
+def _of_modules(
+    name: str, unit: str, meaning: str, compute: Callable[[Run], list[float]]
+) -> Metric:
+    """A figure of each module."""
+    return Metric(name, unit, meaning, compute, per_module=True)
+
+
 METRICS: tuple[Metric, ...] = (
     Metric(
         "distance_m",
@@ -200,80 +207,70 @@ METRICS: tuple[Metric, ...] = (
         lambda r: r.no_load_slip,
         in_tables=False,
     ),
-    Metric(
+    _of_modules(
         "slip_ratio_mean",
         "1",
         "mean size of the slip ratio, 0 to 1: slip velocity over the larger of belt and module "
         "speed; 0 without contact and where both are below 1 mm/s",
         lambda r: r.mean(np.abs(r.trajectory["slip_ratio"])).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "slip_distance_m",
         "m",
         "size of the slip velocity, integrated: slip ahead and slip behind add up; none without "
         "contact",
         lambda r: r.integral(np.abs(r.trajectory["slip_velocity"])).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "traction_rms_n",
         "N",
         "root mean square of the wall's force on the module along its axis",
         lambda r: r.rms(r.trajectory["traction"]),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "normal_force_mean_n",
         "N",
         "mean of the sum of the normal forces at the module's lugs, 0 without contact",
         lambda r: r.mean(r.trajectory["normal_force"]).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "contact_fraction",
         "1",
         "part of the time in which at least one lug of the module touches the wall, 0 to 1",
         lambda r: r.mean((r.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "spring_travel_max_m",
         "m",
         "largest travel of the arm, either way, from where it stood at the start",
         lambda r: _largest(r.trajectory["slide"] - r.trajectory["slide"][0]),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "pitch_max_deg",
         "deg",
         "largest pitch of the arm against the robot axis, either way",
         lambda r: np.degrees(np.abs(r.trajectory["pitch"]).max(axis=0)).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "motor_torque_max_nm",
         "N m",
         "largest size of `motor_torque`, what the motors give the belt's shaft",
         lambda r: _largest(r.trajectory["motor_torque"]),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "torque_rms_nm",
         "N m",
         "root mean square of the same torque",
         lambda r: r.rms(r.trajectory["motor_torque"]),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "torque_change_nm_s",
         "N m/s",
         "sizes of the changes of the same torque from sample to sample, added up, over the time; "
         "it depends on `record.period`",
         _torque_change,
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "time_at_limit_s",
         "s",
         f"time with at least {100 * AT_LIMIT:.0f} % of the belt's torque limit, either way, "
@@ -281,16 +278,14 @@ METRICS: tuple[Metric, ...] = (
         "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
         "sum of the sizes of the belt's gears",
         lambda r: r.integral(_at_limit(r)).tolist(),
-        per_module=True,
     ),
-    Metric(
+    _of_modules(
         "stall_time_s",
         "s",
         f"the part of `time_at_limit_s` with a belt slower than {1e3 * STALL_SPEED:.0f} mm/s",
         lambda r: r.integral(
             _at_limit(r) * (np.abs(r.trajectory["belt_speed"]) < STALL_SPEED)
         ).tolist(),
-        per_module=True,
     ),
     Metric(
         "phase_time_s",
