@@ -204,7 +204,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         return
     if not err.is_terminal:
         lines = Lines(title, err)
-        yield _in_lines(lines)
+        yield lines.report
         lines.end()
         return
     columns = (
@@ -221,18 +221,6 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         )
 
 
-def _in_lines(lines: Lines) -> Callable[..., None]:
-    def tell(part: float, text: str = "") -> None:
-        # The amount of work is worth a line of its own, and comes before there is any pace.
-        if part == 0 and text:
-            lines.say(text)
-        pace = lines.elapsed / part if part else 0.0
-        left = f"{clock(pace * (1 - part))} left" if part else ""
-        lines.tell(part, ", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
-
-    return tell
-
-
 class Lines:
     """Progress in occasional lines, each of which begins with a title."""
 
@@ -247,6 +235,15 @@ class Lines:
     def elapsed(self) -> float:
         """Seconds since the beginning."""
         return time.monotonic() - self.began
+
+    def report(self, part: float, text: str = "") -> None:
+        """Tell part and text where a line is due, and the text at once as the work begins."""
+        # The amount of work is worth a line of its own, and comes before there is any pace.
+        if part == 0 and text:
+            self.say(text)
+        pace = self.elapsed / part if part else 0.0
+        left = f"{clock(pace * (1 - part))} left" if part else ""
+        self.tell(part, ", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
 
     def tell(self, part: float, words: str) -> None:
         """Tell ``words`` if a line is due when this part of the work, 0 to 1, is done. The end is

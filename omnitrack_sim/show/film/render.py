@@ -67,14 +67,6 @@ def check_request(
         raise InputError(faults)
 
 
-def check_frames(count: int, width: int, height: int) -> None:
-    """Raise an ``InputError`` for more pixels than ``MOST_FILM``, which nobody can wait for."""
-    if count * width * height > MOST_FILM:
-        most = int(MOST_FILM // (width * height))
-        problem = f"are {count} of {width} x {height} pixels; at most {most} of this size"
-        raise InputError(Fault("frames", problem))
-
-
 Image = NDArray[np.uint8]
 Append = Callable[[Image], None]
 FILM_FORMATS = ("mp4", "webm", "gif")
@@ -181,8 +173,13 @@ def painted(
     """The pictures (height, width, 3) of a run at ``times`` s, with ``options`` of ``Stage``.
 
     Raises:
+        InputError: they have more than ``MOST_FILM`` pixels.
         RenderError: no offscreen OpenGL, or a process died.
     """
+    if len(times) * size[0] * size[1] > MOST_FILM:
+        pixels, most = f"{size[0]} x {size[1]} pixels", int(MOST_FILM // (size[0] * size[1]))
+        problem = f"are {len(times)} of {pixels}; at most {most} of this size"
+        raise InputError(Fault("frames", problem))
     if processes == 1 or len(times) < 2:
         from omnitrack_sim.show.film.stage import Stage
 
@@ -272,7 +269,6 @@ def render_video(
     result = as_result(result)
     start, end = result.trajectory.time[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
-    check_frames(count, width, height)
     times = (start + np.arange(count) / fps).tolist()
     options = {"inset": inset, "fine": False}
     with film(path, width, height, fps) as append:
@@ -329,7 +325,6 @@ def render_frames(
     """
     check_times("times", times)
     check_request(camera, width, height)
-    check_frames(len(times), width, height)
     options = {"inset": inset, "overlay": overlay}
     return list(painted(as_result(result), times, (width, height), camera, options))
 
