@@ -155,7 +155,11 @@ class RobotVectorEnv(VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **given: Any,
     ) -> None:
-        self._mode = _mode_of(autoreset_mode)
+        modes = tuple(mode.value for mode in AutoresetMode)
+        if autoreset_mode not in (*AutoresetMode, *modes):
+            problem = f"is {autoreset_mode!r}"
+            raise InputError(Fault("autoreset_mode", problem, modes, str(autoreset_mode)))
+        self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self._mode}
         if not isinstance(num_envs, int) or not 1 <= num_envs <= MOST:
             raise InputError(Fault("num_envs", f"is {num_envs!r}; a number from 1 to {MOST}"))
@@ -281,16 +285,6 @@ class RobotVectorEnv(VectorEnv):
         """Free what pictures are painted with."""
         if self._screen is not None:
             self._screen.close()
-
-
-def _mode_of(given: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(given)
-    except ValueError:
-        choices = tuple(mode.value for mode in AutoresetMode)
-        raise InputError(
-            Fault("autoreset_mode", f"is {given!r}", choices, given=str(given))
-        ) from None
 
 
 def _terms(transition: Transition, which: NDArray[np.bool_]) -> dict[str, Any]:

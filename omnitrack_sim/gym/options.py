@@ -119,9 +119,12 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
 
     def fault(item: Mapping[str, Any]) -> Fault | None:
         level, right = _SEVERAL.get(item["loc"][0], (0, ""))
-        if 0 < level < len(item["loc"]):
-            return _of_another_type(given, item["loc"][:level], right)
-        return None
+        if not 0 < level < len(item["loc"]):
+            return None
+        place, value = item["loc"][:level], given
+        for key in place:
+            value = value[key]
+        return Fault(".".join(place), f"is {shown(value)}; it must be {right}")
 
     options = checked(EnvOptions, given, InputError, own_fault=fault)
     faults = [*_unknown("ranges", options.ranges, _DRAWN)]
@@ -144,14 +147,6 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
     if faults:
         raise InputError(faults)
     return options
-
-
-def _of_another_type(given: Mapping[str, Any], place: Sequence[str], right: str) -> Fault:
-    """The fault of a value that may be of several types, and is of none of them."""
-    value: Any = given
-    for key in place:
-        value = value[key]
-    return Fault(".".join(place), f"is {shown(value)}; it must be {right}")
 
 
 def _unseen(options: EnvOptions) -> Sequence[Fault]:
