@@ -8,6 +8,7 @@ import re
 import reprlib
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from itertools import accumulate
 from typing import Any
 
 MOST_COMPARED = 2000
@@ -51,11 +52,9 @@ def shown(value: Any) -> str:
 
 def listed(names: Sequence[str], most: int = 1000) -> str:
     """Join names with commas: as many as fit into ``most`` characters, at least one."""
-    length, count = 0, 0
-    while count < len(names) and (count == 0 or length + len(names[count]) <= most):
-        length += len(names[count]) + 2
-        count += 1
-    rest = len(names) - count
+    ends = accumulate(len(name) + 2 for name in names)
+    count = max(1, sum(end - 2 <= most for end in ends))
+    rest = max(0, len(names) - count)
     text = ", ".join(clipped(name, most) for name in names[:count])
     return f"{text} and {rest} more" if rest else text
 

@@ -53,18 +53,10 @@ def _git_commit() -> str | None:
     # An installed package may lie inside somebody's repository, whose commit is not ours.
     if not (root / ".git").exists():
         return None
+    # Without tags, so that the full hash is given and not a distance from a release.
+    describe = ["describe", "--always", "--abbrev=40", "--dirty=+changes", "--exclude=*"]
+    command = ["git", "-C", str(root), *describe]
     try:
-        command = [
-            "git",
-            "-C",
-            str(root),
-            "describe",
-            "--always",
-            "--abbrev=40",
-            "--dirty=+changes",
-            # Without tags, so that the full hash is given and not a distance from a release.
-            "--exclude=*",
-        ]
         return subprocess.run(
             command, capture_output=True, text=True, check=True, timeout=10
         ).stdout.strip()

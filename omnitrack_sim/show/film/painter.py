@@ -123,8 +123,7 @@ class Canvas:
         """Take over a region of another canvas of this size."""
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source._buffer)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._buffer)
-        left, top, right, bottom = region.left, region.top, *region.end
-        box = (left, top, right, bottom)
+        box = (region.left, region.top, *region.end)
         GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
 
     def read(self, region: PixelRect, grey: bool = False) -> Image:

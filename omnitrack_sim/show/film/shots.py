@@ -410,13 +410,12 @@ def _sphere(points: Array) -> tuple[Array, float]:
 def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
     """Point (3,) m to look at, and distance, m, that bring ``points`` into the picture with a small
     margin."""
-    half = _HALF
     seen = points @ frame  # right, up, back
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     distance = 0.0
     for _ in range(20):  # what is nearer to the eye takes more room: the middle shifts
         about = seen - middle
-        wanted = np.abs(about[:, :2]) / [half * aspect, half]
+        wanted = np.abs(about[:, :2]) / [_HALF * aspect, _HALF]
         distance = _MARGIN * float((wanted.max(axis=1) + about[:, 2]).max())
         flat = about[:, :2] / (distance - about[:, 2:])
         middle[:2] += distance * (flat.min(axis=0) + flat.max(axis=0)) / 2
