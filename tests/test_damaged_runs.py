@@ -20,7 +20,7 @@ from omnitrack_sim import Result, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import NotAligned, Outcome
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import load_result
 
@@ -235,14 +235,14 @@ TIME = np.linspace(0.0, 4.0, 201)
     [
         (zipped(time=TIME), "qpos"),
         (zipped(time=TIME, qpos=np.zeros((201, 21))), "shape"),
-        (zipped(time=TIME, qpos=np.zeros((200, 22))), "200 samples, not 201"),
-        (zipped(time=TIME, qpos=np.zeros((201, 22), int)), "holds int64"),
+        (zipped(time=TIME, qpos=np.zeros((200, JOINT_POSITIONS))), "200 samples, not 201"),
+        (zipped(time=TIME, qpos=np.zeros((201, JOINT_POSITIONS), int)), "holds int64"),
         (
-            zipped(time=TIME, qpos=np.zeros((2_000_000, 22))),
+            zipped(time=TIME, qpos=np.zeros((2_000_000, JOINT_POSITIONS))),
             "not of the same run as trajectory.parquet: more",
         ),
         (zipped(time=TIME, qpos=np.array([{}] * 201, object)), "replay.npz"),
-        (zipped(time=TIME + 1.0, qpos=np.zeros((201, 22))), "times"),
+        (zipped(time=TIME + 1.0, qpos=np.zeros((201, JOINT_POSITIONS))), "times"),
     ],
 )
 def test_a_replay_of_other_arrays_is_refused(run, data, told):
