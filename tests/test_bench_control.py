@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 
-import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
@@ -23,7 +23,7 @@ from omnitrack_sim.trials.bench import (
     entry_of,
     shipped_entries,
 )
-from omnitrack_sim.trials.bench_run import FILES, MEASURES, EntryTrials, page, rows_of, run_bench
+from omnitrack_sim.trials.bench_run import FILES, MEASURES, page, rows_of, run_bench
 
 
 def _short(trials: int, changes: dict):
@@ -102,20 +102,17 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "out" / "bench.json").read_text())["rows"][0]["trials"] == 4
 
 
-def _trials(
-    passed: list[bool], seconds: list[float], outcomes: list[str] | None = None
-) -> EntryTrials:
-    ends = outcomes or ["reached_goal" if one else "stuck" for one in passed]
-    ran = np.array([end not in ("invalid", "error") for end in ends])
-    figures = {measure.name: np.full(len(passed), 1.0) for measure in MEASURES}
-    return EntryTrials(ran, np.array(passed), ends, figures | {"duration_s": np.array(seconds)})
+def _trials(seconds: list[float], outcomes: list[str]) -> pa.Table:
+    """Table of trials that took so long, each with its outcome."""
+    figures = {name: [1.0] * len(seconds) for measure in MEASURES for name in measure.columns}
+    figures |= {"duration_s": seconds, "success": [one == "reached_goal" for one in outcomes]}
+    return pa.table({"outcome": outcomes, **figures})
 
 
 def test_rates_and_paired_differences():
     """Of time only over trials that both passed; what did not run does not count."""
-    default = _trials([True, True, True, False, False], [10.0, 11.0, 12.0, 50.0, 50.0])
+    default = _trials([10.0, 11.0, 12.0, 50.0, 50.0], ["reached_goal"] * 3 + ["stuck"] * 2)
     other = _trials(
-        [True, True, False, True, False],
         [9.0, 10.5, 50.0, 4.0, math.nan],
         ["reached_goal", "reached_goal", "stuck", "reached_goal", "error"],
     )

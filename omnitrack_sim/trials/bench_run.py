@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.rotations import Array
@@ -23,10 +22,9 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.show.plots.style import attempt, figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
-from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.bench import DEFAULT, Bench
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
-from omnitrack_sim.trials.store import column, made_by, numbers_of, to_csv, to_parquet
+from omnitrack_sim.trials.store import column, made_by, numbers_of, passed_of, to_csv, to_parquet
 from omnitrack_sim.trials.sweep_run import finish_sweep, sweep_store
 
 if TYPE_CHECKING:
@@ -122,7 +120,7 @@ def run_bench(
         tables[key] = stores[key].columns.merged(made)
         finish_sweep(sweep, stores[key], tables[key], {made_by(part) for part in made})
     # A sweep all of whose trials are invalid is no error here: the table says so.
-    rows = rows_of({key: EntryTrials.of(table) for key, table in tables.items()})
+    rows = rows_of(tables)
     result = BenchResult(bench, _table(rows), engine.status, folder, rows, _all_trials(tables))
     if folder is not None:
         _write(result, folder)
@@ -145,6 +143,10 @@ class BenchMeasure:
     words: str
     columns: tuple[str, ...]
 
+    def of(self, table: pa.Table) -> Array:
+        """Return the figure of each trial of a table; not a number where there is none."""
+        return np.mean([numbers_of(table, name) for name in self.columns], axis=0)
+
     @property
     def head(self) -> str:
         """Words and unit, for the head of a column."""
@@ -165,71 +167,40 @@ MEASURES = (
 """Measures of the trials that an entry passed."""
 
 
-@dataclass(frozen=True, eq=False)
-class EntryTrials:
-    """The trials of one entry at one task.
-
-    Attributes:
-        ran: (T,) bool, they ran to an outcome.
-        passed: (T,) bool, the robot arrived.
-        outcomes: T names.
-        figures: (T,) of each measure by name; not a number where there is none.
-    """
-
-    ran: NDArray[np.bool_]
-    passed: NDArray[np.bool_]
-    outcomes: Sequence[str]
-    figures: Mapping[str, Array]
-
-    @classmethod
-    def of(cls, table: pa.Table) -> EntryTrials:
-        """Return the trials of a sweep's table."""
-        outcomes = table["outcome"].to_pylist()
-        figures = {
-            measure.name: np.mean([numbers_of(table, name) for name in measure.columns], axis=0)
-            for measure in MEASURES
-        }
-        return cls(
-            np.array([one not in (INVALID, ERROR) for one in outcomes]),
-            np.array([one == Outcome.REACHED_GOAL for one in outcomes]),
-            outcomes,
-            figures,
-        )
-
-
-def rows_of(trials_of: Mapping[tuple[str, str], EntryTrials]) -> list[dict[str, Any]]:
+def rows_of(tables: Mapping[tuple[str, str], pa.Table]) -> list[dict[str, Any]]:
     """Return one row for each task and entry: rates, means, differences from the default entry.
 
     Differences are paired: of the success over all trials that both ran, of the other figures over
     those that both passed.
 
     Args:
-        trials_of: by (task, entry).
+        tables: of the trials, by (task, entry).
     """
     rows = []
-    for (task, entry), trials in trials_of.items():
-        row: dict[str, Any] = {"task": task, "entry": entry, **_rates(trials)}
+    for (task, entry), table in tables.items():
+        row: dict[str, Any] = {"task": task, "entry": entry, **_rates(table)}
         for measure in MEASURES:
-            own = trials.figures[measure.name][trials.passed]
-            row |= _spread(measure.name, own)
-        default = trials_of.get((task, DEFAULT))
+            row |= _spread(measure.name, measure.of(table)[passed_of(table) == 1])
+        default = tables.get((task, DEFAULT))
         if default is not None and entry != DEFAULT:
-            row |= _differences(trials, default)
+            row |= _differences(table, default)
         rows.append(row)
     return rows
 
 
-def _rates(trials: EntryTrials) -> dict[str, Any]:
-    counted, passed = int(trials.ran.sum()), int((trials.passed & trials.ran).sum())
+def _rates(table: pa.Table) -> dict[str, Any]:
+    ends = passed_of(table)
+    counted, passed = int(np.isfinite(ends).sum()), int(np.nansum(ends))
     low, high = wilson_interval(passed, counted)
-    others = Counter(one for one in trials.outcomes if one != Outcome.REACHED_GOAL)
+    outcomes = Counter(table["outcome"].to_pylist())
+    others = {name: n for name, n in sorted(outcomes.items()) if name != Outcome.REACHED_GOAL}
     return {
         "trials": counted,
         "passed": passed,
         "success": passed / counted if counted else None,
         "success_low": low,
         "success_high": high,
-        "others": ", ".join(f"{count} {name}" for name, count in sorted(others.items())),
+        "others": ", ".join(f"{count} {name}" for name, count in others.items()),
     }
 
 
@@ -241,22 +212,20 @@ def _spread(name: str, values: Array) -> dict[str, Any]:
     return finite(dict(zip(keys, ends, strict=True)))
 
 
-def _differences(trials: EntryTrials, default: EntryTrials) -> dict[str, Any]:
+def _differences(table: pa.Table, default: pa.Table) -> dict[str, Any]:
     # Both entries have the same draws, so differences trial by trial cancel what the draws do.
-    both = trials.ran & default.ran
-    gained = int((both & trials.passed & ~default.passed).sum())
-    lost = int((both & ~trials.passed & default.passed).sum())
-    total = int(both.sum())
+    more = passed_of(table) - passed_of(default)
+    gained, lost, total = (int(one.sum()) for one in (more == 1, more == -1, np.isfinite(more)))
     low, high = paired_rate_interval(gained, lost, total)
     row: dict[str, Any] = {
         "success_more": (gained - lost) / total if total else None,
         "success_more_low": low,
         "success_more_high": high,
     }
-    passed = both & trials.passed & default.passed
+    both = passed_of(table) + passed_of(default) == 2
     for measure in MEASURES:
-        more = trials.figures[measure.name][passed] - default.figures[measure.name][passed]
-        row |= _spread(f"{measure.name}_more", more)
+        own, others = measure.of(table)[both], measure.of(default)[both]
+        row |= _spread(f"{measure.name}_more", own - others)
     return row
 
 

@@ -29,7 +29,7 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import attempt
 from omnitrack_sim.trials.axes import BASE
-from omnitrack_sim.trials.batches import INVALID, Batch, Row
+from omnitrack_sim.trials.batches import ERROR, INVALID, Batch, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -193,6 +193,13 @@ def to_json(data: Any) -> bytes:
 def numbers_of(table: pa.Table, name: str) -> Array:
     """Return the numbers in a column of a table; NaN where it has none."""
     return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
+
+
+def passed_of(table: pa.Table) -> Array:
+    """Return 1 for each trial that passed, 0 for one that failed, NaN without an outcome of the
+    robot."""
+    ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
+    return np.array([np.nan if end in (INVALID, ERROR) else float(ok) for end, ok in ends])
 
 
 def made_by(table: pa.Table) -> str:

@@ -31,6 +31,7 @@ from omnitrack_sim.trials.store import (
     Store,
     TrialColumns,
     made_by,
+    passed_of,
     refuse_all_invalid,
     to_csv,
     to_json,
@@ -271,7 +272,7 @@ def plot_sweep(
     if result.table.num_rows != sweep.size:
         problem = f"has {result.table.num_rows} of {counted(sweep.size, 'trial')} of {sweep.name!r}"
         raise InputError(Fault("result", problem))
-    passed = _passed(result.table)
+    passed = passed_of(result.table)
     if over is None and ax is None:
         return page(lambda: _figure(sweep, passed), path, format)
     axes = spreads(sweep)
@@ -299,15 +300,7 @@ def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread
 
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """Draw ``success_map.png``."""
-    return figure_bytes(_figure(sweep, _passed(table)))
-
-
-def _passed(table: pa.Table) -> Array:
-    """1 for each trial that passed, 0 for failed ones, NaN without an outcome of the robot."""
-    ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
-    return np.array(
-        [np.nan if outcome in (INVALID, ERROR) else float(success) for outcome, success in ends]
-    )
+    return figure_bytes(_figure(sweep, passed_of(table)))
 
 
 def spreads(sweep: Sweep) -> list[Spread]:
