@@ -78,6 +78,31 @@ def test_what_is_seen_wrongly_from_afar_is_put_right_from_close_by():
     assert difference.wrong_sizes == (("straight_4", "stack_1"),)
 
 
+def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
+    """From within a bend its rest looks like a bend that begins at the lens, wherever that is."""
+    rest = Elbow(0.13, 0.4)
+
+    def before_the_end_of_the_bend(ahead):
+        within = ahead.end == "open" and ahead.distance > 0.585
+        return (
+            replace(ahead, end="", fitting=rest, enter="start", distance=0.08) if within else ahead
+        )
+
+    network = validate(
+        {
+            "fittings": [
+                straight("foot", 0.4),
+                {"kind": "elbow", "name": "bend", "mean_radius": 0.24},
+                straight("on", 0.5),
+            ],
+            "joints": [joint("foot.end", "bend.start"), joint("bend.end", "on.start")],
+        }
+    )
+    ghost = Ghost(network, "foot.start", erring=before_the_end_of_the_bend)
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).same
+
+
 def test_past_a_fitting_it_finds_its_place_by_looking_back():
     """A point that takes itself to be 60 mm farther on after each fitting makes no straight longer
     for that."""

@@ -107,6 +107,7 @@ class Explorer(MapPilot):
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
         self._complete = False
+        self._sighted: tuple[tuple[str, str], float] | None = None  # out of a fitting, and where
         self._left: dict[End, str] = {}
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
@@ -159,6 +160,8 @@ class Explorer(MapPilot):
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
             return Decision(self.leg, True, ())
         again = self._closer.doubted(ahead, route, distance)
+        if again is None and not self._is_confirmed(ahead, distance):
+            again = distance + LOOKS.doubt
         if again is not None:
             self.look_at = again
             return Decision(self.leg, True, ())
@@ -222,6 +225,17 @@ class Explorer(MapPilot):
         route = self.route()
         close = bool(self._closer.index(route)) and distance >= self.look_at
         return close or distance >= self._back.at(route)
+
+    def _is_confirmed(self, ahead: Ahead, distance: float) -> bool:
+        """Return whether a sighting out of a fitting has been made before, of the same at the same
+        place: a bend that is not over looks like another one that begins at the lens."""
+        if ahead.fitting is None or self.belief.fitting(_end_of(self.leg.path)[0]).is_plain:
+            self._sighted = None
+            return True
+        before, self._sighted = self._sighted, (ahead.kind, distance + ahead.distance)
+        if before is None or before[0] != ahead.kind:
+            return False
+        return abs(before[1] - self._sighted[1]) < LOOKS.same_place
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, where that is still far away."""

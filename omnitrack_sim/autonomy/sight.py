@@ -220,6 +220,8 @@ class LookSettings:
         closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
+        same_place: m, difference of two looks out of a fitting that show one thing: less than half
+            of the travel between them.
     """
 
     behind: float = 0.1
@@ -232,6 +234,7 @@ class LookSettings:
     closest: float = 0.05
     again: float = 0.003
     doubt: float = 0.01
+    same_place: float = 0.005
 
 
 LOOKS = LookSettings()
