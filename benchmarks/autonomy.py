@@ -1,7 +1,7 @@
 """How well a robot finds its way by camera.
 
 python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--senses SENSE ...]
-    [--pictures one five] [--seed N] [--workers N]
+    [--pictures one five] [--seed N] [--close SHARE] [--workers N]
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
@@ -39,8 +39,9 @@ CAMERAS: dict[str, Callable[[], Any]] = {
     "headlight": lambda: HeadlightCamera(HeadlightTable()),
 }
 """Cameras as scenarios have them by default."""
-Task = tuple[str, bool, int, range]
-"""Camera, whether all pictures of an approach are used, seed, approaches."""
+Task = tuple[str, bool, int, range, float]
+"""Camera, whether all pictures of an approach are used, seed, approaches, and the share of ports
+beyond a fitting on which another one follows directly."""
 
 
 @cache
@@ -51,11 +52,11 @@ def _recogniser(name: str) -> tuple[Camera, Recogniser]:
 
 def look(task: Task) -> list[Found]:
     """What a camera makes of some approaches."""
-    name, every, seed, indices = task
+    name, every, seed, indices, close = task
     camera, recogniser = _recogniser(name)
     found = []
     for index in indices:
-        trial = approach(seed, index)
+        trial = approach(seed, index, close)
         pictures = trial.pictures(camera)
         start = time.process_time()
         if every:
@@ -82,7 +83,12 @@ def look(task: Task) -> list[Found]:
 
 
 def recognition(
-    trials: int, cameras: Sequence[str], pictures: Sequence[str], seed: int, workers: int
+    trials: int,
+    cameras: Sequence[str],
+    pictures: Sequence[str],
+    seed: int,
+    workers: int,
+    close: float,
 ) -> None:
     """Measure the recogniser and print the tables."""
     runs: dict[str, list[Found]] = {}
@@ -92,7 +98,8 @@ def recognition(
                 if words.split()[0] not in pictures:
                     continue
                 tasks: list[Task] = [
-                    (name, every, seed, range(i, min(i + 20, trials))) for i in range(0, trials, 20)
+                    (name, every, seed, range(i, min(i + 20, trials)), close)
+                    for i in range(0, trials, 20)
                 ]
                 found = [f for part in pool.map(look, tasks) for f in part]
                 runs[f"{name}, {words}"] = found
@@ -114,13 +121,16 @@ def main() -> None:
     )
     parser.add_argument("--pictures", nargs="+", choices=("one", "five"), default=["one", "five"])
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument(
+        "--close", type=float, default=0.0, help="share of fittings that others follow directly"
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     for study in given.only:
         trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS[study])
         if study == "recognition":
             cameras = [name for name in CAMERAS if name in given.senses]
-            recognition(trials, cameras, given.pictures, given.seed, given.workers)
+            recognition(trials, cameras, given.pictures, given.seed, given.workers, given.close)
             continue
         of = unknown if study == "unknown" else by_sensors
         runs = of.runs(study, given.senses, trials, given.seed, given.workers)
