@@ -25,6 +25,7 @@ from omnitrack_sim.robots.omnitrack.drive import Drive
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 RESULT_FILE, SCENARIO_FILE, TIMELINE_FILE, TRAJECTORY_FILE, REPLAY_FILE, MAP_FILE = (
     "result.json",
@@ -102,6 +103,14 @@ def reading(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
 
 
+def opened(path: Path) -> pq.ParquetFile:
+    """Return a Parquet file to read without threads, which abort a process that ends while they
+    begin: ``pq.read_table`` begins one even where it is told to use none."""
+    import pyarrow.parquet as pq
+
+    return pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)
+
+
 def require(holds: bool | np.bool_, fault: str) -> None:
     """Raise a ``ValueError``, which ``reading`` completes, unless a condition holds."""
     if not holds:
@@ -158,14 +167,9 @@ _Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[st
 def _read_parquet(path: Path) -> _Table:
     """Read time, channels, names of the phases, and the schema of the channels."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    # Without threads, which abort a process that ends while they begin: `pq.read_table` begins one
-    # even where it is told to use none.
-    file = pq.ParquetFile(
-        pa.BufferReader(path.read_bytes()), pre_buffer=False, page_checksum_verification=True
-    )
-    table = file.read(use_threads=False)
+    with opened(path) as file:
+        table = file.read(use_threads=False)
     about = table.schema.metadata
     schema = {**RECORDED}
     for data in json.loads(about[b"own_channels"]):

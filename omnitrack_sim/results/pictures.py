@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.writing import told
-from omnitrack_sim.results.files import reading, require
+from omnitrack_sim.results.files import opened, reading, require
 from omnitrack_sim.senses.optics import Camera
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def read_pictures(folder: Path, end: float) -> Pictures:
         OutputError: the file is missing or damaged.
     """
     with reading(folder / PICTURES_FILE) as path:
-        with _opened(path) as file:
+        with opened(path) as file:
             coding, rows = _coding_in(file), file.metadata.num_rows
             table = file.read(columns=["time", "end"], use_threads=False)
             groups = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
@@ -241,7 +241,7 @@ class _SavedRecords:
         if number == self._at:
             return self._part
         first, last = self._groups[number]
-        with reading(self._path) as path, _opened(path) as file:
+        with reading(self._path) as path, opened(path) as file:
             # The folder may have been replaced since the times were read.
             require(_coding_in(file) == self._coding, "it is of another run by now")
             table = file.read_row_group(number, use_threads=False).combine_chunks()
@@ -254,13 +254,6 @@ class _SavedRecords:
             part["pixels"] = pixels.reshape(last - first, -1)
         self._at, self._part = number, part
         return part
-
-
-def _opened(path: Path) -> pq.ParquetFile:
-    import pyarrow.parquet as pq
-
-    # Without threads, as in `files.py`.
-    return pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)
 
 
 def _per_group(coding: Coding) -> int:
