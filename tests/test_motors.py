@@ -104,16 +104,19 @@ def test_a_motor_is_frozen():
 
 
 def test_another_motor_brings_its_own_inertia_and_servo():
-    """Belt and roll armature are J ratio² over the lever squared, half a belt a run; the servo's
-    gain is the belt's inertia over its time constant."""
+    """Belt and roll armature are J ratio² over the lever squared, of a belt that of both runs and
+    the sprockets; the servo's gain is the belt's inertia over its time constant."""
     scenario = _scenario(motor=OWN | {"speed_bandwidth": 20.0})
     model, robot = scenario.to_spec().compile(), scenario.robot
     inertia = 4e-9 * 250.0**2
     for i in (1, 2, 3):
-        upper, roll = model.joint(f"belt_upper_{i}"), model.joint(f"roll_{i}")
-        assert 2 * model.dof_armature[upper.dofadr[0]] == pytest.approx(
-            inertia / robot.lug_radius**2
-        )
+        roll = model.joint(f"roll_{i}")
+        runs = [model.joint(f"belt_{name}_{i}").dofadr[0] for name in ("upper", "lower")]
+        ends = [model.joint(f"sprocket_{name}_{i}").dofadr[0] for name in ("front", "rear")]
+        turning = model.dof_armature[ends].sum() / robot.lug_radius**2
+        belt = model.dof_armature[runs].sum() + turning
+        assert belt == pytest.approx(inertia / robot.lug_radius**2)
+        assert turning < 0.05 * belt
         assert model.dof_armature[roll.dofadr[0]] == pytest.approx(inertia)
         gain = model.actuator(f"belt_{i}").gainprm[0]
         assert gain == pytest.approx(inertia / robot.lug_radius**2 / 0.05)
