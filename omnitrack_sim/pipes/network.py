@@ -58,8 +58,8 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
         first: frame of the first port of the first fitting, z into the pipe, world frame.
 
     Raises:
-        NetworkError: parts that hang on nothing; if none do, loops that do not close; if all do,
-            bores that differ, and parts that run into each other.
+        NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts
+            that run into each other. Every fault is told.
     """
     names, kinds = list(fittings), list(fittings.values())
     poses, used = _placed(kinds, joints, first)
@@ -68,19 +68,26 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
         for i, name in enumerate(names)
         if i not in poses
     ]
-    if faults:
-        raise NetworkError(faults)
-    parts = [Part(name, kinds[i], poses[i]) for i, name in enumerate(names)]
+    parts = {i: Part(names[i], kinds[i], poses[i]) for i in sorted(poses)}
     for k, joint in enumerate(joints):
         # A joint that placed no part closes a loop: its two ports were placed from elsewhere.
-        if k not in used:
+        if k not in used and joint.ends[0][0] in parts:
             faults += _misses(k, joint, parts)
+    # Parts that hang on nothing have no place; the others are checked against each other all the
+    # same.
+    order = {i: place for place, i in enumerate(parts)}
+    kept = [
+        ((order[i], p), (order[j], q))
+        for (i, p), (j, q) in (joint.ends for joint in joints)
+        if i in order
+    ]
+    try:
+        network = Assembly(tuple(parts.values()), tuple(kept))
+    except GeometryError as error:
+        raise NetworkError([*faults, *_in_file(error.faults, list(order))]) from None
     if faults:
         raise NetworkError(faults)
-    try:
-        return Assembly(tuple(parts), tuple(joint.ends for joint in joints))
-    except GeometryError as error:
-        raise NetworkError(_in_file(error.faults)) from None
+    return network
 
 
 def _placed(
@@ -107,7 +114,7 @@ def _placed(
     return poses, used
 
 
-def _misses(k: int, joint: Joined, parts: Sequence[Part]) -> list[Fault]:
+def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
     """Fault of a loop that does not close."""
     (i, port_i), (j, port_j) = joint.ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
@@ -125,11 +132,11 @@ def _misses(k: int, joint: Joined, parts: Sequence[Part]) -> list[Fault]:
     return [Fault(f"joints.{k}", problem)]
 
 
-def _in_file(faults: Iterable[Fault]) -> list[Fault]:
+def _in_file(faults: Iterable[Fault], order: Sequence[int]) -> list[Fault]:
     """Faults of ``Assembly`` with the paths of a network file."""
 
     def renamed(text: str) -> str:
-        return re.sub(r"\bpipes\.(?=\d)", "fittings.", text)
+        return re.sub(r"\bpipes\.(\d+)", lambda match: f"fittings.{order[int(match[1])]}", text)
 
     return [
         replace(fault, where=renamed(fault.where), problem=renamed(fault.problem))
