@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import signal
@@ -254,7 +255,7 @@ def test_a_part_that_was_killed_goes_on_and_then_fills_its_page(toy):
         if (toy / "out" / "waits").exists():
             break
         time.sleep(0.1)
-    killed.send_signal(signal.SIGKILL)
+    os.killpg(killed.pid, signal.SIGKILL)  # its command, too
     killed.wait()
     assert (toy / "docs" / "page.md").read_text() == PAGE
     (toy / "out" / "go").touch()
