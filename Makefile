@@ -22,8 +22,8 @@ test: $(READY) egl screen
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \
-  singularity sensing planning maps scenario result monitor sweep_spec study_search gym_refusals \
-  verdicts trials_bar
+  singularity readings pose_filter planning maps scenario result monitor sweep_spec study_search \
+  gym_refusals verdicts trials_bar
 quick: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(QUICK:%=tests/test_%.py)
 
