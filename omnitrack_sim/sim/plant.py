@@ -17,7 +17,7 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_CONAFFINITY,
     LUG_CONTYPE,
-    SPROCKETS,
+    MODULE_ENDS,
     friction_tendons,
     lug_pitch,
 )
@@ -139,7 +139,7 @@ class Plant:
 
     def _set_start(self, robots: NDArray[np.intp], start: Start) -> None:
         b, model, at = self._batch, self.model, self._at
-        springs = [model.tendon(f"spring_{e}_{i}").id for e in ("front", "rear") for i in NUMBERS]
+        springs = [model.tendon(f"spring_{e}_{i}").id for e in MODULE_ENDS for i in NUMBERS]
         each = robots[:, None]
         touching = np.flatnonzero(model.geom_contype == LUG_CONTYPE)
         b.expand("geom_friction")[each, touching, 0] = start.friction[:, None]
@@ -295,7 +295,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
 
     # Sprockets touch exact walls alone.
     exact = model.body("sprocket_front_1").geomnum[0] > 0
-    parts = (*TRACKS, *SPROCKETS) if exact else TRACKS
+    parts = (*TRACKS, *MODULE_ENDS) if exact else TRACKS
 
     def of_chain(kind: str) -> NDArray[np.intp]:
         return np.array([[model.sensor(f"{kind}_{p}_{i}").adr[0] for p in parts] for i in NUMBERS])
@@ -319,7 +319,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         chassis=3 * chassis + np.arange(3),
         frame=9 * chassis + np.arange(9).reshape(3, 3).T,
         sprockets=np.array(
-            [[model.joint(f"sprocket_{e}_{i}").qposadr[0] for e in SPROCKETS] for i in NUMBERS]
+            [[model.joint(f"sprocket_{e}_{i}").qposadr[0] for e in MODULE_ENDS] for i in NUMBERS]
         ),
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
         contact=of_chain("contact")[:, :, None] + np.arange(7),

@@ -47,9 +47,8 @@ that touches all round. In that of a sprocket: how many geoms further the sprock
 other end is; 0 for a line."""
 LEAN = 0.6
 """Cosine between a contact's normal and the module's axis from which on the end of a run is the
-sprocket's: 37 degrees off the track's normal. With 0.25 sprockets take over where the straight
-run still carries and 85 instead of 92 of 96 random tee turns pass; with 0.8 the forces of a row
-that pushes come back."""
+sprocket's: 37 degrees off the track's normal. At 0.25 sprockets take over where the straight run
+still carries, and more tee turns fail; at 0.8 the forces of a row that pushes come back."""
 BAND = 0.05
 """Cosine between a contact's normal and the plane between both runs of a chain up to which both
 touch. There the farther run is less deep by twice the tracks' offset times this: 0.1 mm."""

@@ -45,8 +45,8 @@ numerical."""
 SPROCKET_MASS, SPROCKET_INERTIA = 0.01, 0.02
 """Mass of a sprocket as a part of a track's, which goes without it, and its part of the inertia at
 its belt; numerical."""
-SPROCKETS = ("front", "rear")
-"""Ends of a module, in the order of its sprockets."""
+MODULE_ENDS = {"front": 1.0, "rear": -1.0}
+"""Ends of a module, with a sprocket and a spring each, and their sides along z."""
 SPHERE = 1e-9
 """Half length of a capsule that is a sphere, m."""
 STOP_TIME, STOP_IMPEDANCE = 0.005, (0.95, 0.99)
@@ -80,16 +80,17 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
         module = add_module(arm, robot, number)
         for track, side in zip(TRACKS, (1.0, -1.0), strict=True):
             _add_track(module, robot, f"{track}_{number}", side, line_tracks)
-            add_contact_sensor(spec, f"contact_{track}_{number}", f"track_{track}_{number}")
-            _add_touch_sensor(spec, robot, f"{track}_{number}", f"track_{track}_{number}")
-        for end, side in zip(SPROCKETS, (1.0, -1.0), strict=True):
-            _add_sprocket(spec, module, robot, f"{end}_{number}", side, line_tracks)
+            _add_force_sensors(spec, robot, f"{track}_{number}", f"track_{track}_{number}")
+        for end, side in MODULE_ENDS.items():
+            _add_sprocket(module, robot, f"sprocket_{end}_{number}", side, line_tracks)
+            if line_tracks:
+                _add_force_sensors(spec, robot, f"{end}_{number}", f"sprocket_{end}_{number}")
         add_springs(spec, robot, number)
         add_roll_motor(spec, robot, number)
         # The lower run of a chain and the sprockets follow the upper one.
         belt = f"belt_upper_{number}"
         tie_joints(spec, robot, f"chain_{number}", f"belt_lower_{number}", belt)
-        for end in SPROCKETS:
+        for end in MODULE_ENDS:
             name = f"sprocket_{end}_{number}"
             tie_joints(spec, robot, name, name, belt, 1 / robot.lug_radius)
     add_belt_motors(spec, robot)
@@ -202,23 +203,21 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
         )
 
 
-def _add_sprocket(
-    spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, name: str, end: float, line: bool
-) -> None:
+def _add_sprocket(module: mujoco.MjsBody, robot: Robot, name: str, end: float, line: bool) -> None:
     """The sprocket at the front, ``end`` = 1, or rear, -1, of a module: at the last lug's place."""
-    sprocket = module.add_body(name=f"sprocket_{name}", pos=[0, 0, end * lug_places(robot)[-1]])
+    sprocket = module.add_body(name=name, pos=[0, 0, end * lug_places(robot)[-1]])
     inertia = SPROCKET_INERTIA * output_inertia(robot) * robot.lug_radius**2
     sprocket.mass, sprocket.explicitinertial = SPROCKET_MASS * robot.track_mass, True
     sprocket.inertia = [robot.track_mass * robot.lug_radius**2] * 3
     sprocket.add_joint(
-        name=f"sprocket_{name}",
+        name=name,
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=[0, 1, 0],
         armature=inertia,
     )
     if line:
         sprocket.add_geom(
-            name=f"sprocket_{name}",
+            name=name,
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[robot.lug_radius, SPHERE, 0],
             solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
@@ -226,8 +225,6 @@ def _add_sprocket(
             userdata=sprocket_record(int(end)),
             **contact_of_lugs(robot),
         )
-        add_contact_sensor(spec, f"contact_{name}", f"sprocket_{name}")
-        _add_touch_sensor(spec, robot, name, f"sprocket_{name}")
 
 
 def contact_of_lugs(robot: Robot) -> dict[str, Any]:
@@ -275,7 +272,7 @@ def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
 
     Together they give the radial stiffness k and the pitch stiffness k (spacing / 2)^2.
     """
-    for end, side in (("front", 1.0), ("rear", -1.0)):
+    for end, side in MODULE_ENDS.items():
         spring = spec.add_tendon(name=f"spring_{end}_{number}")
         # As long as the arm has moved at these shafts; linear in the pitch, which stays below 4
         # degrees.
@@ -365,12 +362,13 @@ def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
     )
 
 
-def _add_touch_sensor(spec: mujoco.MjSpec, robot: Robot, name: str, body: str) -> None:
-    """Sum of the normal forces of all contacts of a body, N.
+def _add_force_sensors(spec: mujoco.MjSpec, robot: Robot, name: str, body: str) -> None:
+    """Sensors ``contact_`` and ``touch_`` of a body: net contact, and sum of the normal forces, N.
 
-    The net force does not tell it: where contacts have different normals, as at a rim, or where the
-    arm does not stand at right angles to the wall, friction has a share along the arm.
+    The net force does not tell the sum: where contacts have different normals, as at a rim, or
+    where the arm does not stand at right angles to the wall, friction has a share along the arm.
     """
+    add_contact_sensor(spec, f"contact_{name}", body)
     zone = spec.body(body).add_site(
         name=f"touch_{name}",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,

@@ -13,6 +13,7 @@ from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
 from omnitrack_sim.walls.meshes import (
     THICKNESS,
     TriangleMesh,
@@ -114,7 +115,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
 def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
     chassis = spec.body("chassis")
     _look(chassis, "chassis_core", "abs", meshname="chassis_core")
-    for end, side in (("front", 1.0), ("rear", -1.0)):
+    for end, side in MODULE_ENDS.items():
         _look(chassis, f"chassis_{end}", "abs", meshname="chassis_end", pos=[0, 0, side * shaft])
         for number, angle in enumerate(MODULE_ANGLES, start=1):
             out = np.array([math.cos(angle), math.sin(angle), 0.0])
@@ -137,7 +138,7 @@ def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
 
 def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> None:
     """Brackets that carry the module at both ends, and the springs that push them out."""
-    for end, side in (("front", 1.0), ("rear", -1.0)):
+    for end, side in MODULE_ENDS.items():
         z = side * shaft
         bracket, size = f"bracket_{end}_{number}", [0.011, 0.0165, 0.005]
         _look(arm, bracket, "abs", "box", pos=[-0.004, 0, z], size=size)
@@ -151,7 +152,7 @@ def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
     """Core of the module and the rounded ends of its tracks."""
     half, radius = robot.contact_length / 2, robot.lug_radius - 0.0058
     _drum(module, f"core_{number}", -half - 0.004, half + 0.004, radius)
-    for end, side in (("front", 1.0), ("rear", -1.0)):
+    for end, side in MODULE_ENDS.items():
         tip, size = [0, 0, side * (half + 0.004)], [radius, radius, 0.011]
         _look(module, f"cap_{end}_{number}", "dark", "ellipsoid", pos=tip, size=size)
 
