@@ -51,12 +51,16 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
 
 
 @pytest.mark.parametrize("part", range(len(SWAY.progress)))
-@pytest.mark.parametrize("theta5_deg", [6.0, -6.0])
-def test_a_robot_leans_by_the_shape_away_from_module_1(theta5_deg: float, part: int) -> None:
-    asked = lean(theta5_deg, 0.5, SWAY.progress[part], lean_deg=30.0)
+@pytest.mark.parametrize("error_deg", [6.0, -6.0])
+@pytest.mark.parametrize("best_deg", [0.0, 120.0, -120.0])
+def test_a_robot_leans_by_the_shape_away_from_the_inner_module(
+    best_deg: float, error_deg: float, part: int
+) -> None:
+    """Whichever of the three equal modules that is."""
+    asked = lean(best_deg + error_deg, 0.5, SWAY.progress[part], lean_deg=30.0)
     bench = Bench(scenario_of("tee_turn"))
     side = cross(bench.routes.ahead[0], bench.routes.directions[0])
-    expected = -np.sign(theta5_deg) * np.tan(np.radians(30.0)) * SWAY.lean[part]
+    expected = -np.sign(error_deg) * np.tan(np.radians(30.0)) * SWAY.lean[part]
     assert asked == pytest.approx(expected * side, abs=1e-6)
 
 

@@ -19,6 +19,7 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
 from omnitrack_sim.robots.omnitrack.parameters import REFERENCE_BORE
@@ -209,7 +210,8 @@ class Lean(NamedTuple):
 class Sway:
     """The sway of n robots.
 
-    A robot leans to the side of the turn's plane that module 1 is not on when the turn begins.
+    A robot leans to the side of the turn's plane that the inner module, the one nearest to the
+    branch, is not on when the turn begins.
 
     Args:
         setup: of the controller.
@@ -251,7 +253,9 @@ class Sway:
             full: (n,) robots that sway in full at any slip.
         """
         location = observation.location
-        beside = np.where(location.theta5 < 0, 1.0, -1.0)
+        # Equal orientations lean alike: theta5 = -115 is 5 degrees beside the best, as 5 itself.
+        error = orientation_error(location.theta5, preferred_theta5("tee_turn"))
+        beside = np.where(error < 0, 1.0, -1.0)
         self._side = np.where(turning, self._side, beside)
         if not np.count_nonzero(turning):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
