@@ -1,14 +1,15 @@
-"""Exact contact of whole tracks with fittings of any kind, compiled into MuJoCo's collision table.
+"""Exact contact with fittings of any kind, compiled into MuJoCo's collision table.
 
-A track is one capsule, a fitting one height field; their user data say what they are (``track``).
-Of all pairs of geoms MuJoCo gives those with a height field the most room for contacts (50). Pairs
-without records are handed to the function that was there before. The compiled function holds no
-interpreter lock, so batches scale over threads.
+A fitting is one height field, whose user data say what it is (``record``). Of all pairs of geoms
+MuJoCo gives those with a height field the most room for contacts (50). A height field without a
+record, and a geom with a record of its own, are handed to the function that was there before. The
+compiled functions hold no interpreter lock, so batches scale over threads.
 """
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -18,22 +19,74 @@ from llvmlite import binding, ir
 from numba import types
 from numpy.typing import NDArray
 
-from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, WORDS, c_function, calling, intrinsic
-from omnitrack_sim.walls.track import MARK, RECORD_SIZE, line_contacts
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import (
+    NUMBER,
+    NUMBERS,
+    WORD,
+    WORDS,
+    c_function,
+    call_surface,
+    calling,
+    intrinsic,
+    scratch,
+)
+from omnitrack_sim.walls.bodies import (
+    box,
+    capsule,
+    cylinder,
+    ellipsoid,
+    frame_in,
+    mesh,
+    sphere,
+    wall_of,
+)
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, in_world
+from omnitrack_sim.walls.curves import holds
+from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE, kinds
 
-# The height field comes first: the table is filled for pairs of ascending geom types only.
-_FIELD, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-_KINDS = int(mujoco.mjtGeom.mjNGEOMTYPES)
+GEOM = mujoco.mjtGeom
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
+    int(getattr(GEOM, f"mjGEOM_{name}"))
+    for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
+)
+"""Types of geoms that touch exact walls."""
+_FIELD, _TYPES = int(GEOM.mjGEOM_HFIELD), int(GEOM.mjNGEOMTYPES)
 _COLLIDE = types.int32(WORDS, WORDS, NUMBERS, types.int32, types.int32, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
+_FLOATS, _INTEGERS = types.CPointer(types.float32), types.CPointer(types.int32)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
-ORIGINAL, TOKEN, SIZE, USER, USER_SIZE, POSITIONS, MATRICES, BLOCK_SIZE = range(8)
-"""Indices in the block, and its size: address of MuJoCo's own function; mark of this process's
-records; words of MuJoCo's structures that hold sizes of geoms, their user data and its length,
-their positions and orientations."""
+NEXT = 0
+LINE_NEXT = NEXT + _TYPES
+KINDS, USER_SIZE = LINE_NEXT + 1, LINE_NEXT + 2
+MODEL_FIELDS = (
+    "geom_size geom_user geom_type geom_rbound geom_dataid mesh_vertadr mesh_vertnum mesh_vert "
+    "mesh_polymapnum mesh_polyadr mesh_polynum mesh_polyvertadr mesh_polyvertnum mesh_polyvert"
+).split()
+(
+    SIZE,
+    USER,
+    TYPE,
+    BOUND,
+    DATA_ID,
+    VERTICES_AT,
+    VERTEX_COUNT,
+    VERTICES,
+    POLYGONS_OF,
+    POLYGONS_AT,
+    POLYGON_COUNT,
+    POLYGON_BEGINS,
+    POLYGON_SIZES,
+    POLYGON_VERTICES,
+) = range(USER_SIZE + 1, USER_SIZE + 1 + len(MODEL_FIELDS))
+POSITIONS = POLYGON_VERTICES + 1
+MATRICES, BLOCK_SIZE = POSITIONS + 1, POSITIONS + 2
+"""Indices in the block, and its size: functions that were there before, by the type of geom, and
+before that of lines; address of the table of kinds; words of MuJoCo's mjModel that hold the length
+of user data and its fields; those of mjData that hold positions and orientations of geoms."""
 _CHUNK, _MOST_CHUNKS = 256, 240
 """Words that are searched at a time, so as to read little past a structure's end; and how often,
 before the search gives up. The fields come long before that."""
@@ -54,63 +107,151 @@ def word(context, index):
     return WORD(WORD), code
 
 
+def _pointer(kind: Any) -> Any:
+    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
+
+    @intrinsic
+    def pointer(context, address):
+        def code(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return kind(WORD), code
+
+    return pointer
+
+
+doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
+
+
 @intrinsic
-def doubles(context, address):
-    """Pointer to the numbers at an address."""
-
-    def code(context, builder, signature, arguments):
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return NUMBERS(WORD), code
-
-
-@intrinsic
-def call_collide(context, address, model, data, contacts, wall, line, margin):
+def call_collide(context, address, model, data, contacts, wall, geom, margin):
     """Call the collision function at an address."""
     return calling(_COLLIDE)
 
 
-def collide(model, data, contacts, wall, line, margin):
-    """MuJoCo's collision function of height field and capsule."""
-    # A foreign model may have user data of another length, which must not be read as a record.
-    if model[word(USER_SIZE)] != RECORD_SIZE:
-        return call_collide(word(ORIGINAL), model, data, contacts, wall, line, margin)
-    records = doubles(model[word(USER)])
-    track, w = RECORD_SIZE * line, RECORD_SIZE * wall
-    # A record of another process holds addresses that mean nothing here.
-    mark = float(word(TOKEN))
-    if records[w] != mark or records[track] != mark:
-        return call_collide(word(ORIGINAL), model, data, contacts, wall, line, margin)
-    # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
-    sizes = doubles(model[word(SIZE)])
-    radius, half = sizes[3 * line], sizes[3 * line + 1]
-    position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
-    return line_contacts(
-        contacts, records, w, track, position, matrix, line, wall, radius, half, margin
+@compiled
+def functions_of(number):
+    """Addresses of ``surface`` and ``span`` of the kind of a number; 0 where it is not known."""
+    table = words(word(KINDS))
+    for i in range(table[0]):
+        if table[1 + 3 * i] == number:
+            return table[2 + 3 * i], table[3 + 3 * i]
+    return 0, 0
+
+
+@compiled
+def _hull(model, geom):
+    """The convex hull of a mesh geom, see ``bodies.mesh``."""
+    number = integers(model[word(DATA_ID)])[geom]
+    vertices_at = integers(model[word(VERTICES_AT)])[number]
+    polygons_at = integers(model[word(POLYGONS_AT)])[number]
+    begins = integers(model[word(POLYGON_BEGINS)] + 4 * polygons_at)
+    return (
+        floats(model[word(VERTICES)] + 12 * vertices_at),
+        integers(model[word(VERTEX_COUNT)])[number],
+        integers(model[word(POLYGONS_OF)] + 4 * vertices_at),
+        integers(model[word(POLYGON_COUNT)])[number],
+        begins,
+        integers(model[word(POLYGON_SIZES)] + 4 * polygons_at),
+        integers(model[word(POLYGON_VERTICES)]),
     )
 
 
-@cache
-def install() -> Any:
-    """Enter the collider in MuJoCo's table, once a process; returns its block, to be kept.
+@compiled
+def _contacts(model, con, wall, frame, geom, kind, out):
+    """Find the contacts of a geom, in the fitting's frame; returns their number."""
+    sizes = doubles(model[word(SIZE)] + 24 * geom)
+    a, b, c = sizes[0], sizes[1], sizes[2]
+    if kind == SPHERE:
+        return sphere(con, 0, wall, frame, a, out)
+    reach = doubles(model[word(BOUND)])[geom]
+    # Most geoms near a wall's box do not touch the wall.
+    x, y, z = frame[0], frame[1], frame[2]
+    if (
+        holds(wall, x, y, z, out)
+        and call_surface(wall[0], wall[2], x, y, z, out) >= reach + wall[5]
+    ):
+        return 0
+    if kind == CAPSULE:
+        return capsule(con, 0, wall, frame, a, b, out)
+    if kind == BOX:
+        return box(con, 0, wall, frame, a, b, c, out)
+    if kind == CYLINDER:
+        return cylinder(con, 0, wall, frame, a, b, out)
+    if kind == ELLIPSOID:
+        return ellipsoid(con, 0, wall, frame, a, b, c, out)
+    return mesh(con, 0, wall, frame, _hull(model, geom), out)
+
+
+def collide(model, data, contacts, wall, geom, margin):
+    """MuJoCo's collision function of a height field and a geom of any of the six types."""
+    kind = integers(model[word(TYPE)])[geom]
+    count = model[word(USER_SIZE)]
+    # A foreign model may have user data of another length, which must not be read as a record.
+    if count < RECORD_SIZE:
+        return call_collide(word(NEXT + kind), model, data, contacts, wall, geom, margin)
+    records = doubles(model[word(USER)])
+    # The records end the rows, so that a robot may have user data of its own before.
+    w, own = count * (wall + 1) - RECORD_SIZE, count * (geom + 1) - RECORD_SIZE
+    if records[w] != MARK or records[own] == MARK:
+        return call_collide(word(NEXT + kind), model, data, contacts, wall, geom, margin)
+    surface, span = functions_of(records[w + KIND])
+    if surface == 0:
+        return 0
+    position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
+    reach = doubles(model[word(BOUND)])[geom]
+    walls = wall_of(surface, span, records, w, margin, reach)
+    frame = frame_in(records, w, position, matrix, geom, wall)
+    n = _contacts(model, contacts, walls, frame, geom, kind, scratch())
+    for i in range(n):
+        in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
+    return n
+
+
+def enter(function: Callable[..., int], geom: int, before: int) -> None:
+    """Enter a compiled function in MuJoCo's table, for height fields and a type of geom.
+
+    Args:
+        function: plain Python that compiles to a ``mjfCollision``.
+        geom: type of the other geom.
+        before: index in the block of the address of the function that was there.
 
     Raises:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
-    table = (ctypes.c_void_p * (_KINDS * _KINDS)).in_dll(_library(), "mjCOLLISIONFUNC")
-    pair = _FIELD * _KINDS + _CAPSULE
+    block = _block()
+    table = (ctypes.c_void_p * (_TYPES * _TYPES)).in_dll(library(), "mjCOLLISIONFUNC")
+    # The height field comes first: the table is filled for pairs of ascending geom types only.
+    pair = _FIELD * _TYPES + int(geom)
     if not table[pair]:
-        raise RuntimeError("MuJoCo's collision table has no function for height field and capsule")
+        raise RuntimeError(f"MuJoCo's collision table has no function for height field and {geom}")
+    block[before] = table[pair]
+    table[pair] = c_function(function, _COLLIDE).address
+
+
+@cache
+def install() -> None:
+    """Enter the collider in MuJoCo's table, once a process.
+
+    Raises:
+        RuntimeError: MuJoCo's structures are not laid out as expected.
+    """
+    for kind in (SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH):
+        enter(collide, kind, NEXT + kind)
+
+
+@cache
+def _block() -> Any:
+    """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
-    block[ORIGINAL], block[TOKEN] = table[pair], int(MARK)
-    block[SIZE], block[USER], block[USER_SIZE], block[POSITIONS], block[MATRICES] = _fields()
+    block[KINDS] = kinds.table.ctypes.data
+    block[USER_SIZE:BLOCK_SIZE] = _fields()
     # Before any code that refers to it is loaded.
     binding.add_symbol(BLOCK, ctypes.addressof(block))
-    table[pair] = c_function(collide, _COLLIDE).address
     return block
 
 
-def _fields() -> tuple[int, ...]:
+def _fields() -> list[int]:
     """Return the words of MuJoCo's mjModel and mjData that hold what the collider reads, in the
     order of the block.
 
@@ -123,36 +264,32 @@ def _fields() -> tuple[int, ...]:
     # Of the words that hold the length in one model, only the true field also does in the other.
     first, second = _fields_of_model(101), _fields_of_model(157)
     lengths = np.intersect1d(first[0], second[0])
-    if first[1:] != second[1:] or len(lengths) != 1:
+    if first[1] != second[1] or len(lengths) != 1:
         raise RuntimeError("the fields of MuJoCo's structures are not where they are expected")
-    size, user, positions, matrices = first[1:]
-    return size, user, int(lengths[0]), positions, matrices
+    return [int(lengths[0]), *first[1]]
 
 
-def _fields_of_model(user_size: int) -> tuple[Any, ...]:
+def _fields_of_model(user_size: int) -> tuple[NDArray[np.intp], list[int]]:
     """Return the words (k,) that may be the length of the user data in a model of that length, and
-    those of sizes, user data, positions and orientations."""
+    those of the other fields."""
     # A part of every kind: an empty field would have the same address as its neighbour.
     spec = mujoco.MjSpec()
     spec.nuser_geom = user_size
+    spec.add_mesh(name="mesh", uservert=[0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1])
     for _ in range(user_size % 10):
         body = spec.worldbody.add_body()
         body.add_freejoint()
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 1])
+        body.add_geom(type=GEOM.mjGEOM_MESH, meshname="mesh")
         body.add_site()
         body.add_camera()
         body.add_light()
     model = spec.compile()
     data = mujoco.MjData(model)
     size = _word_of(model._address, model.geom_size)
-    return (
-        # The counts come before the pointers in mjModel.
-        np.flatnonzero(_words(model._address, size) == user_size),
-        size,
-        _word_of(model._address, model.geom_user),
-        _word_of(data._address, data.geom_xpos),
-        _word_of(data._address, data.geom_xmat),
-    )
+    fields = [_word_of(model._address, getattr(model, name)) for name in MODEL_FIELDS]
+    fields += [_word_of(data._address, array) for array in (data.geom_xpos, data.geom_xmat)]
+    # The counts come before the pointers in mjModel.
+    return np.flatnonzero(_words(model._address, size) == user_size), fields
 
 
 def _word_of(structure: int, array: NDArray[Any]) -> int:
@@ -171,7 +308,8 @@ def _words(address: int, count: int) -> NDArray[np.uintp]:
     return np.ctypeslib.as_array((ctypes.c_size_t * count).from_address(address))
 
 
-def _library() -> ctypes.CDLL:
+@cache
+def library() -> ctypes.CDLL:
     """Return the libmujoco of this process."""
     # The library has to be the very one that Python's module uses, wherever it was installed.
     with open("/proc/self/maps", encoding="utf-8") as maps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,8 +12,13 @@ from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.shapes import Pieces
-from omnitrack_sim.walls.collider import install
-from omnitrack_sim.walls.track import RECORD_SIZE, bounding_box, wall_record
+from omnitrack_sim.walls.record import (
+    DEPTH_IN_BORES,
+    RECORD_SIZE,
+    bounding_box,
+    has_record,
+    wall_record,
+)
 
 TIMESTEP = 0.002
 """Default physics step, s."""
@@ -101,14 +107,21 @@ def add_walls(
     return count
 
 
-def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
+def add_exact_walls(spec: mujoco.MjSpec, network: Assembly, **attributes: Any) -> int:
     """Add one geom a fitting to the world body, for the compiled collider; returns their number.
 
     Each is a height field, of which only the box around the bore and the user data count, which say
-    what it is.
+    what it is. Geoms are named ``wall_<part>``.
+
+    Args:
+        spec: to add to. User data of the robot's own stay, before the records.
+        network: joined parts.
+        attributes: of the geoms, by MuJoCo's names, in the place of those of ``_add_geom``.
     """
-    install()
-    spec.nuser_geom = RECORD_SIZE
+    rows = [geom.userdata for geom in spec.geoms]
+    if not any(has_record(row) for row in rows):
+        spec.nuser_geom = max([spec.nuser_geom, 0, *map(len, rows)]) + RECORD_SIZE
+    before = np.zeros(spec.nuser_geom - RECORD_SIZE)
     # Both directions of each joint, so that the neighbour of any port is one look-up away.
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
@@ -116,7 +129,8 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
             _line_ends(network, (index, port), taken.get((index, port)))
             for port in part.fitting.ports
         ]
-        centre, half = bounding_box(part.fitting)
+        depth = DEPTH_IN_BORES * 2 * part.fitting.largest_radius
+        centre, half = bounding_box(part.fitting, depth)
         pose = part.pose @ Pose(np.eye(3), centre)
         name = f"wall_{part.name}"
         spec.add_hfield(
@@ -127,6 +141,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
             size=[half[0], half[1], half[2], half[2]],
             userdata=[0, 0, 1, 1],
         )
+        record = wall_record(part.fitting, tuple(ends), depth)
         _add_geom(
             spec,
             name,
@@ -134,7 +149,8 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly) -> int:
             hfieldname=name,
             pos=pose.position,
             quat=pose.quaternion,
-            userdata=wall_record(part.fitting, tuple(ends)),
+            userdata=np.concatenate([before, record]),
+            **attributes,
         )
     return len(network.parts)
 
@@ -186,10 +202,10 @@ PLATE_THICKNESS = 0.006
 """Of a plate that closes a pipe, m; assumed."""
 
 
-def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **shape: object) -> None:
-    spec.worldbody.add_geom(
-        name=name, type=kind, group=GROUP, contype=2, conaffinity=1, rgba=WALL_COLOUR, **shape
-    )
+def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **attributes: Any) -> None:
+    looks = {"group": GROUP, "rgba": WALL_COLOUR}
+    touching = {"contype": 2, "conaffinity": 1}
+    spec.worldbody.add_geom(name=name, type=kind, **looks | touching | attributes)
 
 
 WALL_COLOUR = [0.62, 0.66, 0.70, 0.25]

@@ -1,0 +1,336 @@
+"""Contacts of MuJoCo's shapes with one fitting, in the fitting's frame.
+
+At every point of a pipe's wall there is a direction in which it is concave: round the bore, or
+along a rim. So a flat face that presses on it is never nearest within, and vertices and edges give
+all contacts of a box, a mesh, and the ends of a cylinder. A round body touches where its outward
+normal meets the wall's.
+
+A frame is twelve numbers: a geom's centre in the fitting's frame (3), and its axes there, which
+are the columns of a rotation written row by row (9).
+"""
+
+from __future__ import annotations
+
+import math
+
+from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.native import at, call_span, call_surface
+from omnitrack_sim.walls.contacts import touch
+from omnitrack_sim.walls.curves import (
+    along_circle,
+    along_line,
+    holds,
+    minimum,
+    slope_at,
+)
+from omnitrack_sim.walls.record import BOX, DEPTH, ENDS, SIZES
+
+SAME_IN_DEPTHS, SAME_IN_REACH = 0.1, 0.05
+"""Contacts nearer to each other than this part of the wall's depth (3 mm at a bore of 160 mm), and
+of the radius of a ball round the geom, are one."""
+MANTLE_LINES = 16
+"""Lines along a cylinder's mantle between which its minima are looked for."""
+DESCENT_STEPS = 30
+"""Of the search for a contact of an ellipsoid, at most."""
+ANGLE = 1e-5
+"""Accuracy of a place on a round body, rad. The depth is off by its square."""
+
+
+@compiled
+def wall_of(surface, span, records, w, margin, reach):
+    """Return what all contacts of a pair need: addresses of ``surface`` and ``span``, sizes, ends,
+    depth of the wall, margin, and distance up to which two contacts are one, m.
+
+    Args:
+        surface, span: addresses.
+        records: user data of all geoms; that of the wall begins at ``w``.
+        margin: m, up to which contacts count.
+        reach: m, radius of a ball around the geom.
+    """
+    depth = records[w + DEPTH]
+    same = min(SAME_IN_DEPTHS * depth, SAME_IN_REACH * reach)
+    return surface, span, at(records, w + SIZES), at(records, w + ENDS), depth, margin, same
+
+
+@compiled
+def frame_in(records, w, position, matrix, g_geom, g_wall):
+    """Return the frame of a geom in that of the fitting of a wall."""
+    a, b, m, k = 3 * g_geom, 3 * g_wall, 9 * g_wall, 9 * g_geom
+    x, y, z = position[a] - position[b], position[a + 1] - position[b + 1], 0.0
+    z = position[a + 2] - position[b + 2]
+    # The box that bounds the fitting has its centre elsewhere.
+    return (
+        matrix[m] * x + matrix[m + 3] * y + matrix[m + 6] * z + records[w + BOX],
+        matrix[m + 1] * x + matrix[m + 4] * y + matrix[m + 7] * z + records[w + BOX + 1],
+        matrix[m + 2] * x + matrix[m + 5] * y + matrix[m + 8] * z + records[w + BOX + 2],
+        _product(matrix, m, k),
+        _product(matrix, m, k + 1),
+        _product(matrix, m, k + 2),
+        _product(matrix, m + 1, k),
+        _product(matrix, m + 1, k + 1),
+        _product(matrix, m + 1, k + 2),
+        _product(matrix, m + 2, k),
+        _product(matrix, m + 2, k + 1),
+        _product(matrix, m + 2, k + 2),
+    )
+
+
+@compiled
+def _product(matrix, a, b):
+    """Scalar product of two columns of rotations."""
+    return matrix[a] * matrix[b] + matrix[a + 3] * matrix[b + 3] + matrix[a + 6] * matrix[b + 6]
+
+
+@compiled
+def point_at(frame, x, y, z):
+    """Point of a geom's frame in the fitting's frame."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    return (
+        px + xx * x + xy * y + xz * z,
+        py + yx * x + yy * y + yz * z,
+        pz + zx * x + zy * y + zz * z,
+    )
+
+
+@compiled
+def sphere(con, n, wall, frame, radius, out):
+    """Add the contact of a sphere."""
+    x, y, z = frame[0], frame[1], frame[2]
+    if not holds(wall, x, y, z, out):
+        return n
+    return touch(con, n, wall, x, y, z, radius, out)
+
+
+@compiled
+def _edge(con, n, wall, frame, ax, ay, az, bx, by, bz, ends, reach, out):
+    """Add the contacts along the line between two points of the geom's frame; see
+    ``along_line``."""
+    px, py, pz = point_at(frame, 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
+    qx, qy, qz = point_at(frame, bx, by, bz)
+    ux, uy, uz = qx - px, qy - py, qz - pz
+    half = math.sqrt(ux * ux + uy * uy + uz * uz)
+    if half < 1e-12:
+        return n
+    line = (px, py, pz, ux / half, uy / half, uz / half, 0.0, 0.0, 0.0, 0.0)
+    return along_line(con, n, wall, line, half, ends, ends, reach, out)
+
+
+@compiled
+def capsule(con, n, wall, frame, radius, half, out):
+    """Add the contacts of a capsule: those of a ball along its axis."""
+    return _edge(con, n, wall, frame, 0.0, 0.0, -half, 0.0, 0.0, half, 1.0, radius, out)
+
+
+@compiled
+def box(con, n, wall, frame, a, b, c, out):
+    """Add the contacts of a box: along its edges, those along x with the vertices."""
+    for i in range(4):
+        s, t = 1.0 - 2.0 * (i & 1), 1.0 - 2.0 * (i >> 1)
+        n = _edge(con, n, wall, frame, -a, s * b, t * c, a, s * b, t * c, 1.0, 0.0, out)
+        n = _edge(con, n, wall, frame, s * a, -b, t * c, s * a, b, t * c, 0.0, 0.0, out)
+        n = _edge(con, n, wall, frame, s * a, t * b, -c, s * a, t * b, c, 0.0, 0.0, out)
+    return n
+
+
+@compiled
+def mesh(con, n, wall, frame, hull, out):
+    """Add the contacts of a mesh's convex hull: at its vertices and along its edges.
+
+    Args:
+        hull: its vertices (float32), how many, the number of polygons at each, how many polygons,
+            where the vertices of each begin, how many they are, and their numbers.
+    """
+    vertices, vertex_count, polygons_at, count, begins, sizes, numbers = hull
+    for v in range(vertex_count):
+        # Of the vertices of the mesh those of its hull alone belong to a polygon.
+        if polygons_at[v] > 0:
+            x, y, z = _vertex(frame, vertices, v)
+            if holds(wall, x, y, z, out):
+                n = touch(con, n, wall, x, y, z, 0.0, out)
+    for polygon in range(count):
+        first, size = begins[polygon], sizes[polygon]
+        a = numbers[first + size - 1]
+        for i in range(size):
+            b = numbers[first + i]
+            # Each edge stands in two polygons, once in either direction.
+            if a < b:
+                n = _edge(
+                    con,
+                    n,
+                    wall,
+                    frame,
+                    float(vertices[3 * a]),
+                    float(vertices[3 * a + 1]),
+                    float(vertices[3 * a + 2]),
+                    float(vertices[3 * b]),
+                    float(vertices[3 * b + 1]),
+                    float(vertices[3 * b + 2]),
+                    0.0,
+                    0.0,
+                    out,
+                )
+            a = b
+    return n
+
+
+@compiled
+def _vertex(frame, vertices, v):
+    """Vertex of a mesh in the fitting's frame."""
+    return point_at(
+        frame, float(vertices[3 * v]), float(vertices[3 * v + 1]), float(vertices[3 * v + 2])
+    )
+
+
+@compiled
+def cylinder(con, n, wall, frame, radius, half, out):
+    """Add the contacts of a cylinder: along both rims, and on the mantle between them."""
+    _, _, _, xx, xy, _, yx, yy, _, zx, zy, _ = frame
+    for side in (-half, half):
+        px, py, pz = point_at(frame, 0.0, 0.0, side)
+        circle = (px, py, pz, xx, yx, zx, xy, yy, zy, radius)
+        n = along_circle(con, n, wall, circle, out)
+    return _mantle(con, n, wall, frame, radius, half, out)
+
+
+@compiled
+def _mantle_line(wall, frame, radius, half, angle, out):
+    """Least distance along the mantle's line at an angle, where it lies between the ends.
+
+    Returns whether there is one (over 0; below 0: this fitting has none anywhere), its place along
+    the line, m, and the derivative of the distance round the cylinder there.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    px, py, pz = point_at(frame, radius * c, radius * s, 0.0)
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    line = (px, py, pz, xz, yz, zz, 0.0, 0.0, 0.0, 0.0)
+    out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 0.0, 0.0
+    surface, sizes = wall[0], wall[2]
+    if call_span(wall[1], sizes, wall[3], px, py, pz, xz, yz, zz, out) == 0.0:
+        return -1.0, 0.0, 0.0
+    low, high = out[LOW], out[HIGH]
+    if high <= low:
+        return 0.0, 0.0, 0.0
+    d_low, slope_low, _ = slope_at(surface, sizes, line, low, out)
+    d_high, slope_high, _ = slope_at(surface, sizes, line, high, out)
+    near = 0.5 * (d_low + d_high - (high - low)) < wall[5]
+    if not near or slope_low >= 0.0 or slope_high < 0.0:
+        return 0.0, 0.0, 0.0
+    t = minimum(surface, sizes, line, low, slope_low, high, slope_high, out)
+    slope_at(surface, sizes, line, t, out)
+    tx, ty, tz = c * xy - s * xx, c * yy - s * yx, c * zy - s * zx
+    return 1.0, t, out[0] * tx + out[1] * ty + out[2] * tz
+
+
+@compiled
+def _mantle(con, n, wall, frame, radius, half, out):
+    """Add the contacts on a cylinder's mantle: minima, round it, of the least distance along its
+    lines. A wall that does not bend along itself has none."""
+    step = 2.0 * math.pi / MANTLE_LINES
+    there, _, slope = _mantle_line(wall, frame, radius, half, 0.0, out)
+    for i in range(MANTLE_LINES):
+        if there < 0.0:
+            return n
+        b = (i + 1) * step
+        there_b, _, slope_b = _mantle_line(wall, frame, radius, half, b, out)
+        # Of two neighbours one may have its minimum at a rim: the slope of the other tells.
+        falls, rises = there > 0.0 and slope < 0.0, there_b > 0.0 and slope_b >= 0.0
+        if (falls or there == 0.0) and (rises or there_b == 0.0) and (falls or rises):
+            n = _mantle_minimum(con, n, wall, frame, radius, half, i * step, b, out)
+        there, slope = there_b, slope_b
+    return n
+
+
+@compiled
+def _mantle_minimum(con, n, wall, frame, radius, half, low, high, out):
+    """Add the contact on the mantle between two angles, by bisection of the slope round it."""
+    # Which side the lines without a minimum are on: beyond them the slope points back.
+    there, t, _ = _mantle_line(wall, frame, radius, half, low, out)
+    rising, angle, found = there > 0.0, low, 0.0
+    while high - low > ANGLE:
+        angle = 0.5 * (low + high)
+        found, t, slope = _mantle_line(wall, frame, radius, half, angle, out)
+        if found <= 0.0:
+            low, high = (low, angle) if rising else (angle, high)
+        elif slope < 0.0:
+            low = angle
+        else:
+            high = angle
+    if found <= 0.0:
+        return n
+    x, y, z = point_at(frame, radius * math.cos(angle), radius * math.sin(angle), t)
+    return touch(con, n, wall, x, y, z, 0.0, out)
+
+
+@compiled
+def _ellipsoid_point(wall, frame, a, b, c, v, out):
+    """Distance at the ellipsoid's point in direction ``v`` of its sphere, and the direction that
+    faces the wall there."""
+    x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
+    d = call_surface(wall[0], wall[2], x, y, z, out)
+    gx, gy, gz = out[0], out[1], out[2]
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    hx = -a * (xx * gx + yx * gy + zx * gz)
+    hy = -b * (xy * gx + yy * gy + zy * gz)
+    hz = -c * (xz * gx + yz * gy + zz * gz)
+    size = math.sqrt(hx * hx + hy * hy + hz * hz)
+    return d, (hx / size, hy / size, hz / size)
+
+
+@compiled
+def _onward(v, w, factor):
+    """Unit vector from ``v`` by ``factor`` times the way to ``w``."""
+    x, y, z = v[0] + factor * (w[0] - v[0]), v[1] + factor * (w[1] - v[1]), 0.0
+    z = v[2] + factor * (w[2] - v[2])
+    size = math.sqrt(x * x + y * y + z * z)
+    return x / size, y / size, z / size
+
+
+@compiled
+def _difference(v, w):
+    """Length of the difference of two vectors."""
+    x, y, z = w[0] - v[0], w[1] - v[1], w[2] - v[2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@compiled
+def _descend(wall, frame, a, b, c, v, out):
+    """Return the direction of a local minimum of the distance, from ``v`` on.
+
+    The point whose outward normal faces the wall is nearest to a flat wall. On a curved one steps
+    towards it shrink by an even factor, so that the next one is taken at once as long as all that
+    would follow; where the distance does not fall, a quarter as long.
+    """
+    d, w = _ellipsoid_point(wall, frame, a, b, c, v, out)
+    last, factor = _difference(v, w), 1.0
+    for _ in range(DESCENT_STEPS):
+        if last < ANGLE:
+            break
+        u = _onward(v, w, factor)
+        d_u, w_u = _ellipsoid_point(wall, frame, a, b, c, u, out)
+        if d_u > d:
+            factor *= 0.25
+            continue
+        now = _difference(u, w_u)
+        shrink = 1.0 - (1.0 - now / last) / factor
+        factor = 1.0 / (1.0 - shrink) if 0.0 < shrink < 0.9 else (1.0 if shrink <= 0.0 else 10.0)
+        v, w, d, last = u, w_u, d_u, now
+    return v
+
+
+@compiled
+def ellipsoid(con, n, wall, frame, a, b, c, out):
+    """Add the contacts of an ellipsoid: local minima reached from the ends of its axes and from
+    between them."""
+    for i in range(14):
+        if i < 6:
+            s = 1.0 if i % 2 == 0 else -1.0
+            v = (s if i < 2 else 0.0, s if 2 <= i < 4 else 0.0, s if i >= 4 else 0.0)
+        else:
+            k = i - 6
+            r = 0.57735026919
+            v = (r - 2.0 * r * (k & 1), r - 2.0 * r * ((k >> 1) & 1), r - 2.0 * r * (k >> 2))
+        v = _descend(wall, frame, a, b, c, v, out)
+        x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
+        if holds(wall, x, y, z, out):
+            n = touch(con, n, wall, x, y, z, 0.0, out)
+    return n

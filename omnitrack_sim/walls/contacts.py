@@ -1,0 +1,124 @@
+"""The list of contacts of one pair, as MuJoCo takes it: filled in the fitting's frame, then turned
+into the world's."""
+
+from __future__ import annotations
+
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import call_surface
+from omnitrack_sim.walls.record import BOX
+
+CONTACT_SIZE = 10
+"""Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
+(3)."""
+MOST_KEPT = 16
+"""Contacts of one geom and one fitting that are handed on; MuJoCo has room for 50 a pair."""
+
+
+@compiled
+def put_contact(con, n, d, reach, x, y, z, out):
+    """Write as contact ``n`` that of a ball of radius ``reach`` at a point ``d`` from the wall,
+    whose gradient is in ``out``."""
+    k = n * CONTACT_SIZE
+    gx, gy, gz = out[0], out[1], out[2]
+    # MuJoCo places a contact half way between the two surfaces.
+    middle = 0.5 * (d + reach)
+    con[k] = d - reach
+    con[k + 1], con[k + 2], con[k + 3] = x - middle * gx, y - middle * gy, z - middle * gz
+    con[k + 4], con[k + 5], con[k + 6] = gx, gy, gz
+    con[k + 7] = con[k + 8] = con[k + 9] = 0.0
+
+
+@compiled
+def _apart(con, i, j):
+    """Squared distance of two contacts' positions, m²."""
+    a, b = i * CONTACT_SIZE, j * CONTACT_SIZE
+    x, y, z = con[a + 1] - con[b + 1], con[a + 2] - con[b + 2], con[a + 3] - con[b + 3]
+    return x * x + y * y + z * z
+
+
+@compiled
+def _move(con, source, target):
+    """Copy a contact over another."""
+    for i in range(CONTACT_SIZE):
+        con[target * CONTACT_SIZE + i] = con[source * CONTACT_SIZE + i]
+
+
+@compiled
+def _drop_nearest(con, count):
+    """Of the two contacts that are nearest to each other drop the shallower, so that the deepest
+    always stays and the others stay spread."""
+    least, drop = 1e30, count - 1
+    for i in range(count):
+        for j in range(i):
+            gap = _apart(con, i, j)
+            if gap < least:
+                least = gap
+                drop = i if con[i * CONTACT_SIZE] >= con[j * CONTACT_SIZE] else j
+    _move(con, count - 1, drop)
+
+
+@compiled
+def keep(con, n, wall, d, reach, x, y, z, out):
+    """Add the contact of a ball of radius ``reach`` at a point ``d`` from the wall, if it is that
+    near; returns the number of contacts.
+
+    Args:
+        con: room for ``MOST_KEPT`` + 1 contacts.
+        n: how many there are.
+        wall: see ``bodies.wall_of``.
+        d: m. ``out`` holds the gradient there.
+        reach: m.
+        x, y, z: m, fitting frame.
+    """
+    _, _, _, _, depth, margin, same = wall
+    # A point deep within the wall belongs to another pipe.
+    if d - reach >= margin or d <= -depth:
+        return n
+    put_contact(con, n, d, reach, x, y, z, out)
+    # Two contacts in one place would share a force that the solver cannot divide.
+    for i in range(n):
+        if _apart(con, i, n) < same * same:
+            if con[n * CONTACT_SIZE] < con[i * CONTACT_SIZE]:
+                _move(con, n, i)
+            return n
+    if n == MOST_KEPT:
+        _drop_nearest(con, n + 1)
+        return n
+    return n + 1
+
+
+@compiled
+def touch(con, n, wall, x, y, z, reach, out):
+    """Add the contact of a ball at a point, see ``keep``."""
+    d = call_surface(wall[0], wall[2], x, y, z, out)
+    return keep(con, n, wall, d, reach, x, y, z, out)
+
+
+@compiled
+def in_world(con, k, records, w, position, matrix, g_wall):
+    """Bring the contact at ``con[k]`` from the fitting's frame, whose box lies about geom
+    ``g_wall``, into the world's."""
+    o, m = 3 * g_wall, 9 * g_wall
+    to_world(con, k + 1, matrix, m)
+    con[k + 1] += position[o] - turned(matrix, m, records, w + BOX, 0)
+    con[k + 2] += position[o + 1] - turned(matrix, m, records, w + BOX, 1)
+    con[k + 3] += position[o + 2] - turned(matrix, m, records, w + BOX, 2)
+    to_world(con, k + 4, matrix, m)
+
+
+@compiled
+def turned(matrix, m, vector, v, row):
+    """One row of a geom's rotation times a vector."""
+    r = m + 3 * row
+    return matrix[r] * vector[v] + matrix[r + 1] * vector[v + 1] + matrix[r + 2] * vector[v + 2]
+
+
+@compiled
+def to_world(con, k, matrix, m):
+    """Rotate three numbers in place from the fitting's frame to the world's."""
+    x, y, z = (
+        turned(matrix, m, con, k, 0),
+        turned(matrix, m, con, k, 1),
+        turned(matrix, m, con, k, 2),
+    )
+    con[k], con[k + 1], con[k + 2] = x, y, z

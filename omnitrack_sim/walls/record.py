@@ -1,0 +1,100 @@
+"""Records by which the compiled collider knows a wall: user data at the end of its geom's row.
+
+A record holds plain numbers, the same in every process: the kind of the fitting as a number made
+from its name, and the sizes that its compiled functions get. The addresses of these functions
+stand in ``kinds``, a table of this process.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, GeometryError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
+
+MARK = 402653.0
+"""First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
+KIND, DEPTH, BOX = 1, 2, 3
+ENDS = BOX + 3
+SIZES = ENDS + MOST_PORTS
+RECORD_SIZE = SIZES + MOST_SIZES
+"""Indices in the record of a wall, and its size: mark, number of the kind, depth to which the wall
+is solid, m, centre of the bounding box (3), whether contact ends at each port, the fitting's
+``sizes``."""
+DEPTH_IN_BORES = 0.1875
+"""Default depth, in diameters of the bore: 30 mm at 160 mm. A body moves by 24 mm in 2 ms at
+12 m/s."""
+
+
+def kind_number(kind: str) -> int:
+    """Return the number, of six digits, of a kind of fitting by its name in files."""
+    return 100_000 + zlib.crc32(kind.encode()) % 900_000
+
+
+class Kinds:
+    """Compiled functions of the kinds of fittings that this process knows, for compiled code.
+
+    Attributes:
+        table: (1 + 3 MOST,) words: how many there are, then number, address of ``surface``, address
+            of ``span`` of each.
+    """
+
+    MOST = 100
+
+    def __init__(self) -> None:
+        self.table = np.zeros(1 + 3 * self.MOST, np.int64)
+        self._names: dict[int, str] = {}
+
+    def add(self, kind: type[Fitting]) -> int:
+        """Enter a kind, or enter its functions anew; returns its number.
+
+        Raises:
+            GeometryError: its wall does not compile, its number is another kind's, or no room.
+        """
+        name, number = kind.file_kind(), kind_number(kind.file_kind())
+        if self._names.setdefault(number, name) != name:
+            problem = f"shares its number with {self._names[number]!r}: give the class another name"
+            raise GeometryError(Fault(name, problem))
+        if len(self._names) > self.MOST:
+            raise GeometryError(Fault(name, f"is one kind more than {self.MOST}"))
+        row = 1 + 3 * list(self._names).index(number)
+        addresses = kind.wall_address("surface"), kind.wall_address("span")
+        self.table[row : row + 3] = number, *addresses
+        # Last, since another thread may be stepping a model.
+        self.table[0] = len(self._names)
+        return number
+
+
+kinds = Kinds()
+
+
+def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array:
+    """Return the record (RECORD_SIZE,) of one fitting, whose kind this process knows from then on.
+
+    Args:
+        fitting: of any kind.
+        ends: for each port, whether contact along a line stops being supported there (open end, or
+            the wall bends or steps).
+        depth: m, to which the wall is solid.
+    """
+    record = np.zeros(RECORD_SIZE)
+    record[0], record[KIND], record[DEPTH] = MARK, kinds.add(type(fitting)), depth
+    record[BOX:ENDS] = bounding_box(fitting, depth)[0]
+    record[ENDS : ENDS + len(ends)] = ends
+    record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
+    return record
+
+
+def has_record(row: Array) -> bool:
+    """Return whether a geom's user data end with a record."""
+    return len(row) >= RECORD_SIZE and float(row[-RECORD_SIZE]) == MARK
+
+
+def bounding_box(fitting: Fitting, room: float) -> tuple[Array, Array]:
+    """Centre (3,) and half sizes (3,) m of a box around the bore and ``room`` m, fitting frame."""
+    low, high = fitting.bounds
+    return (low + high) / 2, (high - low) / 2 + room
