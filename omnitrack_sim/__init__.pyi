@@ -89,5 +89,7 @@ from .trials.sweep import load_sweep as load_sweep
 from .trials.sweep_run import SweepResult as SweepResult
 from .trials.sweep_run import plot_sweep as plot_sweep
 from .trials.sweep_run import run_sweep as run_sweep
+from .walls.around import Pipes as Pipes
+from .walls.around import add_pipes as add_pipes
 
 __version__: str

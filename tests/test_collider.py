@@ -14,17 +14,22 @@ from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, 
 from omnitrack_sim.pipes.fittings import reducer
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_function, pointers
-from omnitrack_sim.walls import track
-from omnitrack_sim.walls.collider import collide, install
-from omnitrack_sim.walls.geoms import add_exact_walls
-from omnitrack_sim.walls.track import (
-    ENDS,
-    RECORD_SIZE,
-    bounding_box,
+from omnitrack_sim.robots.omnitrack import track
+from omnitrack_sim.robots.omnitrack.track import (
+    collide_line,
+    install_lines,
     line_record,
     sprocket_record,
-    wall_record,
 )
+from omnitrack_sim.walls.geoms import add_exact_walls
+from omnitrack_sim.walls.record import (
+    ENDS,
+    KIND,
+    RECORD_SIZE,
+    bounding_box,
+    kinds,
+)
+from omnitrack_sim.walls.record import wall_record as record_of
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -39,21 +44,34 @@ FITTINGS = {
     "tee_sharper": Tee(fillet_radius=0.002),
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
-LINE_CONTACTS = WORD(NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3)
+LINE_CONTACTS = WORD(
+    NUMBERS, WORD, WORD, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3
+)
+DEPTH = 0.03
+install_lines()
+
+
+def wall_record(fitting, ends):
+    """Record of a wall that is solid to DEPTH."""
+    return record_of(fitting, ends, DEPTH)
 
 
 def line_contacts(records, position, matrix, margin=0.0, half=HALF):
     """Contacts (k, 10) of geom 1, a line, with geom 0; the first two ``records`` are theirs."""
     con = np.zeros((track.MOST_CONTACTS, track.CONTACT_SIZE))
+    kind = int(np.ravel(records)[KIND])
     room, records, *frames = pointers(con, records, position, matrix)
+    (row,) = np.flatnonzero(kinds.table[1::3] == kind)
+    addresses = map(int, kinds.table[3 * row + 2 : 3 * row + 4])
     call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
-    return con[: call(room, records, 0, RECORD_SIZE, *frames, 1, 0, RADIUS, half, margin)]
+    geoms = records, 0, RECORD_SIZE, *frames, 1, 0
+    return con[: call(room, *addresses, *geoms, RADIUS, half, margin)]
 
 
 def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True), side=0.0):
     """Distances (k,), positions and normals (k, 3) of a track's contacts, and places (k,) along its
     line, m. Its module's x axis is as far towards +x as it can be."""
-    box, _ = bounding_box(fitting)
+    box, _ = bounding_box(fitting, 0.0)
     z = direction / np.linalg.norm(direction)
     x = np.array([1.0, 1e-3, 0.0]) - z * (z @ [1.0, 1e-3, 0.0])
     x /= np.linalg.norm(x)
@@ -68,7 +86,7 @@ def contacts(fitting, centre, direction, margin=0.0, ends=(True, True, True), si
 def sprocket_contacts(fitting, place, other):
     """Contacts (k, 10) of a sprocket with a fitting; that of the module's other end is at
     ``other``."""
-    box, _ = bounding_box(fitting)
+    box, _ = bounding_box(fitting, 0.0)
     records = np.array(
         [wall_record(fitting, (True, True)), sprocket_record(1), np.zeros(RECORD_SIZE)]
     )
@@ -80,7 +98,7 @@ def touching_lines(fitting, count, seed=0):
     """Centres and directions of lines that press a little into the wall somewhere between the
     ports."""
     rng = np.random.default_rng(seed)
-    box, half = bounding_box(fitting)
+    box, half = bounding_box(fitting, 0.0)
     directions = unit(rng.normal(size=(count, 3)))
     places = np.linspace(-HALF, HALF, 4001)
     for direction in directions:
@@ -98,7 +116,7 @@ def test_mujoco_has_the_contacts_of_the_line(name):
     """MuJoCo's contacts are, bit for bit, those of the line in the frames of its geoms: what the
     collider reads from MuJoCo's structures and writes to its contacts is in its place."""
     fitting = FITTINGS[name]
-    box, half = bounding_box(fitting)
+    box, half = bounding_box(fitting, 0.0)
     spec = mujoco.MjSpec()
     add_exact_walls(spec, Assembly((Part("pipe", fitting, Pose()),)))
     body = spec.worldbody.add_body()
@@ -270,7 +288,7 @@ def test_the_bounding_box_holds_the_bore():
     needs."""
     rng = np.random.default_rng(2)
     for fitting in FITTINGS.values():
-        box, half = bounding_box(fitting)
+        box, half = bounding_box(fitting, 0.0)
         points = box + rng.uniform(-1.5, 1.5, (20000, 3)) * half
         inside = (fitting.signed_distance(points)[0] > 0) & (fitting.extent(points) > 0)
         if isinstance(fitting, Elbow):  # an elbow's extent goes on round behind its end planes
@@ -298,7 +316,7 @@ print(data.ncon, data.qpos.tobytes().hex())
     run = [sys.executable, "-c", program]
     told = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
     model = mujoco.MjModel.from_xml_string(text)
-    install()
+    install_lines()
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)
     assert data.ncon > 0
@@ -441,13 +459,14 @@ def test_records_have_their_size():
 def test_a_later_process_loads_the_collider_from_disk():
     """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
     program = """
-from omnitrack_sim.walls.collider import _COLLIDE, collide, install
+from omnitrack_sim.walls.collider import _COLLIDE
+from omnitrack_sim.robots.omnitrack.track import collide_line, install_lines
 from omnitrack_sim.pipes.native import SIGNATURES, c_function
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
-install()
+install_lines()
 walls = [fitting.wall for fitting in shipped_fittings().values()]
 every = [(getattr(wall, name), kind) for wall in walls for name, kind in SIGNATURES.items()]
-print([c_function(*each).cache_hits for each in [(collide, _COLLIDE), *every]])
+print([c_function(*each).cache_hits for each in [(collide_line, _COLLIDE), *every]])
 """
     for _ in range(2):
         run = [sys.executable, "-c", program]
@@ -458,7 +477,7 @@ print([c_function(*each).cache_hits for each in [(collide, _COLLIDE), *every]])
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
     """Another value of a constant, of the function itself or of one that it calls, is other
     code."""
-    functions = collide, Reducer.wall.span.py_func, Straight.wall.span.py_func
+    functions = collide_line, Reducer.wall.span.py_func, Straight.wall.span.py_func
     before = [_digest(function) for function in functions]
     monkeypatch.setattr(track, "SPACING", 0.004)
     monkeypatch.setattr(reducer, "POSITION", 1e-6)

@@ -23,11 +23,14 @@ from omnitrack_sim.walls.curves import (
     minimum,
     slope_at,
 )
-from omnitrack_sim.walls.record import BOX, DEPTH, ENDS, SIZES
+from omnitrack_sim.walls.record import BOX, DEPTH, ENDS, SIZE, SIZES
 
-SAME_IN_DEPTHS, SAME_IN_REACH = 0.1, 0.05
-"""Contacts nearer to each other than this part of the wall's depth (3 mm at a bore of 160 mm), and
-of the radius of a ball round the geom, are one."""
+SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
+"""Contacts nearer to each other than this part of the bore's radius (3 mm at 80 mm), and of that of
+a ball round the geom, are one."""
+SPACING_IN_BORE = 0.1
+"""Largest spacing of the samples between which a minimum is looked for, in radii of the bore: 8 mm
+at 80 mm."""
 MANTLE_LINES = 16
 """Lines along a cylinder's mantle between which its minima are looked for."""
 DESCENT_STEPS = 30
@@ -39,7 +42,7 @@ ANGLE = 1e-5
 @compiled
 def wall_of(surface, span, records, w, margin, reach):
     """Return what all contacts of a pair need: addresses of ``surface`` and ``span``, sizes, ends,
-    depth of the wall, margin, and distance up to which two contacts are one, m.
+    depth of the wall, margin, distance up to which two contacts are one, and spacing of samples, m.
 
     Args:
         surface, span: addresses.
@@ -47,9 +50,18 @@ def wall_of(surface, span, records, w, margin, reach):
         margin: m, up to which contacts count.
         reach: m, radius of a ball around the geom.
     """
-    depth = records[w + DEPTH]
-    same = min(SAME_IN_DEPTHS * depth, SAME_IN_REACH * reach)
-    return surface, span, at(records, w + SIZES), at(records, w + ENDS), depth, margin, same
+    size = records[w + SIZE]
+    same = min(SAME_IN_BORE * size, SAME_IN_REACH * reach)
+    return (
+        surface,
+        span,
+        at(records, w + SIZES),
+        at(records, w + ENDS),
+        records[w + DEPTH],
+        margin,
+        same,
+        SPACING_IN_BORE * size,
+    )
 
 
 @compiled

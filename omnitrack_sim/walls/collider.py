@@ -61,11 +61,23 @@ BLOCK = "omnitrack_collider_block"
 code reads them when it runs, so it can be kept on disk."""
 NEXT = 0
 LINE_NEXT = NEXT + _TYPES
-KINDS, USER_SIZE = LINE_NEXT + 1, LINE_NEXT + 2
+KINDS, USER_SIZE, GEOM_COUNT = LINE_NEXT + 1, LINE_NEXT + 2, LINE_NEXT + 3
 MODEL_FIELDS = (
-    "geom_size geom_user geom_type geom_rbound geom_dataid mesh_vertadr mesh_vertnum mesh_vert "
-    "mesh_polymapnum mesh_polyadr mesh_polynum mesh_polyvertadr mesh_polyvertnum mesh_polyvert"
-).split()
+    "geom_size",
+    "geom_user",
+    "geom_type",
+    "geom_rbound",
+    "geom_dataid",
+    "mesh_vertadr",
+    "mesh_vertnum",
+    "mesh_vert",
+    "mesh_polymapnum",
+    "mesh_polyadr",
+    "mesh_polynum",
+    "mesh_polyvertadr",
+    "mesh_polyvertnum",
+    "mesh_polyvert",
+)
 (
     SIZE,
     USER,
@@ -81,12 +93,13 @@ MODEL_FIELDS = (
     POLYGON_BEGINS,
     POLYGON_SIZES,
     POLYGON_VERTICES,
-) = range(USER_SIZE + 1, USER_SIZE + 1 + len(MODEL_FIELDS))
+) = range(GEOM_COUNT + 1, GEOM_COUNT + 1 + len(MODEL_FIELDS))
 POSITIONS = POLYGON_VERTICES + 1
 MATRICES, BLOCK_SIZE = POSITIONS + 1, POSITIONS + 2
 """Indices in the block, and its size: functions that were there before, by the type of geom, and
 before that of lines; address of the table of kinds; words of MuJoCo's mjModel that hold the length
-of user data and its fields; those of mjData that hold positions and orientations of geoms."""
+of user data, the number of geoms and the fields; those of mjData that hold positions and
+orientations of geoms."""
 _CHUNK, _MOST_CHUNKS = 256, 240
 """Words that are searched at a time, so as to read little past a structure's end; and how often,
 before the search gives up. The fields come long before that."""
@@ -261,35 +274,37 @@ def _fields() -> list[int]:
     Raises:
         RuntimeError: the fields are not found.
     """
-    # Of the words that hold the length in one model, only the true field also does in the other.
-    first, second = _fields_of_model(101), _fields_of_model(157)
-    lengths = np.intersect1d(first[0], second[0])
-    if first[1] != second[1] or len(lengths) != 1:
+    first, second = _fields_of_model(101, 13), _fields_of_model(157, 29)
+    # Of the words that hold a count in one model, only the true field also does in the other.
+    counts = [np.intersect1d(*words) for words in zip(first[0], second[0], strict=True)]
+    if first[1] != second[1] or any(len(words) != 1 for words in counts):
         raise RuntimeError("the fields of MuJoCo's structures are not where they are expected")
-    return [int(lengths[0]), *first[1]]
+    return [*(int(words[0]) for words in counts), *first[1]]
 
 
-def _fields_of_model(user_size: int) -> tuple[NDArray[np.intp], list[int]]:
-    """Return the words (k,) that may be the length of the user data in a model of that length, and
-    those of the other fields."""
+def _fields_of_model(user_size: int, geoms: int) -> tuple[list[NDArray[np.intp]], list[int]]:
+    """Return the words (k,) that may be the length of the user data and the number of geoms in a
+    model of these, and those of the other fields."""
     # A part of every kind: an empty field would have the same address as its neighbour.
     spec = mujoco.MjSpec()
     spec.nuser_geom = user_size
     spec.add_mesh(name="mesh", uservert=[0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1])
-    for _ in range(user_size % 10):
+    for size in (geoms - 2, 2):
         body = spec.worldbody.add_body()
         body.add_freejoint()
-        body.add_geom(type=GEOM.mjGEOM_MESH, meshname="mesh")
+        for _ in range(size):
+            body.add_geom(type=GEOM.mjGEOM_MESH, meshname="mesh")
         body.add_site()
         body.add_camera()
         body.add_light()
     model = spec.compile()
     data = mujoco.MjData(model)
+    # The counts come before the pointers in mjModel.
     size = _word_of(model._address, model.geom_size)
+    counts = _words(model._address, size)
     fields = [_word_of(model._address, getattr(model, name)) for name in MODEL_FIELDS]
     fields += [_word_of(data._address, array) for array in (data.geom_xpos, data.geom_xmat)]
-    # The counts come before the pointers in mjModel.
-    return np.flatnonzero(_words(model._address, size) == user_size), fields
+    return [np.flatnonzero(counts == count) for count in (user_size, geoms)], fields
 
 
 def _word_of(structure: int, array: NDArray[Any]) -> int:

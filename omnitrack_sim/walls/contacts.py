@@ -70,7 +70,7 @@ def keep(con, n, wall, d, reach, x, y, z, out):
         reach: m.
         x, y, z: m, fitting frame.
     """
-    _, _, _, _, depth, margin, same = wall
+    depth, margin, same = wall[4], wall[5], wall[6]
     # A point deep within the wall belongs to another pipe.
     if d - reach >= margin or d <= -depth:
         return n

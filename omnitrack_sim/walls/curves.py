@@ -16,9 +16,6 @@ PLATEAU = 0.02
 """Slope along a line up to which a wall that ends at a rim counts as carrying it."""
 POSITION = 1e-7
 """Accuracy of a minimum along a curve, m."""
-SPACING_IN_DEPTHS = 8 / 30
-"""Largest spacing of the samples between which a minimum is looked for, in depths to which the
-wall is solid: 8 mm at a bore of 160 mm."""
 SAME_PLACE = 1e-9
 """Room about a point, m, that keeps it in one fitting or the other at a joint in spite of
 rounding."""
@@ -138,7 +135,7 @@ def _between(con, n, wall, curve, a, at_a, b, at_b, reach, out):
 def _stride(wall, d, reach):
     """Length, m, from one sample to the next: up to where the wall can be touched, and a spacing
     at least."""
-    return max(SPACING_IN_DEPTHS * wall[4], d - reach - wall[5])
+    return max(wall[7], d - reach - wall[5])
 
 
 @compiled
@@ -192,7 +189,7 @@ def along_circle(con, n, wall, circle, out):
     inside = holds(wall, x, y, z, out)
     a, at_a = 0.0, slope_at(surface, sizes, circle, 0.0, out)
     while a < end:
-        stride = _stride(wall, at_a[0], 0.0) if inside else SPACING_IN_DEPTHS * wall[4]
+        stride = _stride(wall, at_a[0], 0.0) if inside else wall[7]
         # An eighth of the circle at most: over more of it a minimum and a maximum cancel.
         b = min(a + min(stride, end / 8), end)
         x, y, z, _, _, _ = place(circle, b)

@@ -13,7 +13,6 @@ from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.walls.record import (
-    DEPTH_IN_BORES,
     RECORD_SIZE,
     bounding_box,
     has_record,
@@ -107,7 +106,16 @@ def add_walls(
     return count
 
 
-def add_exact_walls(spec: mujoco.MjSpec, network: Assembly, **attributes: Any) -> int:
+LEAST_ROOM = 0.002
+"""Of the bounding box around a bore, m: deeper than any lug presses."""
+
+
+def add_exact_walls(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    depths: Sequence[float] | None = None,
+    **attributes: Any,
+) -> int:
     """Add one geom a fitting to the world body, for the compiled collider; returns their number.
 
     Each is a height field, of which only the box around the bore and the user data count, which say
@@ -116,6 +124,8 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly, **attributes: Any) -
     Args:
         spec: to add to. User data of the robot's own stay, before the records.
         network: joined parts.
+        depths: m, to which the wall of each part is solid for geoms without a record of their own;
+            None: there are no such geoms.
         attributes: of the geoms, by MuJoCo's names, in the place of those of ``_add_geom``.
     """
     rows = [geom.userdata for geom in spec.geoms]
@@ -129,7 +139,7 @@ def add_exact_walls(spec: mujoco.MjSpec, network: Assembly, **attributes: Any) -
             _line_ends(network, (index, port), taken.get((index, port)))
             for port in part.fitting.ports
         ]
-        depth = DEPTH_IN_BORES * 2 * part.fitting.largest_radius
+        depth = LEAST_ROOM if depths is None else depths[index]
         centre, half = bounding_box(part.fitting, depth)
         pose = part.pose @ Pose(np.eye(3), centre)
         name = f"wall_{part.name}"

@@ -18,16 +18,13 @@ from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
 
 MARK = 402653.0
 """First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
-KIND, DEPTH, BOX = 1, 2, 3
+KIND, SIZE, DEPTH, BOX = 1, 2, 3, 4
 ENDS = BOX + 3
 SIZES = ENDS + MOST_PORTS
 RECORD_SIZE = SIZES + MOST_SIZES
-"""Indices in the record of a wall, and its size: mark, number of the kind, depth to which the wall
-is solid, m, centre of the bounding box (3), whether contact ends at each port, the fitting's
-``sizes``."""
-DEPTH_IN_BORES = 0.1875
-"""Default depth, in diameters of the bore: 30 mm at 160 mm. A body moves by 24 mm in 2 ms at
-12 m/s."""
+"""Indices in the record of a wall, and its size: mark, number of the kind, radius of the bore, m,
+depth to which the wall is solid, m, centre of the bounding box (3), whether contact ends at each
+port, the fitting's ``sizes``."""
 
 
 def kind_number(kind: str) -> int:
@@ -82,7 +79,8 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array
         depth: m, to which the wall is solid.
     """
     record = np.zeros(RECORD_SIZE)
-    record[0], record[KIND], record[DEPTH] = MARK, kinds.add(type(fitting)), depth
+    record[0], record[KIND] = MARK, kinds.add(type(fitting))
+    record[SIZE], record[DEPTH] = fitting.largest_radius, depth
     record[BOX:ENDS] = bounding_box(fitting, depth)[0]
     record[ENDS : ENDS + len(ends)] = ends
     record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
@@ -91,7 +89,7 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array
 
 def has_record(row: Array) -> bool:
     """Return whether a geom's user data end with a record."""
-    return len(row) >= RECORD_SIZE and float(row[-RECORD_SIZE]) == MARK
+    return len(row) >= RECORD_SIZE and float(row[len(row) - RECORD_SIZE]) == MARK
 
 
 def bounding_box(fitting: Fitting, room: float) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Robot
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 from omnitrack_sim.robots.omnitrack.quantity import similar
-from omnitrack_sim.walls.track import line_record, sprocket_record
+from omnitrack_sim.robots.omnitrack.track import install_lines, line_record, sprocket_record
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2
@@ -74,6 +74,8 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     Sensors ``contact_upper_i``, ``contact_lower_i`` (net force of a track), ``touch_upper_i``,
     ``touch_lower_i`` (sum of its normal forces), and with ``line_tracks`` the same of sprockets.
     """
+    if line_tracks:
+        install_lines()
     chassis = add_chassis(spec, robot)
     for number, angle in enumerate(MODULE_ANGLES, start=1):
         arm = add_arm(chassis, robot, number, angle)

@@ -11,7 +11,6 @@ from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.walls.geoms import TIMESTEP, add_exact_walls, add_plates, add_walls, new_spec
-from omnitrack_sim.walls.track import install_lines
 
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
@@ -45,7 +44,6 @@ def build_scene(
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = timestep
     if exact:
-        install_lines()
         add_exact_walls(spec, network)
     else:
         add_walls(spec, network, tolerance=wall_tolerance, staves=staves)

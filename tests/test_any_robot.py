@@ -1,0 +1,425 @@
+"""Exact pipes around any robot: contacts of its geoms with every fitting, and their physics."""
+
+import copy
+import math
+import pickle
+import re
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, Wye, route
+from omnitrack_sim.pipes.compiled import Wall, compiled
+
+GEOM = mujoco.mjtGeom
+MARGIN = 0.004
+_STRAIGHT = Straight.wall.surface
+
+
+def alone(fitting):
+    """One fitting at the origin."""
+    return Assembly((Part("pipe", fitting, Pose()),))
+
+
+def in_a_row(*steps):
+    """Fittings one after the other: (fitting, enter, leave)."""
+    return route([Step(f"part_{i}", *step) for i, step in enumerate(steps)]).network
+
+
+def straights(*fittings):
+    """Fittings of two ports one after the other."""
+    return in_a_row(*((fitting, "start", "end") for fitting in fittings))
+
+
+NETWORKS = {
+    "straight": alone(Straight(0.4)),
+    "elbow": alone(Elbow(0.24)),
+    "elbow_tight": alone(Elbow(0.09)),
+    "tee": alone(Tee()),
+    "wye": alone(Wye(angle=math.radians(50))),
+    "reducer": alone(Reducer(0.15, 0.12)),
+    "onto_elbow": straights(Straight(0.3), Elbow(0.12), Straight(0.3)),
+    "s_bend": straights(Elbow(0.12), Elbow(0.12)),
+    "wide_end": straights(Straight(0.3), Reducer(0.2, 0.12)),
+    "tee_to_elbow": in_a_row((Tee(), "run_start", "branch"), (Elbow(0.12), "start", "end")),
+}
+SHAPES = {
+    "sphere": {"type": GEOM.mjGEOM_SPHERE, "size": [0.025, 0, 0]},
+    "capsule": {"type": GEOM.mjGEOM_CAPSULE, "size": [0.015, 0.04, 0]},
+    "wheel": {"type": GEOM.mjGEOM_CYLINDER, "size": [0.03, 0.01, 0]},
+    "roller": {"type": GEOM.mjGEOM_CYLINDER, "size": [0.012, 0.04, 0]},
+    "ellipsoid": {"type": GEOM.mjGEOM_ELLIPSOID, "size": [0.035, 0.02, 0.012]},
+    "box": {"type": GEOM.mjGEOM_BOX, "size": [0.03, 0.02, 0.01]},
+    "mesh": {"type": GEOM.mjGEOM_MESH, "meshname": "stone"},
+}
+_POINTS = unit(np.random.default_rng(5).normal(size=(24, 3))) * [0.03, 0.02, 0.025]
+
+
+def body_in(network, shape, walls=None, **attributes):
+    """Model of a free body of one geom in pipes, without gravity; and the pipes."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, 0]
+    spec.add_mesh(name="stone", uservert=_POINTS.ravel())
+    pipes = ot.add_pipes(spec, network, **walls or {})
+    body = spec.worldbody.add_body(name="body")
+    body.add_freejoint()
+    body.add_geom(name="geom", **SHAPES[shape] | attributes)
+    return spec.compile(), pipes
+
+
+def surface(model, shape):
+    """Points (n, 3) m all over a geom's surface, geom frame: 2 mm apart at most."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 161), np.linspace(0, 1, 41))
+    c, s = np.cos(u), np.sin(u)
+    a, b, size = *SHAPES[shape].get("size", [0, 0, 0])[:2], SHAPES[shape].get("size")
+    if shape in ("sphere", "ellipsoid"):
+        half = [a, a, a] if shape == "sphere" else size
+        sin, cos = np.sin(np.pi * v), np.cos(np.pi * v)
+        grids = [np.stack([c * sin, s * sin, cos], axis=-1) * half]
+    elif shape == "capsule":
+        cap = np.pi / 2 * v
+        cap = a * np.stack([c * np.sin(cap), s * np.sin(cap), np.cos(cap)], axis=-1) + [0, 0, b]
+        grids = [np.stack([a * c, a * s, b * (2 * v - 1)], axis=-1), cap, cap * [1, 1, -1]]
+    elif shape in ("wheel", "roller"):
+        lid = np.stack([a * v * c, a * v * s, b + 0 * v], axis=-1)
+        grids = [np.stack([a * c, a * s, b * (2 * v - 1)], axis=-1), lid, lid * [1, 1, -1]]
+    else:
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        vertices = corners * size if shape == "box" else model.mesh_vert.astype(float)
+        grids = [_faces(vertices)]
+    return np.concatenate([grid.reshape(-1, 3) for grid in grids])
+
+
+def _faces(vertices):
+    """Points on all triangles of a convex hull."""
+    weights = np.array([[i, j, 24 - i - j] for i in range(25) for j in range(25 - i)]) / 24
+    return weights @ vertices[ConvexHull(vertices).simplices]
+
+
+def least_distance(network, points, position, rotation):
+    """Least distance, m, of a body's surface from the walls: of dense samples, and on from the best
+    by the slope between them is below the tolerance."""
+    distance, _ = network.signed_distance(points @ rotation.T + position)
+    return distance.min()
+
+
+def poses_near_the_wall(network, points, count, seed):
+    """Positions, rotations and least distances of a body that just touches, over joints too."""
+    rng = np.random.default_rng(seed)
+    reach = np.linalg.norm(points, axis=1).max()
+    ends = [network.parts[i].port(port) for i, port in network.open_ends]
+    joints = [network.parts[i].port(port).position for (i, port), _ in network.joints]
+    while count:
+        part = network.parts[rng.integers(len(network.parts))]
+        low, high = part.fitting.bounds
+        centre = part.pose.apply(rng.uniform(low, high))
+        if joints and count % 2:
+            centre = joints[rng.integers(len(joints))] + rng.uniform(-0.06, 0.06, 3)
+        distance, gradient = network.signed_distance(centre)
+        rotation = np.empty(9)
+        quaternion = rng.normal(size=4)
+        mujoco.mju_quat2Mat(rotation, quaternion / np.linalg.norm(quaternion))
+        rotation = rotation.reshape(3, 3)
+        if distance < 0.0:
+            continue
+        for _ in range(6):
+            if abs(least := least_distance(network, points, centre, rotation)) < 0.5e-3:
+                break
+            centre = centre - gradient * np.clip(least + 0.2e-3, -0.02, 0.02)
+        # What is nearest beyond an open end is not the walls.
+        open_end = any(abs(end.inverse().apply(centre)[2]) < reach + 0.01 for end in ends)
+        if abs(least) < 0.5e-3 and not open_end:
+            count -= 1
+            yield centre, rotation, least
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
+    """The least distance of the contacts is that of dense samples of the body's surface, within
+    0.05 mm and what lies between the samples; in every fitting, over joints, in any pose."""
+    network = NETWORKS[name]
+    model, _ = body_in(network, shape, margin=MARGIN)
+    data, points = mujoco.MjData(model), surface(model, shape)
+    for position, rotation, _ in poses_near_the_wall(network, points, 12, seed=len(name + shape)):
+        # MuJoCo turns a mesh into its principal axes: the geom is what is placed.
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, model.geom("geom").quat)
+        rotation = rotation @ turned.reshape(3, 3).T
+        mujoco.mju_mat2Quat(data.qpos[3:], rotation.ravel())
+        data.qpos[:3] = position - rotation @ model.geom("geom").pos
+        mujoco.mj_forward(model, data)
+        geom = data.geom("geom")
+        sampled = least_distance(network, points, geom.xpos, geom.xmat.reshape(3, 3))
+        # A sample is up to 1.5 mm off the nearest point of a body that curves with 12 mm.
+        assert sampled - 0.15e-3 < data.contact.dist.min() < sampled + 0.05e-3
+
+
+@compiled
+def _narrow_surface(sizes, x, y, z, out):
+    """A straight whose bore is 10 mm narrower than it says."""
+    return _STRAIGHT(sizes, x, y, z, out) - 0.01
+
+
+class Narrow(Straight):
+    """A fitting from outside the package."""
+
+    kind = "narrow"
+    wall = Wall(_narrow_surface, Straight.wall.span)
+
+
+def test_a_fitting_of_ones_own_is_a_wall_like_any_other():
+    """Bodies touch the surface that its compiled function states."""
+    network = alone(Narrow(0.4))
+    for shape, radius in (("sphere", 0.025), ("capsule", 0.015)):
+        model, _ = body_in(network, shape, margin=MARGIN)
+        data = mujoco.MjData(model)
+        data.qpos[:3] = [0.07 - radius - 0.001, 0, 0.2]
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.contact.dist, 0.001, atol=1e-12)
+
+
+BORE = 0.08
+RESTS = {
+    "sphere": BORE - 0.025,
+    "capsule": BORE - 0.015,
+    "wheel": math.sqrt(BORE**2 - 0.01**2) - 0.03,
+    "ellipsoid": BORE - 0.012,
+    "box": math.sqrt(BORE**2 - 0.02**2) - 0.01,
+    "brick": math.sqrt(BORE**2 - 0.02**2) - 0.01,
+}
+"""Depth of a body's centre below the axis of a level bore, m: a capsule lies along it, a wheel
+stands across it."""
+_CORNERS = [[x, y, z] for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
+
+
+def lying(shape, **attributes):
+    """Model of a body that is laid onto the ground of a level bore along x, friction 0.5."""
+    spec = mujoco.MjSpec()
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 100
+    spec.add_mesh(name="brick", uservert=np.ravel(_CORNERS))
+    network = ot.Network(
+        place={"axis": (1, 0, 0)},
+        fittings=[
+            {"kind": "straight", "name": "one", "length": 0.5},
+            {"kind": "straight", "name": "two", "length": 0.5},
+        ],
+        joints=[{"ports": ("one.end", "two.start")}],
+    )
+    ot.add_pipes(spec, network, friction=0.5, **attributes)
+    turn = {"capsule": [0.5**0.5, 0, 0.5**0.5, 0], "wheel": [0.5**0.5, 0.5**0.5, 0, 0]}
+    body = spec.worldbody.add_body(
+        name="body", pos=[0.25, 0, -RESTS[shape]], quat=turn.get(shape, [1, 0, 0, 0])
+    )
+    body.add_freejoint()
+    own = {"type": GEOM.mjGEOM_MESH, "meshname": "brick"} if shape == "brick" else SHAPES[shape]
+    body.add_geom(name="geom", **own)
+    return spec.compile()
+
+
+@pytest.mark.parametrize("shape", RESTS)
+def test_a_body_lies_at_its_depth_and_presses_with_its_weight(shape):
+    """It rests where the closed form has it, 0.4 mm in at most; contacts carry m g
+    to 0.1 %, and at rest none is made or lost."""
+    model = lying(shape)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 1500)
+    counts = set()
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+        counts.add(data.ncon)
+    assert len(counts) == 1
+    assert -0.4e-3 < RESTS[shape] + data.body("body").xpos[2] - model.geom("geom").pos[2] < 1e-5
+    # Forces of contacts on the body, N: what holds it against gravity.
+    mujoco.mj_rnePostConstraint(model, data)
+    weight = 9.81 * model.body_mass.sum()
+    assert data.qfrc_constraint[2] == pytest.approx(weight, rel=1e-3)
+    assert abs(data.qvel).max() < 1e-4
+
+
+@pytest.mark.parametrize("shape", ["box", "brick"])
+def test_a_box_slides_at_the_friction_that_its_edges_find(shape):
+    """Its edges stand against walls that lean, which press with m g / cos(lean): from mu times that
+    on it slides, along two pipes."""
+    model = lying(shape)
+    steepest = 0.5 / math.sqrt(1 - (0.02 / BORE) ** 2)
+    for part, slides in ((0.97, False), (1.03, True)):
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 300)
+        model.opt.gravity[:] = [9.81 * part * steepest, 0, -9.81]
+        start = data.qpos[0]
+        mujoco.mj_step(model, data, 500)
+        assert (data.qpos[0] - start > 0.05) == slides
+        model.opt.gravity[:] = [0, 0, -9.81]
+
+
+def test_the_robots_own_geom_decides_unless_the_walls_state_a_friction():
+    """MuJoCo's rules: without a friction of the walls all is the geom's; with one, the walls
+    outrank it; a priority of the geom's above theirs wins."""
+    own = {"friction": [0.3, 0.01, 0.002], "condim": 6, "solref": [0.03, 2], "margin": 0.001}
+    for walls, geom, friction, dimension, solref in (
+        ({}, {}, 0.3, 6, 0.03),
+        ({"friction": 0.7}, {}, 0.7, 3, 0.02),
+        ({"friction": 0.7}, {"priority": 2}, 0.3, 6, 0.03),
+        ({"friction": 0.7, "solref": [0.01, 1]}, {}, 0.7, 3, 0.01),
+    ):
+        spec = mujoco.MjSpec()
+        body = spec.worldbody.add_body(pos=[0.056, 0, 0.2])
+        body.add_freejoint()
+        body.add_geom(**SHAPES["sphere"] | own | geom)
+        ot.add_pipes(spec, NETWORKS["straight"], **walls)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        (contact,) = data.contact
+        assert contact.friction[0] == friction
+        assert (contact.dim, contact.solref[0]) == (dimension, solref)
+
+
+@pytest.mark.parametrize("timestep", [0.001, 0.002])
+@pytest.mark.parametrize("name", ["straight", "elbow", "tee", "wye"])
+def test_fast_bodies_stay_in_the_pipe(name, timestep):
+    """Bodies of all shapes at 12 m/s bounce about and do not get through the walls: 120 mm deep
+    with MuJoCo's contact time of 20 ms, 60 mm with 5 ms."""
+    network = NETWORKS[name]
+    fitting, rng = network.parts[0].fitting, np.random.default_rng(7)
+    stiff = {"priority": 1, "solref": [0.005, 1]}
+    for shape, (walls, depth) in product(SHAPES, (({}, 0.12), (stiff, 0.06))):
+        model, pipes = body_in(network, shape, walls)
+        model.opt.timestep = timestep
+        for _ in range(4):
+            data = mujoco.MjData(model)
+            low, high = fitting.bounds
+            while not pipes.clearance(data.qpos[:3]) > 0.045:
+                data.qpos[:3] = rng.uniform(low, high)
+            data.qvel[:3] = 12.0 * unit(rng.normal(size=3))
+            data.qvel[3:] = rng.uniform(-50, 50, 3)
+            for _ in range(60):
+                mujoco.mj_step(model, data)
+                if fitting.extent(data.qpos[None, :3])[0] < 0:
+                    break  # out of a port
+                assert pipes.clearance(data.qpos[:3]) > -depth
+
+
+def tumbling():
+    """Model of a body of seven geoms that tumbles through an elbow, and its state."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="stone", uservert=_POINTS.ravel())
+    body = spec.worldbody.add_body(name="body", pos=[0, 0, 0.15])
+    body.add_freejoint()
+    for i, shape in enumerate(SHAPES.values()):
+        body.add_geom(**shape, pos=[0.02 * (i - 3), 0.01 * (i % 3), 0.0])
+    ot.add_pipes(spec, NETWORKS["onto_elbow"], friction=0.6)
+    return spec, spec.compile()
+
+
+def test_copies_pickles_and_threads_give_the_same_bytes():
+    """A state goes on alike in data, in their copies and pickles, and in rollouts by any number of
+    threads."""
+    _, model = tumbling()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    assert data.ncon > 0
+    others = [copy.copy(data), pickle.loads(pickle.dumps(data))]
+    models = [copy.copy(model), pickle.loads(pickle.dumps(model))]
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_step(model, data, 100)
+    for other, its_model in zip(others, models, strict=True):
+        mujoco.mj_step(its_model, other, 100)
+        assert other.qpos.tobytes() == data.qpos.tobytes()
+    one, many = (
+        mujoco.rollout.rollout(
+            model, [mujoco.MjData(model) for _ in range(threads)], np.tile(state, (6, 1)), nstep=100
+        )[0]
+        for threads in (1, 3)
+    )
+    assert one.tobytes() == many.tobytes()
+    assert (one[:, -1] == one[0, -1]).all()
+
+
+def test_user_data_of_the_robot_stay():
+    """They stand at the beginning of each row, records of the walls at the end."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(size=[0.02, 0, 0], userdata=[4.0, 5.0])
+    ot.add_pipes(spec, NETWORKS["s_bend"])
+    ot.add_pipes(spec, Assembly((Part("other", Straight(0.3), Pose(np.eye(3), [2, 0, 0])),)))
+    model = spec.compile()
+    assert model.geom_user[-1, :2].tolist() in ([4.0, 5.0], [0.0, 0.0])
+    (row,) = [i for i in range(model.ngeom) if model.geom_type[i] == GEOM.mjGEOM_SPHERE]
+    assert model.geom_user[row, :2].tolist() == [4.0, 5.0]
+    assert model.ngeom == 4
+
+
+def test_a_saved_model_is_refused_where_its_walls_are_not_known(tmp_path):
+    """Without the package MuJoCo does not load it; with its pipes it steps as before, in another
+    process."""
+    spec, model = tumbling()
+    path = tmp_path / "saved.xml"
+    path.write_text(spec.to_xml())
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 50)
+    load = f"import mujoco\nmodel = mujoco.MjModel.from_xml_path({str(path)!r})\n"
+    step = "data = mujoco.MjData(model)\nmujoco.mj_step(model, data, 50)\nprint(*data.qpos[:3])"
+    known = (
+        "import omnitrack_sim as ot\n"
+        "parts = [{'kind': 'straight', 'name': 'a', 'length': 1}, {'kind': 'elbow', 'name': 'b'}]\n"
+        "ot.Pipes(ot.Network(fittings=parts, joints=[{'ports': ('a.end', 'b.start')}]))\n"
+    )
+    for program, message in (
+        (load, "plugin omnitrack_sim.walls not found"),
+        ("from omnitrack_sim.walls.guard import register\nregister()\n" + load, "init failed"),
+        (known + load + step, ""),
+    ):
+        run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert message in run.stderr
+        assert (run.returncode == 0) == (not message)
+    # MJCF keeps six digits.
+    np.testing.assert_allclose(np.fromstring(run.stdout, sep=" "), data.qpos[:3], atol=1e-4)
+
+
+def test_rows_that_grow_after_the_walls_are_refused():
+    """User data that push the records from the ends of their rows leave no wall unseen."""
+    spec = mujoco.MjSpec()
+    ot.add_pipes(spec, NETWORKS["straight"])
+    spec.nuser_geom += 1
+    with pytest.raises(ValueError, match="init failed"):
+        spec.compile()
+
+
+def test_what_exact_walls_cannot_touch_is_refused():
+    """Flexes, signed distance fields and compiled models, each with the reason."""
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><flexcomp name="soft" type="grid" count="3 3 1" dim="2"
+        spacing=".1 .1 .1" radius=".01" mass="1"/></worldbody></mujoco>"""
+    )
+    with pytest.raises(ot.InputError, match="flex"):
+        ot.add_pipes(spec, NETWORKS["straight"])
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(name="field", type=GEOM.mjGEOM_SDF)
+    with pytest.raises(ot.InputError, match=r"spec\.geoms\.field: is a signed distance field"):
+        ot.add_pipes(spec, NETWORKS["straight"])
+    with pytest.raises(ot.InputError, match="before it is compiled"):
+        ot.add_pipes(mujoco.MjSpec().compile(), NETWORKS["straight"])
+
+
+def test_the_page_runs(capsys):
+    """The wheeled robot of any-robot.md climbs up to the elbow and into it."""
+    page = Path(__file__).parents[1] / "docs" / "how-to" / "any-robot.md"
+    program = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[0]
+    names = {}
+    exec(compile(program, page.name, "exec"), names)
+    assert 0.55 < names["place"][2] < 0.6
+    assert "mm from the wall" in capsys.readouterr().out
