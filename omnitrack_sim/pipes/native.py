@@ -36,7 +36,7 @@ SIGNATURES = {
     "clear": NUMBER(NUMBERS, *[NUMBER] * 6),
 }
 """C types of the functions of ``compiled.Wall``."""
-SCRATCH = 8
+SCRATCH = 16
 """Numbers that ``scratch`` has room for."""
 
 

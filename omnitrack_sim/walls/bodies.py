@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
-from omnitrack_sim.pipes.native import at, call_span, call_surface
+from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
 from omnitrack_sim.walls.contacts import touch
 from omnitrack_sim.walls.curves import (
     along_circle,
@@ -33,10 +33,14 @@ SPACING_IN_BORE = 0.1
 at 80 mm."""
 MANTLE_LINES = 16
 """Lines along a cylinder's mantle between which its minima are looked for."""
+SEEDS = 14
 DESCENT_STEPS = 30
-"""Of the search for a contact of an ellipsoid, at most."""
+"""Of the search for a contact of an ellipsoid: where it begins, and its steps at most."""
 ANGLE = 1e-5
-"""Accuracy of a place on a round body, rad. The depth is off by its square."""
+"""Accuracy of a place on a cylinder, rad."""
+FACING = 3e-4
+"""Accuracy with which an ellipsoid faces the wall where it touches, rad. The depth is off by its
+square: 1e-9 m."""
 
 
 @compiled
@@ -315,7 +319,7 @@ def _descend(wall, frame, a, b, c, v, out):
     d, w = _ellipsoid_point(wall, frame, a, b, c, v, out)
     last, factor = _difference(v, w), 1.0
     for _ in range(DESCENT_STEPS):
-        if last < ANGLE:
+        if last < FACING:
             break
         u = _onward(v, w, factor)
         d_u, w_u = _ellipsoid_point(wall, frame, a, b, c, u, out)
@@ -330,19 +334,31 @@ def _descend(wall, frame, a, b, c, v, out):
 
 
 @compiled
+def _seed(i):
+    """One of 14 unit vectors: along the axes, and between them."""
+    if i >= 6:
+        k, r = i - 6, 0.57735026919
+        return r - 2.0 * r * (k & 1), r - 2.0 * r * ((k >> 1) & 1), r - 2.0 * r * (k >> 2)
+    s = 1.0 - 2.0 * (i & 1)
+    return s if i < 2 else 0.0, s if 2 <= i < 4 else 0.0, s if i >= 4 else 0.0
+
+
+@compiled
 def ellipsoid(con, n, wall, frame, a, b, c, out):
-    """Add the contacts of an ellipsoid: local minima reached from the ends of its axes and from
-    between them."""
-    for i in range(14):
-        if i < 6:
-            s = 1.0 if i % 2 == 0 else -1.0
-            v = (s if i < 2 else 0.0, s if 2 <= i < 4 else 0.0, s if i >= 4 else 0.0)
-        else:
-            k = i - 6
-            r = 0.57735026919
-            v = (r - 2.0 * r * (k & 1), r - 2.0 * r * ((k >> 1) & 1), r - 2.0 * r * (k >> 2))
-        v = _descend(wall, frame, a, b, c, v, out)
-        x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
-        if holds(wall, x, y, z, out):
-            n = touch(con, n, wall, x, y, z, 0.0, out)
+    """Add the contacts of an ellipsoid: local minima reached from those of 14 places all over it
+    that are nearer to the wall than their neighbours."""
+    distances = scratch()
+    for i in range(SEEDS):
+        distances[i] = _ellipsoid_point(wall, frame, a, b, c, _seed(i), out)[0]
+    for i in range(SEEDS):
+        v, lowest = _seed(i), True
+        for j in range(SEEDS):
+            u = _seed(j)
+            near = u[0] * v[0] + u[1] * v[1] + u[2] * v[2] > 0.5
+            lowest = lowest and not (near and distances[j] < distances[i])
+        if lowest:
+            v = _descend(wall, frame, a, b, c, v, out)
+            x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
+            if holds(wall, x, y, z, out):
+                n = touch(con, n, wall, x, y, z, 0.0, out)
     return n

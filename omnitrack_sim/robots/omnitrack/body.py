@@ -10,7 +10,7 @@ belts in one pipe are coupled rigidly.
 
 At the ends of a module the chain runs round its sprockets: spheres that turn with the belt about
 the module's cross axis. On exact walls an end that a wall faces touches with its sprocket, which
-drives along the wall and does not push the row back (``walls.track``); in rows of spheres the
+drives along the wall and does not push the row back (``track``); in rows of spheres the
 outermost lugs touch.
 """
 

@@ -1,0 +1,115 @@
+"""Cost of a geom that touches a wall: exact pipes against walls of boxes and capsules.
+
+    python benchmarks/touching_geom.py [--repeats 2000]
+
+Prints microseconds of processor time of MuJoCo's collision detection, the best of five, for one
+geom of each type that lies against the wall of each fitting, less those of a geom that touches
+nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import mujoco
+import numpy as np
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.pipes import Assembly, Part
+from omnitrack_sim.walls.geoms import add_walls
+
+GEOM = mujoco.mjtGeom
+FITTINGS = {
+    "straight": ot.Straight(0.4),
+    "elbow": ot.Elbow(0.24),
+    "reducer": ot.Reducer(0.2, end_diameter=0.14),
+    "tee": ot.Tee(),
+    "wye": ot.Wye(),
+}
+SHAPES = {
+    "sphere": (GEOM.mjGEOM_SPHERE, [0.025, 0, 0]),
+    "capsule": (GEOM.mjGEOM_CAPSULE, [0.015, 0.04, 0]),
+    "cylinder": (GEOM.mjGEOM_CYLINDER, [0.03, 0.01, 0]),
+    "ellipsoid": (GEOM.mjGEOM_ELLIPSOID, [0.035, 0.02, 0.012]),
+    "box": (GEOM.mjGEOM_BOX, [0.03, 0.02, 0.01]),
+    "mesh": (GEOM.mjGEOM_MESH, [0, 0, 0]),
+}
+
+
+def model_of(fitting: ot.Fitting, shape: str, exact: bool) -> mujoco.MjModel:
+    """A free body of one geom in a fitting, its walls exact or of primitives."""
+    spec = mujoco.MjSpec()
+    network = Assembly((Part("pipe", fitting, Pose()),))
+    if exact:
+        ot.add_pipes(spec, network)
+    else:
+        add_walls(spec, network)
+    points = np.random.default_rng(1).normal(size=(24, 3))
+    points *= 0.025 / np.linalg.norm(points, axis=1, keepdims=True)
+    spec.add_mesh(name="stone", uservert=points.ravel())
+    kind, size = SHAPES[shape]
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    geom = body.add_geom(type=kind, size=size, contype=3, conaffinity=3)
+    if shape == "mesh":
+        geom.meshname = "stone"
+    return spec.compile()
+
+
+def poses(model: mujoco.MjModel, fitting: ot.Fitting, count: int) -> list[np.ndarray]:
+    """States (7,) in which the geom touches exact walls."""
+    rng, data, states = np.random.default_rng(2), mujoco.MjData(model), []
+    low, high = fitting.bounds
+    while len(states) < count:
+        point = rng.uniform(low, high)
+        distance, gradient = fitting.signed_distance(point)
+        if distance > 0 and fitting.extent(point) > 0.04:
+            data.qpos[:3] = point - gradient * (distance - rng.uniform(0.01, 0.03))
+            data.qpos[3:] = rng.normal(size=4)
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon and data.contact.dist.min() > -0.002:
+                states.append(data.qpos.copy())
+    return states
+
+
+def cost(model: mujoco.MjModel, states: list[np.ndarray], repeats: int) -> float:
+    """Microseconds of one collision detection, mean over states, best of five."""
+    total = 0.0
+    for state in states:
+        data = mujoco.MjData(model)
+        data.qpos[:] = state
+        mujoco.mj_forward(model, data)
+        best = np.inf
+        for _ in range(5):
+            start = time.process_time_ns()
+            for _ in range(repeats // len(states)):
+                mujoco.mj_collision(model, data)
+            best = min(best, time.process_time_ns() - start)
+        total += best / (repeats // len(states))
+    return total / len(states) / 1e3
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--repeats", type=int, default=2000, help="of each measurement")
+    repeats = parser.parse_args().repeats
+    print("| geom | fitting | exact, us | primitives, us |")
+    print("|---|---|---|---|")
+    for shape in SHAPES:
+        for name, fitting in FITTINGS.items():
+            models = [model_of(fitting, shape, exact) for exact in (True, False)]
+            states = poses(models[0], fitting, 10)
+            away = [np.array([9.0, 0, 0, 1, 0, 0, 0])]
+            exact, pieces = (
+                cost(model, states, repeats) - cost(model, away, repeats) for model in models
+            )
+            print(f"| {shape} | {name} | {exact:.2f} | {pieces:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
