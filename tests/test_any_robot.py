@@ -19,6 +19,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, Wye, route
 from omnitrack_sim.pipes.compiled import Wall, compiled
+from omnitrack_sim.walls.record import has_record
 
 GEOM = mujoco.mjtGeom
 MARGIN = 0.004
@@ -50,6 +51,8 @@ NETWORKS = {
     "onto_elbow": straights(Straight(0.3), Elbow(0.12), Straight(0.3)),
     "s_bend": straights(Elbow(0.12), Elbow(0.12)),
     "wide_end": straights(Straight(0.3), Reducer(0.2, 0.12)),
+    "narrow_end": straights(Straight(0.2), Reducer(0.1, 0.12), Straight(0.2, 0.12)),
+    "narrow_end_to_elbow": straights(Reducer(0.1, 0.12), Elbow(0.12, inner_diameter=0.12)),
     "tee_to_elbow": in_a_row((Tee(), "run_start", "branch"), (Elbow(0.12), "start", "end")),
 }
 SHAPES = {
@@ -189,6 +192,44 @@ def test_a_fitting_of_ones_own_is_a_wall_like_any_other():
 
 
 BORE = 0.08
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_an_open_end_is_an_edge(shape):
+    """A body that hangs out of a pipe touches its end: no contact is less deep than the edge lies
+    in the body, by MuJoCo's own distance of geoms, and one with the edge is as deep."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="stone", uservert=_POINTS.ravel())
+    ot.add_pipes(spec, alone(Straight(0.4)))
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(name="geom", margin=MARGIN, **SHAPES[shape])
+    probe = spec.worldbody.add_body(mocap=True)
+    probe.add_geom(name="probe", size=[1e-6, 0, 0], contype=0, conaffinity=0)
+    model = spec.compile()
+    data, rng, seen = mujoco.MjData(model), np.random.default_rng(3), 0
+    geom, probe = model.geom("geom").id, model.geom("probe").id
+    angles = np.linspace(-0.7, 0.7, 1401)
+    edge = np.stack([BORE * np.cos(angles), BORE * np.sin(angles), 0.4 + 0 * angles], axis=-1)
+    for _ in range(30):
+        data.qpos[:3] = [rng.uniform(0.03, 0.07), 0, 0.4 + rng.uniform(-0.01, 0.02)]
+        data.qpos[3:] = rng.normal(size=4)
+        least = MARGIN
+        for data.mocap_pos[0] in edge:
+            mujoco.mj_kinematics(model, data)
+            gap = mujoco.mj_geomDistance(model, data, geom, probe, 2 * MARGIN, None)
+            least = min(least, gap + 1e-6)
+        mujoco.mj_forward(model, data)
+        if not -2e-3 < least < MARGIN / 2:
+            continue
+        at_edge = [c.dist for c in data.contact if "rim" in model.geom(c.geom[0]).name]
+        # Probes are 0.08 mm apart, so that a probe misses the deepest place by some micrometres.
+        assert data.contact.dist.min() < least + 0.02e-3
+        assert min(at_edge, default=least) > least - 0.05e-3
+        seen += len(at_edge) > 0
+    assert seen > 1
+
+
 RESTS = {
     "sphere": BORE - 0.025,
     "capsule": BORE - 0.015,
@@ -357,10 +398,10 @@ def test_user_data_of_the_robot_stay():
     ot.add_pipes(spec, NETWORKS["s_bend"])
     ot.add_pipes(spec, Assembly((Part("other", Straight(0.3), Pose(np.eye(3), [2, 0, 0])),)))
     model = spec.compile()
-    assert model.geom_user[-1, :2].tolist() in ([4.0, 5.0], [0.0, 0.0])
-    (row,) = [i for i in range(model.ngeom) if model.geom_type[i] == GEOM.mjGEOM_SPHERE]
-    assert model.geom_user[row, :2].tolist() == [4.0, 5.0]
-    assert model.ngeom == 4
+    sphere = model.geom_type == GEOM.mjGEOM_SPHERE
+    assert model.geom_user[sphere, :2].tolist() == [[4.0, 5.0]]
+    assert not model.geom_user[~sphere, :2].any()
+    assert all(has_record(row) for row in model.geom_user[~sphere])
 
 
 def test_a_saved_model_is_refused_where_its_walls_are_not_known(tmp_path):

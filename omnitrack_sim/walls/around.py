@@ -13,7 +13,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls
+from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_rims
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.rays import RayWalls
 from omnitrack_sim.walls.record import kinds
@@ -52,7 +52,8 @@ def add_pipes(
 
     Args:
         spec: of the robot, before or after its bodies are added; its geoms and their user data
-            stay. One geom ``wall_<part>`` a fitting is added to the world.
+            stay. The world gets a geom ``wall_<part>`` for each fitting, and one
+            ``rim_<part>_<port>`` for each open end and each other sharp edge.
         network: the pipes.
         friction: sliding friction of the walls, which then decides; None: that of the robot's
             geoms.
@@ -82,7 +83,9 @@ def add_pipes(
     # A wall with a friction of its own has to outrank the robot's: MuJoCo's default is 1.
     deciding = {} if friction is None else DECIDING | {"friction": [friction, 0.005, 0.0001]}
     walls = YIELDING | deciding | attributes
-    add_exact_walls(spec, pipes.assembly, solid_depths(pipes.assembly), **walls)
+    depths = solid_depths(pipes.assembly)
+    add_exact_walls(spec, pipes.assembly, depths, **walls)
+    add_rims(spec, pipes.assembly, depths, **walls)
     add_guard(spec)
     return pipes
 

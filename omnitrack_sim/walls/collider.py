@@ -41,9 +41,10 @@ from omnitrack_sim.walls.bodies import (
     sphere,
     wall_of,
 )
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, in_world
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE, kinds
+from omnitrack_sim.walls.rims import RIM, rim_contacts
 
 GEOM = mujoco.mjtGeom
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
@@ -77,6 +78,7 @@ MODEL_FIELDS = (
     "mesh_polyvertadr",
     "mesh_polyvertnum",
     "mesh_polyvert",
+    "mesh_polynormal",
 )
 (
     SIZE,
@@ -93,8 +95,9 @@ MODEL_FIELDS = (
     POLYGON_BEGINS,
     POLYGON_SIZES,
     POLYGON_VERTICES,
+    POLYGON_NORMALS,
 ) = range(GEOM_COUNT + 1, GEOM_COUNT + 1 + len(MODEL_FIELDS))
-POSITIONS = POLYGON_VERTICES + 1
+POSITIONS = POLYGON_NORMALS + 1
 MATRICES, BLOCK_SIZE = POSITIONS + 1, POSITIONS + 2
 """Indices in the block, and its size: functions that were there before, by the type of geom, and
 before that of lines; address of the table of kinds; words of MuJoCo's mjModel that hold the length
@@ -154,12 +157,16 @@ def functions_of(number):
 
 @compiled
 def _hull(model, geom):
-    """The convex hull of a mesh geom, see ``bodies.mesh``."""
+    """The convex hull of a mesh geom, see ``bodies.mesh``, and the normals of its polygons; for a
+    geom below 0 nothing that may be read."""
+    if geom < 0:
+        none = integers(0)
+        return (floats(0), 0, none, 0, none, none, none), doubles(0)
     number = integers(model[word(DATA_ID)])[geom]
     vertices_at = integers(model[word(VERTICES_AT)])[number]
     polygons_at = integers(model[word(POLYGONS_AT)])[number]
     begins = integers(model[word(POLYGON_BEGINS)] + 4 * polygons_at)
-    return (
+    hull = (
         floats(model[word(VERTICES)] + 12 * vertices_at),
         integers(model[word(VERTEX_COUNT)])[number],
         integers(model[word(POLYGONS_OF)] + 4 * vertices_at),
@@ -168,6 +175,7 @@ def _hull(model, geom):
         integers(model[word(POLYGON_SIZES)] + 4 * polygons_at),
         integers(model[word(POLYGON_VERTICES)]),
     )
+    return hull, doubles(model[word(POLYGON_NORMALS)] + 24 * polygons_at)
 
 
 @compiled
@@ -193,7 +201,15 @@ def _contacts(model, con, wall, frame, geom, kind, out):
         return cylinder(con, 0, wall, frame, a, b, out)
     if kind == ELLIPSOID:
         return ellipsoid(con, 0, wall, frame, a, b, c, out)
-    return mesh(con, 0, wall, frame, _hull(model, geom), out)
+    return mesh(con, 0, wall, frame, _hull(model, geom)[0], out)
+
+
+@compiled
+def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
+    """Find the contacts of a geom with the edge of a wall, see ``rims``."""
+    sizes = doubles(model[word(SIZE)] + 24 * geom)
+    hull, normals = _hull(model, geom if kind == MESH else -1)
+    return rim_contacts(con, records, w, kind, sizes, hull, normals, frame, margin, MOST_KEPT, out)
 
 
 def collide(model, data, contacts, wall, geom, margin):
@@ -208,14 +224,15 @@ def collide(model, data, contacts, wall, geom, margin):
     w, own = count * (wall + 1) - RECORD_SIZE, count * (geom + 1) - RECORD_SIZE
     if records[w] != MARK or records[own] == MARK:
         return call_collide(word(NEXT + kind), model, data, contacts, wall, geom, margin)
-    surface, span = functions_of(records[w + KIND])
-    if surface == 0:
-        return 0
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
-    reach = doubles(model[word(BOUND)])[geom]
-    walls = wall_of(surface, span, records, w, margin, reach)
     frame = frame_in(records, w, position, matrix, geom, wall)
-    n = _contacts(model, contacts, walls, frame, geom, kind, scratch())
+    if records[w + KIND] == RIM:
+        n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, scratch())
+    else:
+        surface, span = functions_of(records[w + KIND])
+        reach = doubles(model[word(BOUND)])[geom]
+        walls = wall_of(surface, span, records, w, margin, reach)
+        n = _contacts(model, contacts, walls, frame, geom, kind, scratch())
     for i in range(n):
         in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
     return n

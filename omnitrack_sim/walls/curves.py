@@ -186,15 +186,19 @@ def along_circle(con, n, wall, circle, out):
     """
     surface, sizes, end = wall[0], wall[2], 2.0 * math.pi * circle[9]
     x, y, z, _, _, _ = place(circle, 0.0)
-    inside = holds(wall, x, y, z, out)
-    a, at_a = 0.0, slope_at(surface, sizes, circle, 0.0, out)
+    first_inside = inside = holds(wall, x, y, z, out)
+    first = at_a = slope_at(surface, sizes, circle, 0.0, out)
+    a = 0.0
     while a < end:
         stride = _stride(wall, at_a[0], 0.0) if inside else wall[7]
         # An eighth of the circle at most: over more of it a minimum and a maximum cancel.
         b = min(a + min(stride, end / 8), end)
-        x, y, z, _, _, _ = place(circle, b)
-        inside_b = holds(wall, x, y, z, out)
-        at_b = slope_at(surface, sizes, circle, b, out)
+        # Where it closes rounding must not hide a minimum.
+        inside_b, at_b = first_inside, first
+        if b < end:
+            x, y, z, _, _, _ = place(circle, b)
+            inside_b = holds(wall, x, y, z, out)
+            at_b = slope_at(surface, sizes, circle, b, out)
         if inside and inside_b:
             n = _between(con, n, wall, circle, a, at_a, b, at_b, 0.0, out)
         elif inside:

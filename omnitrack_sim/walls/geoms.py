@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.shapes import Pieces
@@ -18,6 +18,7 @@ from omnitrack_sim.walls.record import (
     has_record,
     wall_record,
 )
+from omnitrack_sim.walls.rims import OPEN, rim_record
 
 TIMESTEP = 0.002
 """Default physics step, s."""
@@ -106,6 +107,9 @@ def add_walls(
     return count
 
 
+SHARP, RIM_ROOM = 1e-6, 0.01
+"""Turn of a wall, m/m, from which on it has an edge; and half height of the box around an edge,
+radii."""
 LEAST_ROOM = 0.002
 """Of the bounding box around a bore, m: deeper than any lug presses."""
 
@@ -136,39 +140,68 @@ def add_exact_walls(
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
         ends = [
-            _line_ends(network, (index, port), taken.get((index, port)))
+            _line_ends(network, (index, port), taken.get((index, port)), rims=depths is not None)
             for port in part.fitting.ports
         ]
         depth = LEAST_ROOM if depths is None else depths[index]
         centre, half = bounding_box(part.fitting, depth)
         pose = part.pose @ Pose(np.eye(3), centre)
-        name = f"wall_{part.name}"
-        spec.add_hfield(
-            name=name,
-            # A single cell: the field's shape is never used, only the box that bounds it.
-            nrow=2,
-            ncol=2,
-            size=[half[0], half[1], half[2], half[2]],
-            userdata=[0, 0, 1, 1],
-        )
-        record = wall_record(part.fitting, tuple(ends), depth)
-        _add_geom(
-            spec,
-            name,
-            mujoco.mjtGeom.mjGEOM_HFIELD,
-            hfieldname=name,
-            pos=pose.position,
-            quat=pose.quaternion,
-            userdata=np.concatenate([before, record]),
-            **attributes,
-        )
+        record = np.append(before, wall_record(part.fitting, tuple(ends), depth))
+        _add_field(spec, f"wall_{part.name}", half, pose, record, attributes)
     return len(network.parts)
 
 
-def _line_ends(network: Assembly, end: tuple[int, str], other: tuple[int, str] | None) -> bool:
-    """Return whether contact of a track ends at port ``end``, joined to ``other`` or open."""
+def add_rims(
+    spec: mujoco.MjSpec, network: Assembly, depths: Sequence[float], **attributes: Any
+) -> None:
+    """Add one geom ``rim_<part>_<port>`` for each sharp edge of exact walls; see ``rims``.
+
+    Arguments are those of ``add_exact_walls``, to be called before.
+    """
+    before = np.zeros(spec.nuser_geom - RECORD_SIZE)
+    joints = [(end, other) for pair in network.joints for end, other in (pair, pair[::-1])]
+    for (index, port), other in [*joints, *((end, None) for end in network.open_ends)]:
+        part = network.parts[index]
+        radius, behind = part.fitting.port_radius(port), part.fitting.flare(port)
+        beyond = OPEN
+        if other is not None:
+            neighbour = network.parts[other[0]].fitting
+            step = neighbour.port_radius(other[1]) - radius
+            beyond = neighbour.flare(other[1]) if abs(step) <= JOINED else OPEN
+            # Of two parts with one bore the first has the edge; of two bores the narrower one.
+            if step < -JOINED or (abs(step) <= JOINED and (index, port) > other):
+                continue
+        # A joint at which the wall does not turn away from the bore has no edge.
+        if behind + beyond > SHARP:
+            half = np.array([radius, radius, RIM_ROOM * radius])
+            record = np.append(before, rim_record(radius, behind, beyond, depths[index]))
+            name = f"rim_{part.name}_{port}"
+            _add_field(spec, name, half, part.port(port), record, attributes)
+
+
+def _add_field(
+    spec: mujoco.MjSpec,
+    name: str,
+    half: Array,
+    pose: Pose,
+    record: Array,
+    attributes: dict[str, Any],
+) -> None:
+    """Add a height field of half sizes ``half`` (3,) m for a record."""
+    # A single cell: the field's shape is never used, only the box that bounds it.
+    size = [half[0], half[1], half[2], half[2]]
+    spec.add_hfield(name=name, nrow=2, ncol=2, size=size, userdata=[0, 0, 1, 1])
+    kind, place = mujoco.mjtGeom.mjGEOM_HFIELD, {"pos": pose.position, "quat": pose.quaternion}
+    _add_geom(spec, name, kind, hfieldname=name, userdata=record, **place, **attributes)
+
+
+def _line_ends(
+    network: Assembly, end: tuple[int, str], other: tuple[int, str] | None, rims: bool
+) -> bool:
+    """Return whether contact of a line ends at port ``end``, joined to ``other`` or open, where
+    it may have a rim of its own."""
     if other is None:
-        return True
+        return not rims
     mine, theirs = (network.parts[index].fitting for index, _ in (end, other))
     bore, next_bore = mine.port_radius(end[1]), theirs.port_radius(other[1])
     # Where the wall flares into this part there is a kink at its end. At a narrow end that is a

@@ -28,6 +28,7 @@ from omnitrack_sim.walls.collider import (
     word,
 )
 from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE
+from omnitrack_sim.walls.rims import RIM
 
 PLUGIN = "omnitrack_sim.walls"
 _FIELD, _SDF = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF)
@@ -65,7 +66,8 @@ def check_walls(model, data, instance):
         w = count * (geom + 1) - RECORD_SIZE
         if kinds[geom] == _FIELD and count >= RECORD_SIZE and records[w] == MARK:
             walls += 1
-            if functions_of(records[w + KIND])[0] == 0:
+            kind = records[w + KIND]
+            if kind != RIM and functions_of(kind)[0] == 0:
                 return -1
     # Rows that became longer since the walls were added have no record at their end.
     return 0 if walls > 0 else -1
