@@ -404,6 +404,48 @@ def test_user_data_of_the_robot_stay():
     assert all(has_record(row) for row in model.geom_user[~sphere])
 
 
+def test_points_are_located_on_the_axes_of_their_parts():
+    """A point beside an axis has its arc length and tangent there; its clearance is the exact
+    distance; outside all is NaN."""
+    pipes = ot.Pipes(ot.load_network("fig14"))
+    parts, rng = pipes.assembly.parts, np.random.default_rng(1)
+    for number, part in enumerate(parts):
+        for line, (axis, *_) in enumerate(part.axes):
+            # The beginning of a branch lies nearer to the run.
+            s = rng.uniform(0.1 if line else 0.0, axis.length, 20)
+            point, tangent, normal, _ = axis.at(s)
+            points = point + rng.uniform(-0.03, 0.03, (20, 1)) * np.cross(tangent, normal)
+            place = pipes.locate(points)
+            assert (place.part == number).all()
+            assert (place.line == line).all()
+            np.testing.assert_allclose(place.arc_length, s, atol=1e-9)
+            np.testing.assert_allclose(place.axis, tangent, atol=1e-9)
+            exact = pipes.assembly.signed_distance(points)[0]
+            np.testing.assert_allclose(place.clearance, exact, atol=1e-9)
+            np.testing.assert_array_equal(pipes.clearance(points), place.clearance)
+    outside = pipes.locate([[9.0, 9.0, 9.0]])
+    assert outside.part[0] == outside.line[0] == -1
+    assert np.isnan(outside.arc_length).all()
+
+
+def test_rays_and_depths_are_those_of_the_wall():
+    """A camera on the axis of a straight sees the wall at bore / tan(angle off the axis), by
+    MuJoCo's conventions for cameras; rays go as far."""
+    spec = mujoco.MjSpec()
+    # Looks along +z, with the image's right towards +x.
+    spec.worldbody.add_camera(name="eye", pos=[0, 0, 0.1], quat=[0, 1, 0, 0], fovy=90)
+    pipes = ot.add_pipes(spec, alone(Straight(5.0)))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    depth = pipes.depth(data, "eye", size=(40, 30))
+    assert depth.shape == (30, 40)
+    x, y = np.meshgrid((np.arange(40) - 19.5) / 15, (np.arange(30) - 14.5) / 15)
+    np.testing.assert_allclose(depth, BORE / np.hypot(x, y), rtol=1e-6)
+    np.testing.assert_allclose(pipes.rays([0.02, 0, 1], [[1, 0, 0], [-2, 0, 0]]), [0.06, 0.1])
+    assert np.isinf(pipes.rays([0.0, 0, 1], [[0, 0, 1]])).all()
+
+
 def test_a_saved_model_is_refused_where_its_walls_are_not_known(tmp_path):
     """Without the package MuJoCo does not load it; with its pipes it steps as before, in another
     process."""

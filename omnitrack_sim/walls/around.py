@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
 from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.walls.axes import Axes
 from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_rims
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.rays import RayWalls
@@ -136,6 +138,25 @@ def _check(spec: mujoco.MjSpec) -> None:
         raise InputError(faults)
 
 
+class InPipe(NamedTuple):
+    """Where points lie in pipes.
+
+    Attributes:
+        part: (...,) number of the part in the assembly; -1 outside all port planes.
+        line: (...,) which of the part's axes the point is nearest to; of a tee 0 is the run, 1 the
+            branch. -1 outside.
+        arc_length: (...,) m, along that axis; NaN outside, like the following.
+        clearance: (...,) m, from the wall; negative within it.
+        axis: (..., 3) unit tangent of the axis there, world frame.
+    """
+
+    part: Any
+    line: Any
+    arc_length: Array
+    clearance: Array
+    axis: Array
+
+
 class Pipes:
     """Exact pipes around a robot, and what is measured in them.
 
@@ -157,10 +178,72 @@ class Pipes:
         for part in self.assembly.parts:
             kinds.add(type(part.fitting))
         self._walls = RayWalls([self.assembly.parts])
+        self._axes = Axes(self.assembly.parts)
 
     def clearance(self, points: ArrayLike) -> Array:
         """Return the distances (...,) m of points (..., 3) m, world frame, from the walls: positive
         in a bore, NaN outside the port planes of all fittings."""
+        return self.locate(points).clearance
+
+    def locate(self, points: ArrayLike) -> InPipe:
+        """Return where points (..., 3) m, world frame, lie in the pipes.
+
+        Example:
+            >>> pipes = ot.Pipes(ot.load_network("fig14"))
+            >>> place = pipes.locate(pipes.assembly.parts[0].pose.apply([0.0, 0.05, 0.1]))
+            >>> pipes.assembly.parts[place.part].name, round(float(place.arc_length), 3)
+            ('riser', 0.1)
+        """
         points = np.asarray(points, float)
-        distance, _, part = self._walls.nearest(np.zeros(1, int), points.reshape(1, -1, 3))
-        return np.where(part < 0, np.nan, distance).reshape(points.shape[:-1])
+        shape, flat = points.shape[:-1], points.reshape(-1, 3)
+        distance, _, part = self._walls.nearest(np.zeros(1, int), flat[None])
+        arc_length, axis, line = self._axes.along(flat, part[0])
+        distance = np.where(part < 0, np.nan, distance)
+        return InPipe(
+            part[0].astype(int).reshape(shape)[()],
+            line.astype(int).reshape(shape)[()],
+            arc_length.reshape(shape),
+            distance.reshape(shape),
+            axis.reshape(points.shape),
+        )
+
+    def rays(self, position: ArrayLike, directions: ArrayLike, far: float = 10.0) -> Array:
+        """Return the distances (...,) m to the walls along rays; infinite where they meet none.
+
+        Args:
+            position: (3,) m, world frame, in a bore.
+            directions: (..., 3) world frame, of any length above 0.
+            far: m, beyond which nothing is seen.
+        """
+        directions = np.asarray(directions, float)
+        flat = directions.reshape(-1, 3)
+        unit_rays = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+        start, frame = np.asarray(position, float)[None], np.eye(3)[None]
+        hits = self._walls.trace(np.zeros(1, int), start, frame, unit_rays, far)
+        return hits[0, :, 0].reshape(directions.shape[:-1])
+
+    def depth(
+        self,
+        data: mujoco.MjData,
+        camera: str,
+        size: tuple[int, int] = (160, 120),
+        far: float = 10.0,
+    ) -> Array:
+        """Return the depth picture (height, width) m that a camera of the model sees of the walls:
+        distances along its optical axis, infinite for none. The robot itself is not seen.
+
+        Args:
+            data: whose cameras are in place, as after ``mj_step`` or ``mj_forward``.
+            camera: name; its ``fovy`` counts.
+            size: width and height, pixels.
+            far: m, length of a ray beyond which nothing is seen.
+        """
+        width, height = size
+        number = data.model.camera(camera).id
+        # Pixel centres on the plane at distance 1; a camera of MuJoCo looks along -z, y is up.
+        pixel = 2 * math.tan(math.radians(data.model.cam_fovy[number]) / 2) / height
+        x = (np.arange(width) - (width - 1) / 2) * pixel
+        y = ((height - 1) / 2 - np.arange(height)) * pixel
+        rays = np.stack([*np.meshgrid(x, y), -np.ones((height, width))], axis=-1)
+        turned = rays @ data.cam_xmat[number].reshape(3, 3).T
+        return self.rays(data.cam_xpos[number], turned, far) / np.linalg.norm(rays, axis=-1)
