@@ -13,6 +13,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
+from mujoco import batch
 from scipy.spatial import ConvexHull
 
 import omnitrack_sim as ot
@@ -165,6 +166,28 @@ def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
         sampled = least_distance(network, points, geom.xpos, geom.xmat.reshape(3, 3))
         # A sample is up to 1.5 mm off the nearest point of a body that curves with 12 mm.
         assert sampled - 0.15e-3 < data.contact.dist.min() < sampled + 0.05e-3
+
+
+@pytest.mark.parametrize("shape", ["sphere", "capsule", "roller", "ellipsoid"])
+def test_the_side_of_a_body_touches_the_inner_side_of_a_bend(shape):
+    """A body that lies along the inner side of an elbow touches with the middle of its side."""
+    elbow = Elbow(0.24)
+    model, _ = body_in(alone(elbow), shape, margin=MARGIN)
+    data, half = mujoco.MjData(model), SHAPES[shape]["size"]
+    thick = half[2] if shape == "ellipsoid" else half[0]
+    # The bend's axis is at x = 0.24, parallel to y; its inner side is 0.16 from it.
+    from_axis, angle = 0.16 + thick + 0.3e-3, math.radians(40)
+    inward = np.array([math.cos(angle), 0, -math.sin(angle)])
+    along = np.array([math.sin(angle), 0, math.cos(angle)])
+    frame = (
+        np.stack([along, np.cross(inward, along), inward], axis=-1)
+        if shape == "ellipsoid"
+        else np.stack([inward, np.cross(along, inward), along], axis=-1)
+    )
+    mujoco.mju_mat2Quat(data.qpos[3:], frame.ravel())
+    data.qpos[:3] = [0.24, 0, 0] - from_axis * inward
+    mujoco.mj_forward(model, data)
+    assert data.contact.dist.min() == pytest.approx(0.3e-3, abs=1e-6)
 
 
 @compiled
@@ -327,6 +350,59 @@ def test_the_robots_own_geom_decides_unless_the_walls_state_a_friction():
         assert (contact.dim, contact.solref[0]) == (dimension, solref)
 
 
+def test_a_ball_swings_in_a_bore_like_a_pendulum():
+    """Without friction its period is that of a pendulum as long as its centre is off the axis, to
+    0.1 % at 1 ms."""
+    spec, length, angle = mujoco.MjSpec(), BORE - 0.02, 0.05
+    spec.option.timestep = 0.001
+    network = ot.Network(
+        place={"axis": (1, 0, 0)}, fittings=[{"kind": "straight", "name": "level", "length": 1}]
+    )
+    ot.add_pipes(spec, network, priority=1, solref=[0.004, 1])
+    start = [0.5, length * math.sin(angle), -length * math.cos(angle)]
+    body = spec.worldbody.add_body(pos=start)
+    body.add_freejoint()
+    body.add_geom(size=[0.02, 0, 0], condim=1)
+    model = spec.compile()
+    data, across = mujoco.MjData(model), []
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+        across.append(data.qpos[1])
+    y = np.array(across)
+    (down,) = np.nonzero((y[:-1] > 0) & (y[1:] <= 0))
+    times = 0.001 * (down + y[down] / (y[down] - y[down + 1]))
+    period = 2 * math.pi * math.sqrt(length / 9.81) * (1 + angle**2 / 16)
+    assert np.diff(times).mean() == pytest.approx(period, rel=1e-3)
+
+
+def test_pipes_on_a_body_move_with_it():
+    """Contacts are the same wherever the body that carries the pipes is, and it weighs what it
+    weighed."""
+    spec = mujoco.MjSpec()
+    carrier = spec.worldbody.add_body(mass=2.0, inertia=[0.1, 0.1, 0.1], explicitinertial=True)
+    carrier.add_freejoint()
+    ot.add_pipes(spec, NETWORKS["tee_to_elbow"], body=carrier)
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(**SHAPES["box"], margin=MARGIN)
+    model = spec.compile()
+    assert model.body_mass[1] == 2.0
+    data, rng = mujoco.MjData(model), np.random.default_rng(2)
+    data.qpos[7:] = [-0.063, 0, 0.1, *rng.normal(size=4)]
+    mujoco.mj_forward(model, data)
+    before = data.contact.dist.copy()
+    rotation, place = rng.normal(size=4), rng.normal(size=3)
+    rotation /= np.linalg.norm(rotation)
+    data.qpos[:7] = [*place, *rotation]
+    turned, quaternion = np.empty(3), np.empty(4)
+    mujoco.mju_rotVecQuat(turned, data.qpos[7:10], rotation)
+    mujoco.mju_mulQuat(quaternion, rotation, data.qpos[10:14])
+    data.qpos[7:] = [*(place + turned), *quaternion]
+    mujoco.mj_forward(model, data)
+    assert len(before) > 0
+    np.testing.assert_allclose(data.contact.dist, before, atol=1e-12)
+
+
 @pytest.mark.parametrize("timestep", [0.001, 0.002])
 @pytest.mark.parametrize("name", ["straight", "elbow", "tee", "wye"])
 def test_fast_bodies_stay_in_the_pipe(name, timestep):
@@ -387,6 +463,45 @@ def test_copies_pickles_and_threads_give_the_same_bytes():
     )
     assert one.tobytes() == many.tobytes()
     assert (one[:, -1] == one[0, -1]).all()
+
+
+def test_a_batch_steps_like_single_data():
+    """Simulations of ``mujoco.batch`` go on as MjData do, by any number of threads."""
+    _, model = tumbling()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 150)
+    for threads in (1, 3):
+        simulations = batch.Batch(model, nsim=5, nthread=threads)
+        simulations.step(nstep=150)
+        assert (simulations.bind("qpos") == data.qpos).all()
+    assert data.ncon > 0
+
+
+def test_an_unedited_robot_crawls_in_a_pipe():
+    """Gymnasium's ant, as its file is, in a pipe of its size: it stays in it."""
+    pytest.importorskip("gymnasium")
+    import gymnasium
+
+    folder = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+    spec = mujoco.MjSpec.from_file(str(folder / "ant.xml"))
+    spec.delete(spec.geom("floor"))
+    network = ot.Network(
+        place={"axis": (1, 0, 0), "position": (-2, 0, 0)},
+        fittings=[
+            {"kind": "straight", "name": "level", "length": 6, "inner_diameter": 2},
+            {"kind": "elbow", "name": "knee", "mean_radius": 3, "inner_diameter": 2},
+        ],
+        joints=[{"ports": ("level.end", "knee.start")}],
+    )
+    pipes = ot.add_pipes(spec, network)
+    model = spec.compile()
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[2] = 0.0
+    for _ in range(500):
+        data.ctrl[:] = rng.uniform(-1, 1, model.nu)
+        mujoco.mj_step(model, data)
+        assert pipes.clearance(data.body("torso").xpos) > 0.2
+    assert data.ncon > 0
 
 
 def test_user_data_of_the_robot_stay():

@@ -26,6 +26,7 @@ YIELDING = {
     "condim": 1,
     "friction": [0.0, 0.0, 0.0],
     "solmix": 0.0,
+    "mass": 0.0,
     "rgba": [0.62, 0.66, 0.70, 0.0],
 }
 """Attributes of walls that leave every contact to the robot's geom: MuJoCo takes the larger
@@ -44,6 +45,7 @@ def add_pipes(
     network: Network | Assembly,
     *,
     friction: float | None = None,
+    body: mujoco.MjsBody | None = None,
     **attributes: Any,
 ) -> Pipes:
     """Put exact pipes around any robot.
@@ -59,6 +61,7 @@ def add_pipes(
         network: the pipes.
         friction: sliding friction of the walls, which then decides; None: that of the robot's
             geoms.
+        body: that carries the pipes, in whose frame the network then stands; None: the world.
         attributes: of the walls' geoms, by MuJoCo's names: ``priority``, ``solref``, ``solimp``,
             ``margin``, ``contype``, ``conaffinity``, ``condim`` and others.
 
@@ -86,8 +89,8 @@ def add_pipes(
     deciding = {} if friction is None else DECIDING | {"friction": [friction, 0.005, 0.0001]}
     walls = YIELDING | deciding | attributes
     depths = solid_depths(pipes.assembly)
-    add_exact_walls(spec, pipes.assembly, depths, **walls)
-    add_rims(spec, pipes.assembly, depths, **walls)
+    add_exact_walls(spec, pipes.assembly, depths, body, **walls)
+    add_rims(spec, pipes.assembly, depths, body, **walls)
     add_guard(spec)
     return pipes
 

@@ -87,7 +87,7 @@ def add_walls(
         for index, (centre, rotation, half) in enumerate(pieces.boxes):
             pose = part.pose @ Pose(rotation, centre)
             _add_geom(
-                spec,
+                spec.worldbody,
                 f"wall_{part.name}_{index}",
                 mujoco.mjtGeom.mjGEOM_BOX,
                 size=half,
@@ -97,7 +97,7 @@ def add_walls(
         for index, (a, b, radius) in enumerate(pieces.capsules):
             ends = [*part.pose.apply(a), *part.pose.apply(b)]
             _add_geom(
-                spec,
+                spec.worldbody,
                 f"rim_{part.name}_{index}",
                 mujoco.mjtGeom.mjGEOM_CAPSULE,
                 size=[radius, 0, 0],
@@ -118,9 +118,10 @@ def add_exact_walls(
     spec: mujoco.MjSpec,
     network: Assembly,
     depths: Sequence[float] | None = None,
+    body: mujoco.MjsBody | None = None,
     **attributes: Any,
 ) -> int:
-    """Add one geom a fitting to the world body, for the compiled collider; returns their number.
+    """Add one geom a fitting to a body, for the compiled collider; returns their number.
 
     Each is a height field, of which only the box around the bore and the user data count, which say
     what it is. Geoms are named ``wall_<part>``.
@@ -130,6 +131,7 @@ def add_exact_walls(
         network: joined parts.
         depths: m, to which the wall of each part is solid for geoms without a record of their own;
             None: there are no such geoms.
+        body: whose frame the network stands in; None: the world.
         attributes: of the geoms, by MuJoCo's names, in the place of those of ``_add_geom``.
     """
     rows = [geom.userdata for geom in spec.geoms]
@@ -147,12 +149,16 @@ def add_exact_walls(
         centre, half = bounding_box(part.fitting, depth)
         pose = part.pose @ Pose(np.eye(3), centre)
         record = np.append(before, wall_record(part.fitting, tuple(ends), depth))
-        _add_field(spec, f"wall_{part.name}", half, pose, record, attributes)
+        _add_field(spec, body, f"wall_{part.name}", half, pose, record, attributes)
     return len(network.parts)
 
 
 def add_rims(
-    spec: mujoco.MjSpec, network: Assembly, depths: Sequence[float], **attributes: Any
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    depths: Sequence[float],
+    body: mujoco.MjsBody | None = None,
+    **attributes: Any,
 ) -> None:
     """Add one geom ``rim_<part>_<port>`` for each sharp edge of exact walls; see ``rims``.
 
@@ -176,11 +182,12 @@ def add_rims(
             half = np.array([radius, radius, RIM_ROOM * radius])
             record = np.append(before, rim_record(radius, behind, beyond, depths[index]))
             name = f"rim_{part.name}_{port}"
-            _add_field(spec, name, half, part.port(port), record, attributes)
+            _add_field(spec, body, name, half, part.port(port), record, attributes)
 
 
 def _add_field(
     spec: mujoco.MjSpec,
+    body: mujoco.MjsBody | None,
     name: str,
     half: Array,
     pose: Pose,
@@ -192,7 +199,8 @@ def _add_field(
     size = [half[0], half[1], half[2], half[2]]
     spec.add_hfield(name=name, nrow=2, ncol=2, size=size, userdata=[0, 0, 1, 1])
     kind, place = mujoco.mjtGeom.mjGEOM_HFIELD, {"pos": pose.position, "quat": pose.quaternion}
-    _add_geom(spec, name, kind, hfieldname=name, userdata=record, **place, **attributes)
+    shape = place | {"hfieldname": name, "userdata": record}
+    _add_geom(body or spec.worldbody, name, kind, **shape, **attributes)
 
 
 def _line_ends(
@@ -245,10 +253,10 @@ PLATE_THICKNESS = 0.006
 """Of a plate that closes a pipe, m; assumed."""
 
 
-def _add_geom(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, **attributes: Any) -> None:
+def _add_geom(body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, **attributes: Any) -> None:
     looks = {"group": GROUP, "rgba": WALL_COLOUR}
     touching = {"contype": 2, "conaffinity": 1}
-    spec.worldbody.add_geom(name=name, type=kind, **looks | touching | attributes)
+    body.add_geom(name=name, type=kind, **looks | touching | attributes)
 
 
 WALL_COLOUR = [0.62, 0.66, 0.70, 0.25]
