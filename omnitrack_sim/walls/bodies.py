@@ -242,12 +242,15 @@ def _mantle(con, n, wall, frame, radius, half, out):
     """Add the contacts on a cylinder's mantle: minima, round it, of the least distance along its
     lines. A wall that does not bend along itself has none."""
     step = 2.0 * math.pi / MANTLE_LINES
-    there, _, slope = _mantle_line(wall, frame, radius, half, 0.0, out)
+    first = _mantle_line(wall, frame, radius, half, 0.0, out)
+    there, _, slope = first
     for i in range(MANTLE_LINES):
         if there < 0.0:
             return n
         b = (i + 1) * step
-        there_b, _, slope_b = _mantle_line(wall, frame, radius, half, b, out)
+        # Where it closes rounding must not hide a minimum.
+        at_b = _mantle_line(wall, frame, radius, half, b, out) if i + 1 < MANTLE_LINES else first
+        there_b, _, slope_b = at_b
         # Of two neighbours one may have its minimum at a rim: the slope of the other tells.
         falls, rises = there > 0.0 and slope < 0.0, there_b > 0.0 and slope_b >= 0.0
         if (falls or there == 0.0) and (rises or there_b == 0.0) and (falls or rises):
