@@ -21,6 +21,7 @@ from .base.naming import shipped_sweeps as shipped_sweeps
 from .paper.plots.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting
+from .pipes.fittings.cap import Cap as Cap
 from .pipes.fittings.elbow import Elbow as Elbow
 from .pipes.fittings.reducer import Reducer as Reducer
 from .pipes.fittings.straight import Straight as Straight

@@ -35,13 +35,14 @@ class Mission(Table):
     """Ports closed by a plate that the robot does not know of."""
 
     def ports_in(self, network: Network) -> tuple[list[End], tuple[End, ...]]:
-        """Return the ports of start and goals, and the ports closed by a plate.
+        """Return the ports of start and goals, and the ports closed by a plate, those of caps
+        among them.
 
         Raises:
             NetworkError: no such port or fitting, no open end, or map, task and goals that do not
                 go together; ``start``, ``goals.0``, ``avoid.0`` or ``blocked.0`` say which.
         """
-        ends, plates, faults = [], [], self._task_faults()
+        ends, plates, faults = [], [*network.pipes.closed_ends], self._task_faults()
         for where, port in [
             ("start", self.start),
             *((f"goals.{i}", goal) for i, goal in enumerate(self.goals)),

@@ -176,8 +176,8 @@ class Assembly:
     """Part fittings and which ports are joined: ((part, port), (part, port)) by index and name.
 
     Raises:
-        GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, or parts
-            that run into each other.
+        GeometryError: joined bores whose diameters differ by more than ``BORE_TOLERANCE``, joints
+            of closed ports, or parts that run into each other.
 
     Example:
         >>> import omnitrack_sim as ot
@@ -215,7 +215,7 @@ class Assembly:
 
     @property
     def open_ends(self) -> tuple[tuple[int, str], ...]:
-        """Ports that nothing is joined to, (part index, port name)."""
+        """Ports that nothing is joined to, (part index, port name); closed ones among them."""
         taken = {end for joint in self.joints for end in joint}
         return tuple(
             (i, p)
@@ -223,6 +223,11 @@ class Assembly:
             for p in part.fitting.ports
             if (i, p) not in taken
         )
+
+    @property
+    def closed_ends(self) -> tuple[tuple[int, str], ...]:
+        """Ports at which a wall ends the pipe, (part index, port name)."""
+        return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.closed_ports)
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
         """Distance (...,) m from ``points`` (..., 3) m to the inner surface; unit gradient (...,
@@ -252,8 +257,13 @@ class Assembly:
 
     def _mismatches(self) -> list[Fault]:
         faults = []
+        closed = set(self.closed_ends)
         for (i, port_i), (j, port_j) in self.joints:
             a, b = self.parts[i], self.parts[j]
+            if shut := closed & {(i, port_i), (j, port_j)}:
+                part, port = min(shut)
+                problem = f"joins {a.name!r} to {b.name!r} at {port!r} of {self.parts[part].name!r}"
+                faults.append(Fault(f"pipes.{j}", f"{problem}, which is closed"))
             bore_a, bore_b = 2 * a.fitting.port_radius(port_i), 2 * b.fitting.port_radius(port_j)
             if abs(bore_a - bore_b) > BORE_TOLERANCE + JOINED:
                 problem = (

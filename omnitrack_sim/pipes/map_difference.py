@@ -274,7 +274,8 @@ class _Walk:
         """Compare two parts, entered by ``here`` and ``there``; return the next pairs."""
         mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
         names, leaves = (mine.name, true.name), [p for p in true.ports if p != there[1]]
-        if mine.fitting.kind != true.fitting.kind:
+        plain = mine.fitting.is_plain and true.fitting.is_plain  # a cap is a straight with a plate
+        if not plain and mine.fitting.kind != true.fitting.kind:
             self._kinds[there[0]] = names
             return []
         at_mine = _entered(mine, here[1], my_side)

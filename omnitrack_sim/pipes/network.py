@@ -311,8 +311,8 @@ class Network(Table):
 
     @property
     def open_ends(self) -> tuple[str, ...]:
-        """Ports that nothing is joined to, such as ``"riser.start"``: where a route may start and
-        end."""
+        """Ports that nothing is joined to, such as ``"riser.start"``, also those of caps: where a
+        route may start and end."""
         taken = {port for joint in self.joints for port in joint.ports}
         return tuple(port for port in self._ends if port not in taken)
 

@@ -320,9 +320,9 @@ class Scenario(Table):
 
     @property
     def plates(self) -> tuple[tuple[int, str], ...]:
-        """Ports (part index, port) that a plate closes."""
+        """Ports (part index, port) that a plate or cap closes."""
         mission = self.planner or self.exploration
-        return () if mission is None else mission.plates
+        return self.route.network.closed_ends if mission is None else mission.plates
 
     @property
     def time_limit_s(self) -> float:

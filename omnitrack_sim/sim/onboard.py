@@ -104,9 +104,9 @@ class Onboard:
         self._proprioception = Proprioception(table, first.robot, period, lug_pitch(first.robot), n)
         beliefs = [pilot.belief for pilot in legs.pilots]
         self._networks = [None if belief is None else belief.network for belief in beliefs]
-        # Robots that make no map share the true one, less its plates.
+        # Robots that make no map share the true one, with its caps and less its plates.
         which: NDArray[np.intp] = np.zeros(n, np.intp)
-        maps = [(first.route.network.parts, (), ())]
+        maps = [(first.route.network.parts, first.route.network.closed_ends, ())]
         if any(self._networks):
             maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
             which = np.arange(n)

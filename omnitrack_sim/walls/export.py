@@ -12,7 +12,7 @@ import numpy as np
 
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.walls.geoms import add_walls, new_spec
+from omnitrack_sim.walls.geoms import add_plates, add_walls, new_spec
 from omnitrack_sim.walls.meshes import network_mesh, stl_bytes
 
 SPACING = 0.01
@@ -75,6 +75,7 @@ def network_xml(network: Assembly, name: str) -> str:
     """MJCF of a network's collision walls, world frame; six digits, nothing else in it."""
     spec = new_spec(name)
     add_walls(spec, network)
+    add_plates(spec, network, network.closed_ends)
     # An MjSpec writes XML only once it has been compiled.
     spec.compile()
     return spec.to_xml()

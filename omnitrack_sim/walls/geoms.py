@@ -232,13 +232,15 @@ def add_plates(
     for index, port in plates:
         part = network.parts[index]
         pose, radius = part.port(port), part.fitting.port_radius(port)
+        # Between two pipes a plate lies in the plane of their joint; that of a cap begins there.
+        beyond = PLATE_THICKNESS / 2 if port in part.fitting.closed_ports else 0.0
         spec.worldbody.add_geom(
             name=f"plate_{part.name}_{port}",
             type=mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
             size=[radius, PLATE_THICKNESS / 2, 0.0]
             if looks
             else [radius, radius, PLATE_THICKNESS / 2],
-            pos=pose.position,
+            pos=pose.apply([0.0, 0.0, beyond]),
             quat=pose.quaternion,
             # Walls and plates share these bits: they meet the robot's lugs, and never each other.
             contype=2,

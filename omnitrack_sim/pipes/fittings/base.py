@@ -134,6 +134,7 @@ class Fitting(ABC):
         port_names: in the order that is used everywhere; the first is where a network begins.
         default_way: ports that a scenario's pipe is entered and left at where it does not say.
         is_plain: whether a run through it has nothing to tell: a straight of one bore.
+        closed_ports: ports at which a flat wall ends the pipe; nothing is joined to them.
         inner_diameter: bore, m, at the first port and wherever no other key is for it.
         Table: keys of its file form.
         wall: its wall as compiled functions; see ``compiled.Wall``.
@@ -150,6 +151,7 @@ class Fitting(ABC):
     port_names: ClassVar[tuple[str, ...]] = ("start", "end")
     default_way: ClassVar[tuple[str, str]] = ("start", "end")
     is_plain: ClassVar[bool] = False
+    closed_ports: ClassVar[tuple[str, ...]] = ()
     inner_diameter: float
     Table: ClassVar[type[FittingTable]]
     wall: ClassVar[Wall]
@@ -323,7 +325,8 @@ class Fitting(ABC):
 
     @abstractmethod
     def fill(self, kit: Kit, more: float) -> Solid:
-        """Solid of the bore and ``more`` m around it, between the port planes, fitting frame."""
+        """Solid of the bore and ``more`` m around it, between the port planes and ``more`` m beyond
+        those of closed ports, fitting frame."""
 
     def bore(self, kit: Kit) -> Solid:
         """Solid of what is empty. Here: what ``fill`` gives without a wall; where a rim is rounded
