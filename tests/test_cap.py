@@ -56,7 +56,7 @@ def test_a_cap_stops_a_robot_that_drives_on():
     result = ot.run(scenario)
     nose = result.trajectory["position"][:, 2] + scenario.robot.length / 2
     assert result.outcome == "stalled"
-    assert 1.0 - 2e-3 < nose.max() < 1.0 + 2e-3
+    assert 1.0 - 2e-3 < nose.max() < 1.0 + 3e-3
     assert result.trajectory["normal_force"].max() < 20 * scenario.robot.spring_preload
 
 
@@ -69,7 +69,8 @@ def test_an_explored_cap_is_a_closed_straight(blind):
 
 def test_meshes_are_closed_at_caps():
     mesh = trimesh.Trimesh(*fitting_mesh(ot.Cap(0.3)), process=False)
-    assert mesh.is_watertight and mesh.euler_number == 2
+    assert mesh.is_watertight
+    assert mesh.euler_number == 2
     assert mesh.bounds[1, 2] == pytest.approx(0.3 + THICKNESS)
     network = ot.Network(
         fittings=[
