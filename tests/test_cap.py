@@ -57,7 +57,7 @@ def test_a_cap_stops_a_robot_that_drives_on():
     nose = result.trajectory["position"][:, 2] + scenario.robot.length / 2
     assert result.outcome == "stalled"
     assert 1.0 - 2e-3 < nose.max() < 1.0 + 3e-3
-    assert result.trajectory["normal_force"].max() < 20 * scenario.robot.spring_preload
+    assert result.trajectory["normal_force"].max() < 20 * scenario.robot.preload
 
 
 def test_an_explored_cap_is_a_closed_straight(blind):
