@@ -98,17 +98,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--repeats", type=int, default=2000, help="of each measurement")
     repeats = parser.parse_args().repeats
-    print("| geom | fitting | exact, us | primitives, us |")
-    print("|---|---|---|---|")
+    print("## cost\n\nMicroseconds with exact walls / with primitives:\n")
+    print("| geom |", " | ".join(FITTINGS), "|")
+    print("|---|" + "---|" * len(FITTINGS))
     for shape in SHAPES:
-        for name, fitting in FITTINGS.items():
-            models = [model_of(fitting, shape, exact) for exact in (True, False)]
-            states = poses(models[0], fitting, 10)
-            away = [np.array([9.0, 0, 0, 1, 0, 0, 0])]
-            exact, pieces = (
-                cost(model, states, repeats) - cost(model, away, repeats) for model in models
-            )
-            print(f"| {shape} | {name} | {exact:.2f} | {pieces:.2f} |", flush=True)
+        cells = [pair(fitting, shape, repeats) for fitting in FITTINGS.values()]
+        print(f"| {shape} |", " | ".join(cells), "|", flush=True)
+
+
+def pair(fitting: ot.Fitting, shape: str, repeats: int) -> str:
+    """Cost of a geom at exact walls and at walls of primitives, as text."""
+    models = [model_of(fitting, shape, exact) for exact in (True, False)]
+    states, away = poses(models[0], fitting, 10), [np.array([9.0, 0, 0, 1, 0, 0, 0])]
+    costs = [cost(model, states, repeats) - cost(model, away, repeats) for model in models]
+    return " / ".join(f"{each:.2g}" for each in costs)
 
 
 if __name__ == "__main__":
