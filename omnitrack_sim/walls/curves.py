@@ -155,6 +155,10 @@ def along_line(con, n, wall, line, half, low_counts, high_counts, reach, out):
     low, high, low_ends, high_ends = out[LOW], out[HIGH], out[LOW_ENDS] > 0, out[HIGH_ENDS] > 0
     if high < low or (within == 0.0 and not low_ends and not high_ends):
         return n
+    # Most edges of a body are farther from the wall than they are long.
+    d, _, _ = slope_at(surface, sizes, line, 0.5 * (low + high), out)
+    if d - 0.5 * (high - low) >= reach + wall[5]:
+        return n
     at_low = slope_at(surface, sizes, line, low, out)
     if low_ends:
         x, y, z, _, _, _ = place(line, low)
