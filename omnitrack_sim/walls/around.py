@@ -33,8 +33,8 @@ YIELDING = {
 friction and dimension, and mixes the rest by ``solmix``. Without opacity a wall's box is neither
 drawn nor met by MuJoCo's own rays."""
 
-DEPTH_IN_BORE = 1.5
-"""Largest depth to which a wall is solid, in radii of its bore: 120 mm at 80 mm. With MuJoCo's own
+DEPTH_IN_BORE = 2.0
+"""Largest depth to which a wall is solid, in radii of its bore: 160 mm at 80 mm. With MuJoCo's own
 contact time constant, 20 ms, a body at 12 m/s comes to rest 84 mm deep."""
 DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0}
 """Attributes of walls that state a friction: these outrank those of the robot's geoms."""

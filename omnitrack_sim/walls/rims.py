@@ -32,8 +32,10 @@ FEET = 4
 FARTHEST_FACE = 4.0
 """Depth behind a face that faces the edge, in depths behind the nearest face, up to which it is
 touched."""
-BETWEEN = 1e-4
-"""Room of a normal's slope beyond those of the walls on both sides."""
+BETWEEN, BETWEEN_BY_DEPTH = 1e-4, 6.0
+"""Room of a normal's slope beyond those of the walls on both sides, and more of it for each radius
+that the edge lies deep in a body: there the walls and the edge no longer agree on whose the contact
+is, and one that both leave to the other would let the body through."""
 ACCURACY = 1e-6
 """Of a place on the edge, radii."""
 
@@ -48,22 +50,21 @@ def rim_record(radius: float, behind: float, beyond: float, depth: float) -> Arr
 
 
 @compiled
-def _faces_edge(nx, ny, nz, gate):
+def _faces_edge(d, nx, ny, nz, gate):
     """Return whether a body's outward normal lies between those that the walls beside the edge
     turn against. ``gate``: unit vectors into the bore and along the axis (3 each), geom frame, and
-    the growths of the bore; and whether (over 0) only faces that do count."""
-    ix, iy, iz, ax, ay, az, behind, beyond, _ = gate
+    the growths of the bore, its radius, and whether (over 0) only faces that do count."""
+    ix, iy, iz, ax, ay, az, behind, beyond, radius, _ = gate
+    room = BETWEEN + BETWEEN_BY_DEPTH * max(-d, 0.0) / radius
     inward, along = -(nx * ix + ny * iy + nz * iz), -(nx * ax + ny * ay + nz * az)
-    return (
-        inward >= 0.0 and along >= -behind * inward - BETWEEN and along <= beyond * inward + BETWEEN
-    )
+    return inward >= -room and -behind * inward - room <= along <= beyond * inward + room
 
 
 @compiled
 def _nearer(best, d, nx, ny, nz, gate, out):
     """Take over a face at distance ``d`` behind which the point lies, if it is nearer than ``best``
     and faces the edge: where a body's edge crosses the wall's, one of its faces does not."""
-    if d <= best or (gate[8] > 0.0 and not _faces_edge(nx, ny, nz, gate)):
+    if d <= best or (gate[9] > 0.0 and not _faces_edge(d, nx, ny, nz, gate)):
         return best
     out[0], out[1], out[2] = nx, ny, nz
     return d
@@ -73,7 +74,7 @@ def _nearer(best, d, nx, ny, nz, gate, out):
 def _nearer_edge(best, u, m, w, l, gate, out):
     """Take over, as ``_nearer`` does, the edge between two faces with normals ``m`` and ``l``,
     which are ``u`` and ``w`` away: its normal is across the wall's edge."""
-    ix, iy, iz, ax, ay, az, _, _, _ = gate
+    ix, iy, iz, ax, ay, az, _, _, _, _ = gate
     tx, ty, tz = ay * iz - az * iy, az * ix - ax * iz, ax * iy - ay * ix
     p, q = l[0] * tx + l[1] * ty + l[2] * tz, -(m[0] * tx + m[1] * ty + m[2] * tz)
     # Between the two faces both weights have one sign.
@@ -195,7 +196,7 @@ def _at(angle, frame, body, strict, out):
         xz * dx + yz * dy + zz * dz,
     )
     ix, iy, iz = -xx * cos - yx * sin, -xy * cos - yy * sin, -xz * cos - yz * sin
-    gate = ix, iy, iz, zx, zy, zz, behind, beyond, strict
+    gate = ix, iy, iz, zx, zy, zz, behind, beyond, radius, strict
     d = from_body(kind, sizes, hull, normals, x, y, z, gate, out)
     gx = xx * out[0] + xy * out[1] + xz * out[2]
     gy = yx * out[0] + yy * out[1] + yz * out[2]
@@ -211,8 +212,8 @@ def _add(con, n, d, radius, behind, beyond, depth, margin, out):
     ex, ey, ez, nx, ny, nz = out[4], out[5], out[6], out[7], out[8], out[9]
     if d >= margin or d <= -depth:
         return n
-    gate = -ex / radius, -ey / radius, 0.0, 0.0, 0.0, 1.0, behind, beyond, 1.0
-    if nx * nx + ny * ny + nz * nz == 0.0 or not _faces_edge(nx, ny, nz, gate):
+    gate = -ex / radius, -ey / radius, 0.0, 0.0, 0.0, 1.0, behind, beyond, radius, 1.0
+    if nx * nx + ny * ny + nz * nz == 0.0 or not _faces_edge(d, nx, ny, nz, gate):
         return n
     k = n * CONTACT_SIZE
     con[k] = d
