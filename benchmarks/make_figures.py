@@ -4,11 +4,12 @@ python benchmarks/make_figures.py [PART ...] [--list] [--stale] [--again] [--old
     [--quick] [--workers N]
 
 docs/figures.toml lists the parts: what each runs, which pictures it writes, and how long it takes.
-Without PART all are made, hours on one core. A part that was made by today's physics is left out;
-one that was broken off goes on behind its last finished command, and its sweeps behind their last
-batch. What a part makes is put in place when all of it is there: pictures below docs, tables
-between the marks of the pages, and a record in docs/figures.json with commit, date, processor time,
-and what short runs (probes) measure. By these a test finds the parts whose physics has changed.
+Without PART all are made, hours on one core. As many parts as --workers are made side by side, the
+longest first. A part that was made by today's physics is left out; one that was broken off goes on
+behind its last finished command, and its sweeps behind their last batch. What a part makes is put
+in place when all of it is there: pictures below docs, tables between the marks of the pages, and a
+record in docs/figures.json with commit, date, processor time, and what short runs (probes) measure.
+By these a test finds the parts whose physics has changed.
 
 --stale makes the parts whose physics has changed, of those that are made. --older runs nothing: it
 marks such parts, or those that are named, as made by older physics, and the pages say so. --quick
@@ -21,12 +22,13 @@ import argparse
 import datetime
 import json
 import os
-import resource
 import shlex
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from making import pages
@@ -60,6 +62,7 @@ class Maker:
     Attributes:
         parts: of the manifest. records: of those that were made.
         docs: folder of the pages. out: where the commands write.
+        workers: processes of a command, where it can use several.
         physics: measurements of today, of all probes that some part needs.
     """
 
@@ -69,6 +72,8 @@ class Maker:
         self.file = docs / "figures.json"
         self.records = read_records(self.file)
         self.physics: dict[str, Values] = {}
+        # Parts that are made side by side fill the same pages and the same file of records.
+        self._placing = threading.Lock()
 
     def measure(self, names: list[str]) -> None:
         """Measure the probes that some parts need."""
@@ -108,7 +113,7 @@ class Maker:
             (folder / f"{number}.md").read_text(encoding="utf-8")
             for number in range(len(part.commands))
         )
-        self.records[name] = Record(
+        record = Record(
             commit=commit(),
             date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             cpu_s=round(sum(state["cpu_s"]), 1),
@@ -116,9 +121,10 @@ class Maker:
             versions=environment()["versions"],
             probes=probes,
         )
-        self._put(part, pages.pieces(printed))
+        with self._placing:
+            self._put(part, record, pages.pieces(printed))
 
-    def _put(self, part: Part, made: Mapping[str, str]) -> None:
+    def _put(self, part: Part, record: Record, made: Mapping[str, str]) -> None:
         """Put what a part has made in place: pictures, then pages, then the record."""
         missing = [name for name in part.files.values() if not self._made(part, name).is_file()]
         wanted = {
@@ -130,6 +136,7 @@ class Maker:
         missing += [f"## {piece}" for piece in sorted(wanted - set(made))]
         if missing:
             raise Failed(f"{part.name} did not make {', '.join(missing)}")
+        self.records[part.name] = record
         for target, source in part.files.items():
             write_file(self.docs / target, self._made(part, source).read_bytes())
         self.fill({part.name: made})
@@ -174,13 +181,15 @@ def run(line: str) -> tuple[bytes, float]:
     """
     words = shlex.split(line)
     start = ["-m", "omnitrack_sim.cli"] if words[0] == "omnitrack" else [str(ROOT / words[0])]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, *start, *words[1:]]
-    done = subprocess.run(command, stdout=subprocess.PIPE, check=False)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        raise Failed(f"status {done.returncode} of: {line}")
-    return done.stdout, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        printed = process.stdout.read() if process.stdout else b""
+        # getrusage() would count the children of all parts that are made side by side.
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise Failed(f"status {process.returncode} of: {line}")
+    return printed, used.ru_utime + used.ru_stime
 
 
 def commit() -> str:
@@ -219,7 +228,7 @@ def main() -> None:
     given = parser.parse_args()
     out = given.out.with_name(given.out.name + "_quick") if given.quick else given.out
     docs = copied(given.docs, out / "pages") if given.quick else given.docs
-    maker = Maker(given.manifest, docs, out, given.workers, given.quick)
+    maker = Maker(given.manifest, docs, out, 1, given.quick)
     unknown = [name for name in given.parts if name not in maker.parts]
     if unknown:
         parser.exit(2, "".join(f"{no_such(one, list(maker.parts), 'part ')}\n" for one in unknown))
@@ -234,25 +243,37 @@ def main() -> None:
         maker.mark_older(names)
         return
     maker.measure(names)
-    sys.exit(1 if make_all(maker, names, given.again) else 0)
+    sys.exit(1 if make_all(maker, names, given.again, given.workers) else 0)
 
 
-def make_all(maker: Maker, names: list[str], again: bool) -> list[str]:
-    """Make parts one after the other; returns those that failed."""
-    failed = []
+def make_all(maker: Maker, names: list[str], again: bool, workers: int) -> list[str]:
+    """Make parts, so many side by side; returns those that failed.
+
+    A part that is made alone has all workers for its commands.
+    """
+    wanted = []
     for name in names:
         if maker.complete(name) and not again:
             print(f"{name}: made by today's physics", flush=True)
-            continue
-        print(f"{name}: about {maker.parts[name].minutes:g} min of one core", flush=True)
-        try:
-            maker.make(name, again)
-        except Failed as fault:
-            failed.append(name)
-            print(f"{name}: {fault}", file=sys.stderr, flush=True)
         else:
-            print(f"{name}: {pages.minutes(maker.records[name].cpu_s)}", flush=True)
-    return failed
+            wanted.append(name)
+    maker.workers = max(1, workers // max(1, len(wanted)))
+    wanted.sort(key=lambda name: -maker.parts[name].minutes)  # so that all end at about one time
+    with ThreadPoolExecutor(workers) as pool:
+        good = pool.map(lambda name: make_one(maker, name, again), wanted)
+        return [name for name, made in zip(wanted, good, strict=True) if not made]
+
+
+def make_one(maker: Maker, name: str, again: bool) -> bool:
+    """Make a part and say how it went; returns whether it was made."""
+    print(f"{name}: about {maker.parts[name].minutes:g} min of one core", flush=True)
+    try:
+        maker.make(name, again)
+    except Failed as fault:
+        print(f"{name}: {fault}", file=sys.stderr, flush=True)
+        return False
+    print(f"{name}: {pages.minutes(maker.records[name].cpu_s)}", flush=True)
+    return True
 
 
 def show(maker: Maker, names: list[str]) -> None:

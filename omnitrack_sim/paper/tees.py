@@ -160,14 +160,19 @@ def slippery(runs: Runs) -> Claim:
     failed = [r for r in results if not r.success]
     # The run leads along +z, so there gravity pulls the robot forward.
     down = sum(r.scenario.world.gravity[2] > 0 for r in failed)
-    lowest = max((r.scenario.world.friction for r in failed), default=float("nan"))
+    highest = max((r.scenario.world.friction for r in failed), default=None)
+    failures = (
+        "none failed"
+        if highest is None
+        else f"{down} of {len(failed)} failures drive downward, highest friction of a failure "
+        f"{highest:.2f}"
+    )
     return Claim(
         id="tee_slippery",
         source="not in the paper",
         paper="(no statement below a clean dry pipe)",
         statement="how many of the same trials pass at friction 0.6 to 0.8",
-        measured=f"{text}; {down} of {len(failed)} failures drive downward, highest friction of "
-        f"a failure {lowest:.2f}",
+        measured=f"{text}; {failures}",
         uncertainty="Wilson interval",
         verdict=ClaimVerdict.STUDY,
         expected=ClaimVerdict.STUDY,
