@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,20 @@ from omnitrack_sim import Scenario
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
 from omnitrack_sim.robots.omnitrack.body import FREE_SPRING_LENGTH, lug_pitch, lug_places
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.senses.sensor import AT_REST
+from omnitrack_sim.senses.sensor import AT_REST, SENSORS
 from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
 
 JOINTS_PER_MODULE = 5
 SLIDE, PITCH, ROLL, UPPER, LOWER = range(JOINTS_PER_MODULE)
+
+
+class Readings(dict[str, Array]):
+    """Values of channels, and the sensors of this package that they stand for."""
+
+    def __init__(self, values: Mapping[str, Array]) -> None:
+        super().__init__(values)
+        self.sensors = {s.channel.name: s for s in SENSORS if s.channel.name in values}
 
 
 class BulletPlant:
@@ -205,7 +214,7 @@ class BulletPlant:
         quaternion = np.array(self.qpos[:, 3:7])
         base = matrix_from_quaternion(quaternion)
         _, angular = bullet.getBaseVelocity(self.body, physicsClientId=self.client)
-        return {
+        values = {
             "time": np.array([self.time]),
             "position": np.array(self.qpos[:, :3]),
             "quaternion": quaternion,
@@ -228,6 +237,7 @@ class BulletPlant:
             "contact_count": number[None],
             "contact_position": self._contact_position[None].copy(),
         }
+        return Readings(values)
 
     def _sum_contacts(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Contacts (3, 2) of each track, force (3, 3) N on each module, and which modules touch.
