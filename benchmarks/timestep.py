@@ -15,7 +15,7 @@ from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, run_batch
 
-STEPS = (0.00025, 0.002, 0.005)
+STEPS = (0.00025, 0.001, 0.002, 0.0025, 0.005)
 """s; the finest first."""
 FIGURES = {"slip": "slip_distance_m", "energy": "energy_j", "largest tilt": "tilt_max_deg"}
 

@@ -201,7 +201,9 @@ def test_slip_does_not_depend_on_the_time_step():
     assert slips[0] == pytest.approx(slips[1], rel=0.15)
     assert energies[0] == pytest.approx(energies[1], rel=0.06)
     long = override(base, {"physics.timestep": 0.005, "run.time_limit": 0.1})
-    assert "slip comes out too large" in str(run(long, no_load=False).events[0])
+    result = run(long, no_load=False)
+    assert "slip comes out too large, here by about 108 %" in str(result.events[0])
+    assert result.metrics["slip_excess"] == pytest.approx(0.1 * 2.5**2.6)
 
 
 def test_no_module_of_a_leaning_robot_is_pressed_beyond_reason():

@@ -135,7 +135,8 @@ def print_result(result: Result, target: Path) -> None:
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
         f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
         f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J; slip without "
-        f"load {metrics['no_load_slip_m_s']:.1e} m/s"
+        f"load {metrics['no_load_slip_m_s']:.1e} m/s, about {metrics['slip_excess']:.0%} too large "
+        "by the time step"
     )
     if result.scenario.sensing.kind == "onboard":
         out.say(

@@ -76,9 +76,9 @@ class MapDifference:
     @property
     def consistent(self) -> bool:
         """True if nothing that the map has is wrong, whatever it lacks: it has no other kinds,
-        directions and joints than the network, and its lengths are right to 3 % altogether."""
-        right = self.length_error <= LENGTHS * self.length
-        return right and not (self.kinds or self.loose or self.extra or self.angles)
+        sizes, directions and joints than the network."""
+        wrong = self.kinds or self.wrong_sizes or self.loose or self.extra or self.angles
+        return not wrong
 
     def __str__(self) -> str:
         names = {

@@ -28,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import METRIC_NAMES
 from omnitrack_sim.senses import SENSORS, Sensor
-from omnitrack_sim.sim.builder import each, settings_of, start_of
+from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, strains
 from omnitrack_sim.sim.plant import Plant, Start
@@ -366,7 +366,9 @@ class Simulation:
         scenario, ending, motors = self.scenarios[robot], self.endings[robot], self.motors
         assert ending is not None
         limit, efficiency = float(motors.torque_limit[robot, 0]), scenario.robot.motor.efficiency
-        run = Run(trajectory, slip, scenario.robot.lug_radius, limit, motors.drive, efficiency)
+        excess = slip_excess(scenario)
+        radius = scenario.robot.lug_radius
+        run = Run(trajectory, slip, radius, limit, motors.drive, efficiency, excess)
         values = summarise(run, (*METRICS, *scenario.own_metrics, *metrics))
         network = self.legs.map(robot)
         return Result(
