@@ -1,0 +1,135 @@
+"""Largest contact forces of random runs: no sample may be absurd where a robot passes.
+
+python benchmarks/contact_forces.py [--trials N] [--networks N] [--workers N] [--seed S]
+
+Turns, merges, elbows (90 mm and 240 mm radius in turn) and wyes (every way through 45, 60 and 75
+degrees in turn): any start orientation, any direction of gravity, friction 0.5 to 1.0, preload 15
+to 35 N a module, by the default controller with its retries. Random networks of 6 to 12 fittings:
+friction 0.6 to 1.0, the default preload. Forces are the normal forces of a module in all samples,
+in preloads of the run; an arm's travel beyond its stop is that of the worst sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
+from typing import NamedTuple
+
+import numpy as np
+from missions import random_mission
+from wye import WAYS, Cell
+from wye import trial as wye_trial
+
+from omnitrack_sim import Scenario, load_scenario, override, run_batch
+from omnitrack_sim.record.statistics import wilson_interval
+
+SIMILAR = 24
+"""Runs of a batch."""
+MOST = 20.0
+"""Preloads that no sample of a run that passes may exceed."""
+WYES = [Cell(way, angle) for angle, way in product((45.0, 60.0, 75.0), WAYS)]
+SHIPPED = {
+    "turn": ("tee_turn",),
+    "merge": ("tee_merge",),
+    "elbow": ("elbow", "elbow_short"),
+}
+KINDS = (*SHIPPED, "wye", "network")
+
+
+class Extremes(NamedTuple):
+    """Extremes of one run: its outcome, whether it passed, the largest force in preloads and in N,
+    and the largest travel of an arm beyond its stops, mm."""
+
+    outcome: str
+    passed: bool
+    preloads: float
+    force: float
+    beyond: float
+
+
+def scenario(kind: str, number: int, seed: int) -> Scenario:
+    """Run ``number`` of a kind; its draw depends on nothing else than the seed."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), number])
+    if kind == "network":
+        return random_mission(10_000 * seed + number, friction_range=(0.6, 1.0))
+    gravity = rng.normal(size=3)
+    draw = {
+        "start.theta5_deg": float(rng.uniform(-180, 180)),
+        "world.friction": float(rng.uniform(0.5, 1.0)),
+        "robot.preload": float(rng.uniform(15, 35)),
+        "world.gravity": (9.81 * gravity / np.linalg.norm(gravity)).tolist(),
+    }
+    if kind == "wye":
+        return wye_trial(WYES[number % len(WYES)], number, draw)
+    names = SHIPPED[kind]
+    return override(load_scenario(names[number % len(names)]), draw)
+
+
+def extremes(task: tuple[str, range, int]) -> list[Extremes]:
+    """Run some numbers of a kind."""
+    kind, numbers, seed = task
+    runs = []
+    for result in run_batch([scenario(kind, i, seed) for i in numbers], threads=1, no_load=False):
+        robot, trajectory = result.scenario.robot, result.trajectory
+        low, high = robot.slide_range
+        slide, force = trajectory["slide"], float(trajectory["normal_force"].max())
+        beyond = 1e3 * max(0.0, float((slide - high).max()), float((low - slide).max()))
+        outcome = result.outcome.value
+        runs.append(Extremes(outcome, result.success, force / robot.preload, force, beyond))
+    return runs
+
+
+def tasks(trials: int, networks: int, seed: int) -> Iterator[tuple[str, range, int]]:
+    """Batches of similar runs; a network is a batch of its own, as no two share their walls."""
+    for kind in KINDS:
+        count, size = (networks, 1) if kind == "network" else (trials, SIMILAR)
+        for first in range(0, count, size):
+            yield kind, range(first, min(count, first + size)), seed
+
+
+def row(kind: str, runs: Sequence[Extremes]) -> str:
+    """Line of the table."""
+    passed = [run for run in runs if run.passed]
+    low, high = wilson_interval(len(passed), len(runs))
+    others = Counter(run.outcome for run in runs if not run.passed)
+    over = [sum(run.preloads > MOST for run in group) for group in (passed, runs)]
+    cells = [
+        kind,
+        f"{len(passed)} of {len(runs)} ({100 * low:.1f} to {100 * high:.1f} %)",
+        f"{max((run.preloads for run in passed), default=0.0):.1f}",
+        f"{max(run.preloads for run in runs):.1f}, {max(run.force for run in runs):.0f} N",
+        f"{over[0]}, {over[1] - over[0]}",
+        f"{max(run.beyond for run in runs):.1f}",
+        ", ".join(f"{count} `{name}`" for name, count in others.most_common()) or "-",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--trials", type=int, default=500, help="of each kind; default 500")
+    parser.add_argument("--networks", type=int, default=200, help="random networks; default 200")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=61)
+    given = parser.parse_args()
+    runs: dict[str, list[Extremes]] = {kind: [] for kind in KINDS}
+    work = list(tasks(given.trials, given.networks, given.seed))
+    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
+        for (kind, *_), batch in zip(work, pool.map(extremes, work), strict=True):
+            runs[kind] += batch
+    print("## forces\n")
+    print(
+        "| runs | passed, 95 % | largest force of those, preloads | of all | over 20 preloads: "
+        "passed, not | arm beyond its stop, mm | others |\n|---|---|---|---|---|---|---|"
+    )
+    for kind, ended in runs.items():
+        if ended:
+            print(row(kind, ended))
+
+
+if __name__ == "__main__":
+    main()
