@@ -613,6 +613,34 @@ def test_what_exact_walls_cannot_touch_is_refused():
         ot.add_pipes(mujoco.MjSpec().compile(), NETWORKS["straight"])
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"friction": -1}, "friction: is -1; a number from 0 on"),
+        ({"friction": float("nan")}, "friction: is nan"),
+        ({"friction": [0.8, 0.005, 0.0001]}, r"friction: is \[0.8"),
+        ({"fricton": 0.8}, "fricton: is no attribute that walls take"),
+        ({"size": [1, 1, 1]}, "size: is no attribute"),
+        ({"body": "core"}, "body: is a str; a body of the MjSpec is needed"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_refused(arguments, message):
+    """Each by its name, before anything is added."""
+    spec = mujoco.MjSpec()
+    with pytest.raises(ot.InputError, match=message):
+        ot.add_pipes(spec, NETWORKS["straight"], **arguments)
+    assert not spec.geoms
+
+
+def test_networks_are_networks_and_are_added_once():
+    spec = mujoco.MjSpec()
+    with pytest.raises(TypeError, match=r"network: is .*such as ot.load_network\('fig14'\) makes"):
+        ot.add_pipes(spec, "fig14")
+    ot.add_pipes(spec, NETWORKS["straight"])
+    with pytest.raises(ot.InputError, match="that the model has a wall of already"):
+        ot.add_pipes(spec, NETWORKS["straight"])
+
+
 def test_the_page_runs(capsys):
     """The wheeled robot of any-robot.md climbs up to the elbow and into it."""
     page = Path(__file__).parents[1] / "docs" / "how-to" / "any-robot.md"

@@ -98,6 +98,22 @@ def test_an_exported_cap_stops_a_ball():
     assert data.qpos[2] == pytest.approx(-0.3 + 0.02, abs=1e-3)
 
 
+def test_a_body_in_exact_pipes_lands_on_a_cap():
+    """A box falls into a pot of any robot's pipes and rests on its end, which it sees below."""
+    pot = {"kind": "cap", "name": "pot", "length": 0.3}
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(pos=[0, 0, -0.1])
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02])
+    pipes = ot.add_pipes(spec, ot.Network(fittings=[pot], place={"axis": (0.0, 0.0, -1.0)}))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 1000)
+    assert data.qpos[2] == pytest.approx(-0.28, abs=1e-3)
+    assert pipes.clearance(data.qpos[:3]) == pytest.approx(0.02, abs=1e-3)
+    assert pipes.rays(data.qpos[:3], [0, 0, -1]) == pytest.approx(0.02, abs=1e-3)
+
+
 def test_nothing_is_joined_to_a_closed_port():
     fittings = [
         {"kind": "cap", "name": "low", "length": 0.3},

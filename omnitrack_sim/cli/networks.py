@@ -212,7 +212,8 @@ def _print_network(net: Network) -> None:
         for number, port in enumerate(net.pipes.parts[i].fitting.port_names):
             end = f"{part.name}.{port}"
             name = f" ({plain(named[end])})" if end in named else ""
-            to = net.joined_to.get(end) or Text.from_markup(f"[yellow]open[/]{name}")
+            state = "closed" if port in net.pipes.parts[i].fitting.closed_ports else "open"
+            to = net.joined_to.get(end) or Text.from_markup(f"[yellow]{state}[/]{name}")
             head = ("", "", "") if number else (part.name, part.kind, _sizes(part))
             rows.append((*head, port, to))
     print_table(("part", "kind", "sizes", "port", "joined to"), rows)

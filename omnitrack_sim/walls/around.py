@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.walls.axes import Axes
-from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_rims
+from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_plates, add_rims
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.rays import RayWalls
 from omnitrack_sim.walls.record import kinds
@@ -38,6 +40,21 @@ DEPTH_IN_BORE = 2.0
 contact time constant, 20 ms, a body at 12 m/s comes to rest 84 mm deep."""
 DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0}
 """Attributes of walls that state a friction: these outrank those of the robot's geoms."""
+ATTRIBUTES = (
+    "conaffinity",
+    "condim",
+    "contype",
+    "gap",
+    "group",
+    "margin",
+    "priority",
+    "rgba",
+    "solimp",
+    "solmix",
+    "solref",
+    "surfacevel",
+)
+"""Attributes of a geom that a user may give the walls."""
 
 
 def add_pipes(
@@ -62,12 +79,12 @@ def add_pipes(
         friction: sliding friction of the walls, which then decides; None: that of the robot's
             geoms.
         body: that carries the pipes, in whose frame the network then stands; None: the world.
-        attributes: of the walls' geoms, by MuJoCo's names: ``priority``, ``solref``, ``solimp``,
-            ``margin``, ``contype``, ``conaffinity``, ``condim`` and others.
+        attributes: of the walls' geoms, by MuJoCo's names; see ``ATTRIBUTES``.
 
     Raises:
         InputError: the model has flexes or geoms of signed distance fields, which MuJoCo does not
-            collide by its table of functions, or is no MjSpec.
+            collide by its table of functions, or pipes with parts of the same names; or an
+            argument is not what it should be.
         GeometryError: a fitting of one's own has a wall that does not compile.
 
     Example:
@@ -85,12 +102,15 @@ def add_pipes(
     """
     _check(spec)
     pipes = Pipes(network)
+    _check_arguments(spec, pipes.assembly, friction, body, attributes)
     # A wall with a friction of its own has to outrank the robot's: MuJoCo's default is 1.
     deciding = {} if friction is None else DECIDING | {"friction": [friction, 0.005, 0.0001]}
     walls = YIELDING | deciding | attributes
     depths = solid_depths(pipes.assembly)
     add_exact_walls(spec, pipes.assembly, depths, body, **walls)
     add_rims(spec, pipes.assembly, depths, body, **walls)
+    for end in pipes.assembly.closed_ends:
+        add_plates(spec, pipes.assembly, [end], thickness=depths[end[0]], body=body, **walls)
     add_guard(spec)
     return pipes
 
@@ -141,6 +161,30 @@ def _check(spec: mujoco.MjSpec) -> None:
         raise InputError(faults)
 
 
+def _check_arguments(
+    spec: mujoco.MjSpec, network: Assembly, friction: Any, body: Any, attributes: Mapping[str, Any]
+) -> None:
+    """Refuse what MuJoCo would refuse without a reason, or take without a word."""
+    faults = [
+        Fault(name, "is no attribute that walls take", ATTRIBUTES, given=name)
+        for name in sorted(set(attributes) - set(ATTRIBUTES))
+    ]
+    real = isinstance(friction, int | float) and not isinstance(friction, bool)
+    if friction is not None and not (real and 0 <= friction < math.inf):
+        problem = f"is {friction!r}; a number from 0 on, the sliding friction, is needed"
+        faults.append(Fault("friction", problem))
+    if body is not None and not isinstance(body, mujoco.MjsBody):
+        problem = f"is a {type(body).__name__}; a body of the MjSpec is needed, as spec.body gives"
+        faults.append(Fault("body", problem))
+    names = {geom.name for geom in spec.geoms}
+    twice = [part.name for part in network.parts if f"wall_{part.name}" in names]
+    if twice:
+        problem = f"has a part {twice[0]!r} that the model has a wall of already"
+        faults.append(Fault("network", f"{problem}; parts of two networks need different names"))
+    if faults:
+        raise InputError(faults)
+
+
 class InPipe(NamedTuple):
     """Where points lie in pipes.
 
@@ -176,16 +220,18 @@ class Pipes:
     """
 
     def __init__(self, network: Network | Assembly) -> None:
-        self.assembly = network.pipes if isinstance(network, Network) else network
+        if not isinstance(network, Assembly):
+            network = check_is(Network, "network", network).pipes
+        self.assembly = network
         register()
         for part in self.assembly.parts:
             kinds.add(type(part.fitting))
-        self._walls = RayWalls([self.assembly.parts])
+        self._walls = RayWalls([self.assembly.parts], [self.assembly.closed_ends])
         self._axes = Axes(self.assembly.parts)
 
     def clearance(self, points: ArrayLike) -> Array:
         """Return the distances (...,) m of points (..., 3) m, world frame, from the walls: positive
-        in a bore, NaN outside the port planes of all fittings."""
+        in a bore, negative within a wall, NaN outside the port planes of all fittings."""
         return self.locate(points).clearance
 
     def locate(self, points: ArrayLike) -> InPipe:
@@ -202,6 +248,10 @@ class Pipes:
         distance, _, part = self._walls.nearest(np.zeros(1, int), flat[None])
         arc_length, axis, line = self._axes.along(flat, part[0])
         distance = np.where(part < 0, np.nan, distance)
+        for index, port in self.assembly.closed_ends:
+            wall = self.assembly.parts[index].port(port)
+            before = (wall.position - flat) @ wall.rotation[:, 2]
+            distance = np.where(part == index, np.minimum(distance, before), distance)
         return InPipe(
             part[0].astype(int).reshape(shape)[()],
             line.astype(int).reshape(shape)[()],

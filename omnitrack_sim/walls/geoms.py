@@ -166,7 +166,8 @@ def add_rims(
     """
     before = np.zeros(spec.nuser_geom - RECORD_SIZE)
     joints = [(end, other) for pair in network.joints for end, other in (pair, pair[::-1])]
-    for (index, port), other in [*joints, *((end, None) for end in network.open_ends)]:
+    free = set(network.open_ends) - set(network.closed_ends)
+    for (index, port), other in [*joints, *((end, None) for end in sorted(free))]:
         part = network.parts[index]
         radius, behind = part.fitting.port_radius(port), part.fitting.flare(port)
         beyond = OPEN
@@ -218,45 +219,44 @@ def _line_ends(
     return at_kink or abs(bore - next_bore) > JOINED
 
 
-def add_plates(
-    spec: mujoco.MjSpec,
-    network: Assembly,
-    plates: Sequence[tuple[int, str]],
-    looks: bool = False,
-) -> None:
-    """Close ports (part index, port name) by plates that collide with lugs.
-
-    With ``looks``, for pictures, they are as round as the bore; otherwise square, which collides
-    faster and reaches into the wall.
-    """
-    for index, port in plates:
-        part = network.parts[index]
-        pose, radius = part.port(port), part.fitting.port_radius(port)
-        # Between two pipes a plate lies in the plane of their joint; that of a cap begins there.
-        beyond = PLATE_THICKNESS / 2 if port in part.fitting.closed_ports else 0.0
-        spec.worldbody.add_geom(
-            name=f"plate_{part.name}_{port}",
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
-            size=[radius, PLATE_THICKNESS / 2, 0.0]
-            if looks
-            else [radius, radius, PLATE_THICKNESS / 2],
-            pos=pose.apply([0.0, 0.0, beyond]),
-            quat=pose.quaternion,
-            # Walls and plates share these bits: they meet the robot's lugs, and never each other.
-            contype=2,
-            conaffinity=1,
-            group=PLATE_GROUP,
-            rgba=PLATE_COLOUR,
-        )
-
-
 PLATE_GROUP, PLATE_COLOUR = 2, [0.72, 0.22, 0.18, 1.0]
 PLATE_THICKNESS = 0.006
 """Of a plate that closes a pipe, m; assumed."""
 
 
+def add_plates(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    plates: Sequence[tuple[int, str]],
+    looks: bool = False,
+    thickness: float = PLATE_THICKNESS,
+    body: mujoco.MjsBody | None = None,
+    **attributes: Any,
+) -> None:
+    """Close ports (part index, port name) by plates that collide with lugs.
+
+    With ``looks``, for pictures, they are as round as the bore; otherwise square, which collides
+    faster and reaches into the wall. ``thickness`` is in m; ``body`` and ``attributes`` are those
+    of ``add_exact_walls``.
+    """
+    for index, port in plates:
+        part = network.parts[index]
+        pose, radius = part.port(port), part.fitting.port_radius(port)
+        # Between two pipes a plate lies in the plane of their joint; that of a cap begins there.
+        beyond = thickness / 2 if port in part.fitting.closed_ports else 0.0
+        size = [radius, thickness / 2, 0.0] if looks else [radius, radius, thickness / 2]
+        shape = {"size": size, "pos": pose.apply([0.0, 0.0, beyond]), "quat": pose.quaternion}
+        _add_geom(
+            body or spec.worldbody,
+            f"plate_{part.name}_{port}",
+            mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
+            **shape | {"group": PLATE_GROUP, "rgba": PLATE_COLOUR} | attributes,
+        )
+
+
 def _add_geom(body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, **attributes: Any) -> None:
     looks = {"group": GROUP, "rgba": WALL_COLOUR}
+    # Walls and plates share these bits: they meet the robot's lugs, and never each other.
     touching = {"contype": 2, "conaffinity": 1}
     body.add_geom(name=name, type=kind, **looks | touching | attributes)
 
