@@ -16,7 +16,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.walls.axes import Axes
+from omnitrack_sim.walls.arc_lengths import Axes
 from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_plates, add_rims
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.rays import RayWalls
