@@ -301,7 +301,7 @@ def main() -> None:
             ("differential_tee", racing_figure),
         ):
             save_figure(draw(), asked.figures / f"{name}.svg")
-            print(f"\nsaved {asked.figures / name}.svg")
+            print(f"saved {asked.figures / name}.svg", file=sys.stderr)
 
 
 if __name__ == "__main__":

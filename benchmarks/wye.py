@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -326,7 +327,7 @@ def main() -> None:
         print(downward_row(way, trials))
     if asked.figure is not None:
         save_figure(figure(found), asked.figure)
-        print(f"\nsaved {asked.figure}")
+        print(f"saved {asked.figure}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -82,6 +82,7 @@ def test_pieces_of_older_physics_say_so(page):
     """A piece between marks has the note that the record of its part asks for, and no other."""
     for match in pages.MARK.finditer(page.read_text(encoding="utf-8")):
         body = match["body"].strip("\n")
+        assert "/out/" not in body  # a path of the machine that made it
         assert body == pages.with_note(body, match["part"], RECORDS.get(match["part"]))
 
 
