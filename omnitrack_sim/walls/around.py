@@ -105,7 +105,7 @@ def add_pipes(
     _check_arguments(spec, pipes.assembly, friction, body, attributes)
     # A wall with a friction of its own has to outrank the robot's: MuJoCo's default is 1.
     deciding = {} if friction is None else DECIDING | {"friction": [friction, 0.005, 0.0001]}
-    walls = YIELDING | deciding | attributes
+    walls: dict[str, Any] = YIELDING | deciding | attributes
     depths = solid_depths(pipes.assembly)
     add_exact_walls(spec, pipes.assembly, depths, body, **walls)
     add_rims(spec, pipes.assembly, depths, body, **walls)
