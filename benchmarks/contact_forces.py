@@ -26,11 +26,10 @@ from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.sim.monitor import MOST_PRELOADS
 
 SIMILAR = 24
 """Runs of a batch."""
-MOST = 20.0
-"""Preloads that no sample of a run that passes may exceed."""
 WYES = [Cell(way, angle) for angle, way in product((45.0, 60.0, 75.0), WAYS)]
 SHIPPED = {
     "turn": ("tee_turn",),
@@ -96,7 +95,7 @@ def row(kind: str, runs: Sequence[Extremes]) -> str:
     passed = [run for run in runs if run.passed]
     low, high = wilson_interval(len(passed), len(runs))
     others = Counter(run.outcome for run in runs if not run.passed)
-    over = [sum(run.preloads > MOST for run in group) for group in (passed, runs)]
+    over = [sum(run.preloads > MOST_PRELOADS for run in group) for group in (passed, runs)]
     cells = [
         kind,
         f"{len(passed)} of {len(runs)} ({100 * low:.1f} to {100 * high:.1f} %)",

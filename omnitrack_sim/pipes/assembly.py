@@ -225,6 +225,12 @@ class Assembly:
         )
 
     @property
+    def openings(self) -> tuple[tuple[int, str], ...]:
+        """Open ends that no wall closes, (part index, port name)."""
+        closed = set(self.closed_ends)
+        return tuple(end for end in self.open_ends if end not in closed)
+
+    @property
     def closed_ends(self) -> tuple[tuple[int, str], ...]:
         """Ports at which a wall ends the pipe, (part index, port name)."""
         return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.closed_ports)

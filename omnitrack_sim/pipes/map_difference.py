@@ -71,7 +71,7 @@ class MapDifference:
     @property
     def same(self) -> bool:
         """True if the map is complete, has nothing else, and all its sizes are right."""
-        return self.complete and not (self.extra or self.wrong_sizes or self.angles)
+        return self.consistent and not self.missing
 
     @property
     def consistent(self) -> bool:

@@ -277,7 +277,7 @@ class Supervisor:
         difference = exploration.difference(network)
         if difference.same:
             return Outcome.REACHED_GOAL, reason
-        right = difference.consistent and (left or difference.complete)
+        right = difference.consistent and left
         return Outcome.REACHED_GOAL if right else Outcome.WRONG_MAP, f"{difference}; {reason}"
 
     def progress(self, phase: Sequence[str]) -> tuple[float, str]:

@@ -17,7 +17,13 @@ from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.walls.arc_lengths import Axes
-from omnitrack_sim.walls.geoms import LEAST_ROOM, add_exact_walls, add_plates, add_rims
+from omnitrack_sim.walls.geoms import (
+    LEAST_ROOM,
+    WALL_COLOUR,
+    add_exact_walls,
+    add_plates,
+    add_rims,
+)
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.rays import RayWalls
 from omnitrack_sim.walls.record import kinds
@@ -29,7 +35,7 @@ YIELDING = {
     "friction": [0.0, 0.0, 0.0],
     "solmix": 0.0,
     "mass": 0.0,
-    "rgba": [0.62, 0.66, 0.70, 0.0],
+    "rgba": [*WALL_COLOUR[:3], 0.0],
 }
 """Attributes of walls that leave every contact to the robot's geom: MuJoCo takes the larger
 friction and dimension, and mixes the rest by ``solmix``. Without opacity a wall's box is neither

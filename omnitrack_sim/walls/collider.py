@@ -44,14 +44,18 @@ from omnitrack_sim.walls.bodies import (
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE, kinds
-from omnitrack_sim.walls.rims import RIM, rim_contacts
+from omnitrack_sim.walls.rims import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    MESH,
+    RIM,
+    SPHERE,
+    rim_contacts,
+)
 
 GEOM = mujoco.mjtGeom
-SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
-    int(getattr(GEOM, f"mjGEOM_{name}"))
-    for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
-)
-"""Types of geoms that touch exact walls."""
 _FIELD, _TYPES = int(GEOM.mjGEOM_HFIELD), int(GEOM.mjNGEOMTYPES)
 _COLLIDE = types.int32(WORDS, WORDS, NUMBERS, types.int32, types.int32, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two

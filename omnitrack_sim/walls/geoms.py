@@ -166,8 +166,7 @@ def add_rims(
     """
     before = np.zeros(spec.nuser_geom - RECORD_SIZE)
     joints = [(end, other) for pair in network.joints for end, other in (pair, pair[::-1])]
-    free = set(network.open_ends) - set(network.closed_ends)
-    for (index, port), other in [*joints, *((end, None) for end in sorted(free))]:
+    for (index, port), other in [*joints, *((end, None) for end in network.openings)]:
         part = network.parts[index]
         radius, behind = part.fitting.port_radius(port), part.fitting.flare(port)
         beyond = OPEN

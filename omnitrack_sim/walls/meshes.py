@@ -92,7 +92,7 @@ def network_mesh(network: Assembly) -> TriangleMesh:
         for solids, more in ((outer, THICKNESS), (bores, 0.0)):
             solids.append(_joint_disc(*ends, more, SECTIONS).transform(matrix))
     # A bore ends flush with its wall: at an open end it is cut a little beyond, or a film may stay.
-    for i, port in sorted({*network.open_ends} - {*network.closed_ends}):
+    for i, port in network.openings:
         place, radius = network.parts[i].port(port), network.parts[i].fitting.port_radius(port)
         matrix = np.column_stack([place.rotation, place.position])
         disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=SECTIONS, center=True)

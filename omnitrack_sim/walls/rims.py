@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
@@ -24,8 +25,11 @@ RADIUS, BEHIND, BEYOND = 0, 1, 2
 and towards +z."""
 OPEN = 1e9
 """Growth of the radius beyond an open end."""
-SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7
-"""MuJoCo's types of geoms."""
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
+    for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
+)
+"""Types of geoms that touch exact walls."""
 LEAST_SAMPLES = 16
 FEET = 4
 """Steps by which the foot of a point on an ellipsoid is found."""
