@@ -14,9 +14,10 @@ from omnitrack_sim.pipes import Elbow, Step, route
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack import published as export
 from omnitrack_sim.robots.omnitrack.body import add_robot
-from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 from omnitrack_sim.robots.omnitrack.published import check_models, write_models
 from omnitrack_sim.walls.geoms import new_spec
+from omnitrack_sim.walls.looks import add_cameras, add_pipe_looks
 
 ROOT = Path(__file__).parents[1]
 
@@ -126,7 +127,7 @@ def test_looks_change_nothing_physical():
         add_robot(spec, Robot())
     add_robot_looks(dressed, Robot())
     add_pipe_looks(dressed, network)
-    add_cameras(dressed, network)
+    add_cameras(dressed, network, dressed.body("chassis"))
     a, b = plain.compile(), dressed.compile()
     np.testing.assert_array_equal(a.body_mass, b.body_mass)
     np.testing.assert_array_equal(a.body_inertia, b.body_inertia)

@@ -1,52 +1,31 @@
-"""Looks of the robot and the pipes: visual geoms, cameras and lights, without mass or contact."""
+"""Looks of the robot: visual geoms, without mass or contact."""
 
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import mujoco
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
-from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
 from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
-from omnitrack_sim.walls.meshes import (
-    THICKNESS,
-    TriangleMesh,
-    cutaway_mesh,
-    inside_mesh,
-    triangles_of,
-)
+from omnitrack_sim.walls.looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
+from omnitrack_sim.walls.meshes import TriangleMesh, triangles_of
 
-ROBOT_GROUP = 2
-PIPE_GROUP = 1
-FRONT_GROUP = 4
-"""The halves of the pipes that are cut away: hidden, but for the camera within the pipe."""
-INSIDE_GROUP = 5
-"""The insides of the pipes, which are seen from within only: from outside one looks through the
-nearer wall."""
 LOWER_TRACK_SHADE = 0.30
 """Brightness of a lower track beside its upper one, so that roll is seen."""
 LUGS_SHOWN = 6
 """Lugs drawn on a track. They stand wider than the lugs of the physics, so that a film shows which
 way they run."""
-FIELD_OF_VIEW = 32.0
-"""Vertical field of view of the outside cameras, degrees."""
-ASPECT = 16 / 9
-SHADOW_CLIP = 0.6
-"""Half-width of the shadow map over the model's extent: smaller is sharper, and has to hold the
-pipes."""
 
 _MATERIALS = {
     "abs": ((0.97, 0.95, 0.90), 0.25, 0.2),
     "steel": ((0.74, 0.76, 0.80), 0.9, 0.8),
     "dark": ((0.13, 0.14, 0.16), 0.4, 0.4),
     "lens": ((0.35, 0.75, 1.0), 1.0, 0.9),
-    "pipe": ((0.60, 0.67, 0.74), 0.25, 0.3),
+    "pipe": PIPE_LOOK,
 }
 
 
@@ -54,27 +33,6 @@ def look_pitch(robot: Robot) -> float:
     """Distance of neighbouring lugs in pictures, m: a picture looks the same when a belt has run
     this far."""
     return robot.contact_length / LUGS_SHOWN
-
-
-def view_direction(network: Assembly) -> Array:
-    """Unit vector (3,), world: from the pipes to the viewer, across the plane of the first bend or
-    tee.
-
-    Without a bend, across the first pipe's axis. Of two sides the one nearer to front and above
-    (-y, +z).
-    """
-    # A little of x as well, which decides for a normal along x.
-    liking = np.array([0.1, -1.0, 0.4])
-    for part in network.parts:
-        if not part.fitting.is_axial:
-            normal = part.pose.rotation[:, 1]
-            return normal * math.copysign(1.0, normal @ liking)
-    axis = network.parts[0].pose.rotation[:, 2]
-    return (
-        unit(liking * [0, 1, 0] - (liking * [0, 1, 0] @ axis) * axis)
-        if abs(axis[1]) < 0.99
-        else np.array([1.0, 0, 0])
-    )
 
 
 def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> None:
@@ -98,14 +56,16 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
         ),
     }
     for name, mesh in meshes.items():
-        _add_mesh(spec, name, TriangleMesh(size * mesh.vertices, mesh.faces))
+        add_mesh(spec, name, TriangleMesh(size * mesh.vertices, mesh.faces))
     _dress_chassis(spec, robot, shaft)
     for number in range(1, len(MODULE_ANGLES) + 1):
         _dress_arm(spec.body(f"arm_{number}"), robot, number, shaft)
         _dress_module(spec.body(f"module_{number}"), robot, number)
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
             body = spec.body(f"track_{track}_{number}") or spec.body(f"module_{number}")
-            _look(body, f"lugs_{track}_{number}", f"{track}_{number}", meshname="lugs", quat=flip)
+            add_look(
+                body, f"lugs_{track}_{number}", f"{track}_{number}", meshname="lugs", quat=flip
+            )
     visible = [geom for geom in spec.body("chassis").find_all("geom") if geom.group == ROBOT_GROUP]
     for geom in visible if size != 1 else ():
         for place in ("pos", "size", "fromto"):
@@ -114,16 +74,16 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
 
 def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
     chassis = spec.body("chassis")
-    _look(chassis, "chassis_core", "abs", meshname="chassis_core")
+    add_look(chassis, "chassis_core", "abs", meshname="chassis_core")
     for end, side in MODULE_ENDS.items():
-        _look(chassis, f"chassis_{end}", "abs", meshname="chassis_end", pos=[0, 0, side * shaft])
+        add_look(chassis, f"chassis_{end}", "abs", meshname="chassis_end", pos=[0, 0, side * shaft])
         for number, angle in enumerate(MODULE_ANGLES, start=1):
             out = np.array([math.cos(angle), math.sin(angle), 0.0])
             across = np.array([-out[1], out[0], 0.0])
             for k, offset in enumerate((0.0095, -0.0095)):
                 root = offset * across + [0, 0, side * shaft]
                 tip = root + (robot.module_distance + 0.012) * out
-                _look(
+                add_look(
                     chassis,
                     f"shaft_{end}_{number}_{k}",
                     "steel",
@@ -133,7 +93,7 @@ def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
                 )
     nose = shaft + 0.009
     _drum(chassis, "eye_ring", nose - 0.004, nose + 0.006, 0.0095)
-    _look(chassis, "eye", "lens", "sphere", pos=[0, 0, nose + 0.004], size=[0.0065, 0, 0])
+    add_look(chassis, "eye", "lens", "sphere", pos=[0, 0, nose + 0.004], size=[0.0065, 0, 0])
 
 
 def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> None:
@@ -141,11 +101,11 @@ def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> 
     for end, side in MODULE_ENDS.items():
         z = side * shaft
         bracket, size = f"bracket_{end}_{number}", [0.011, 0.0165, 0.005]
-        _look(arm, bracket, "abs", "box", pos=[-0.004, 0, z], size=size)
+        add_look(arm, bracket, "abs", "box", pos=[-0.004, 0, z], size=size)
         _drum(arm, f"hub_{end}_{number}", z - side * 0.008, z + side * 0.007, 0.008)
         for k, offset in enumerate((0.0095, -0.0095)):
             place = [-0.038, offset, z]
-            _look(arm, f"spring_{end}_{number}_{k}", "steel", meshname="spring", pos=place)
+            add_look(arm, f"spring_{end}_{number}_{k}", "steel", meshname="spring", pos=place)
 
 
 def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
@@ -154,126 +114,7 @@ def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
     _drum(module, f"core_{number}", -half - 0.004, half + 0.004, radius)
     for end, side in MODULE_ENDS.items():
         tip, size = [0, 0, side * (half + 0.004)], [radius, radius, 0.011]
-        _look(module, f"cap_{end}_{number}", "dark", "ellipsoid", pos=tip, size=size)
-
-
-def add_pipe_looks(spec: mujoco.MjSpec, network: Assembly) -> None:
-    """Each part of the network cut open towards the viewer: ``pipe_<part>``, and the half cut off:
-    ``front_<part>``.
-
-    The first are in group 1, the others in group 4.
-    """
-    _add_materials(spec)
-    towards = view_direction(network)
-    for part in network.parts:
-        local = part.pose.rotation.T @ towards
-        for look, keep, group in (("pipe", True, PIPE_GROUP), ("front", False, FRONT_GROUP)):
-            mesh = cutaway_mesh(part.fitting, local, keep=keep)
-            _add_pipe(spec, f"{look}_{part.name}", mesh, part, group)
-
-
-def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
-    """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer
-    who moves about.
-
-    Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any
-    viewer by themselves.
-    """
-    _add_materials(spec)
-    for part in network.parts:
-        _add_pipe(spec, f"inside_{part.name}", inside_mesh(part.fitting), part, INSIDE_GROUP)
-
-
-def follow_direction(network: Assembly) -> Array:
-    """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
-    speaks against it."""
-    return camera_frame(view_direction(network))[:, 2]
-
-
-def add_cameras(spec: mujoco.MjSpec, network: Assembly, size: float = 1.0) -> None:
-    """Cameras ``side`` (all pipes), ``follow`` (with the robot, from the cut side) ``onboard``
-    (forward); lights. ``size`` is the scale of the robot that the last two keep with."""
-    towards = view_direction(network)
-    frame = camera_frame(towards)
-    up = _upward(towards)
-    right, back = np.cross(up, towards), frame[:, 2]
-    low, high = _corners(network)
-    middle, distance = _fit(low, high, frame)
-    world, chassis = spec.worldbody, spec.body("chassis")
-    quaternion = quaternion_from_matrix(frame)
-    world.add_camera(name="side", pos=middle + distance * back, quat=quaternion, fovy=FIELD_OF_VIEW)
-    if chassis is not None:
-        track = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
-        chassis.add_camera(
-            name="follow", pos=0.48 * size * back, quat=quaternion, fovy=FIELD_OF_VIEW, mode=track
-        )
-        # Cameras look along their -z: turned onto the robot's z, with module 1 upward in the
-        # picture.
-        forward = quaternion_from_matrix(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
-        chassis.add_camera(name="onboard", pos=[0, 0, 0.086 * size], quat=forward, fovy=88.0)
-        lamp = chassis.add_light(
-            name="lamp", pos=[0, 0, 0.09 * size], dir=[0, 0, 1], castshadow=False, cutoff=80
-        )
-        lamp.exponent = 2
-        lamp.diffuse, lamp.attenuation = [0.9, 0.87, 0.8], [1, 0, 3]
-    _add_sun(spec, middle, distance, unit(towards + 0.55 * up - 0.40 * right))
-
-
-def _add_sun(spec: mujoco.MjSpec, middle: Array, distance: float, direction: Array) -> None:
-    sun = spec.worldbody.add_light(
-        name="sun", pos=middle + distance * direction, dir=-direction, castshadow=True
-    )
-    sun.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    sun.diffuse, sun.specular, sun.ambient = [0.50, 0.49, 0.46], [0.2, 0.2, 0.2], [0.0, 0.0, 0.0]
-    spec.visual.map.shadowclip = SHADOW_CLIP
-    head = spec.visual.headlight
-    head.ambient, head.diffuse, head.specular = (
-        [0.36, 0.36, 0.38],
-        [0.34, 0.34, 0.35],
-        [0.1, 0.1, 0.1],
-    )
-    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
-        sky = spec.add_texture(
-            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=256, height=1536
-        )
-        sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
-        sky.rgb1, sky.rgb2 = [0.16, 0.19, 0.24], [0.42, 0.46, 0.52]
-
-
-def _upward(towards: Array) -> Array:
-    """Up in the picture (3,): world z, or world y when looking along z, made square to the viewing
-    direction."""
-    up = np.array([0.0, 0, 1]) if abs(towards[2]) < 0.9 else np.array([0.0, 1, 0])
-    return unit(up - (up @ towards) * towards)
-
-
-def camera_frame(towards: Array) -> Array:
-    """Axes as columns (3, 3), world: right, up, back of a camera that looks at pipes which are cut
-    open in direction ``towards`` (3,), from a little above and to the right of it."""
-    up = _upward(towards)
-    back = unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
-    right = unit(np.cross(up, back))
-    return np.stack([right, np.cross(back, right), back], axis=-1)
-
-
-def _corners(network: Assembly) -> tuple[Array, Array]:
-    """Corners (3,), (3,) m of the box about all pipes, world frame."""
-    points = np.concatenate([part.bore_samples() for part in network.parts])
-    return points.min(axis=0) - THICKNESS, points.max(axis=0) + THICKNESS
-
-
-def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
-    """Centre (3,) m and camera distance, m, that bring a box into the picture with a small
-    margin."""
-    corners = np.array(list(product(*zip(low, high, strict=True))))
-    middle = (low + high) / 2
-    in_view = (corners - middle) @ frame  # (8, 3) right, up, back
-    half = math.tan(math.radians(FIELD_OF_VIEW / 2))
-    wanted = (
-        np.maximum(np.abs(in_view[:, 0]) / (half * ASPECT), np.abs(in_view[:, 1]) / half)
-        + in_view[:, 2]
-    )
-    return middle, 1.06 * float(wanted.max())
+        add_look(module, f"cap_{end}_{number}", "dark", "ellipsoid", pos=tip, size=size)
 
 
 def _add_materials(spec: mujoco.MjSpec) -> None:
@@ -285,48 +126,14 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
     for number, colour in enumerate(MODULE_COLOURS, start=1):
         materials[f"upper_{number}"] = (colour, 0.35, 0.3)
         materials[f"lower_{number}"] = (tuple(LOWER_TRACK_SHADE * c for c in colour), 0.35, 0.3)
-    for name, (colour, specular, shininess) in materials.items():
-        spec.add_material(name=name, rgba=[*colour, 1.0], specular=specular, shininess=shininess)
-
-
-def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> None:
-    spec.add_mesh(
-        name=name,
-        uservert=np.asarray(mesh.vertices, np.float32).ravel(),
-        userface=np.asarray(mesh.faces, np.int32).ravel(),
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-    )
-
-
-def _add_pipe(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh, part: Part, group: int) -> None:
-    """Show ``mesh``, in the frame of a fitting, where that part of the network lies."""
-    _add_mesh(spec, name, mesh)
-    position, quaternion = part.pose.position, part.pose.quaternion
-    geom = _look(spec.worldbody, name, "pipe", meshname=name, pos=position, quat=quaternion)
-    geom.group = group
-
-
-def _look(
-    body: mujoco.MjsBody, name: str, material: str, kind: str = "mesh", **fields: object
-) -> mujoco.MjsGeom:
-    """Add a geom ``look_<name>`` that is only seen; ``kind`` is MuJoCo's word for its shape."""
-    return body.add_geom(
-        name=f"look_{name}",
-        material=material,
-        type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"),
-        group=ROBOT_GROUP,
-        contype=0,
-        conaffinity=0,
-        mass=0,
-        density=0,
-        **fields,
-    )
+    for name, look in materials.items():
+        add_material(spec, name, look)
 
 
 def _drum(body: mujoco.MjsBody, name: str, start: float, end: float, radius: float) -> None:
     """Add a dark cylinder about the z axis of a body, from ``start`` to ``end`` m."""
     ends = [0, 0, start, 0, 0, end]
-    _look(body, name, "dark", "cylinder", fromto=ends, size=[radius, 0, 0])
+    add_look(body, name, "dark", "cylinder", fromto=ends, size=[radius, 0, 0])
 
 
 LUG_ARC_DEG = 164.0

@@ -25,9 +25,10 @@ from omnitrack_sim.pipes import (
 )
 from omnitrack_sim.robots.omnitrack import MODULES, Robot
 from omnitrack_sim.robots.omnitrack.body import spring_free_length
-from omnitrack_sim.robots.omnitrack.looks import add_cameras, add_pipe_looks, add_robot_looks
+from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
 from omnitrack_sim.walls.geoms import add_walls, new_spec
+from omnitrack_sim.walls.looks import add_cameras, add_pipe_looks
 from omnitrack_sim.walls.meshes import fitting_mesh, stl_bytes
 
 FITTINGS: Mapping[str, Fitting] = {
@@ -179,7 +180,7 @@ def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     chassis = add_turning_robot(spec, robot)
     add_robot_looks(spec, robot)
     add_pipe_looks(spec, way.network)
-    add_cameras(spec, way.network)
+    add_cameras(spec, way.network, chassis)
     distance = np.array([START_DISTANCE])
     start = Pose(way.centreline.frame(distance)[0], way.centreline.at(distance)[0][0])
     chassis.pos, chassis.quat = start.position, start.quaternion

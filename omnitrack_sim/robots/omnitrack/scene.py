@@ -51,15 +51,12 @@ def build_scene(
     # The compiled collider takes a row of lugs as one line; walls of primitives need each lug.
     add_robot(spec, robot, line_tracks=exact)
     if looks:
-        from omnitrack_sim.robots.omnitrack.looks import (
-            add_cameras,
-            add_pipe_looks,
-            add_robot_looks,
-        )
+        from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
+        from omnitrack_sim.walls.looks import add_cameras, add_pipe_looks
 
         add_robot_looks(spec, robot)
         add_pipe_looks(spec, network)
-        add_cameras(spec, network, size=robot.scale)
+        add_cameras(spec, network, spec.body("chassis"), robot.scale)
     # MuJoCo does not let a model sleep in which tendons are tied, as those of shared motors are.
     if len(spec.geoms) >= SLEEP_FROM and drive_of(robot.drive).direct:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP

@@ -13,12 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack.looks import (
-    FIELD_OF_VIEW,
-    camera_frame,
-    follow_direction,
-    view_direction,
-)
+from omnitrack_sim.walls.looks import FIELD_OF_VIEW, camera_frame, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS
 
 

@@ -14,7 +14,7 @@ from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.looks import ROBOT_GROUP, look_pitch
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.overlay import BOTH_PANELS, CameraPanel, MapPanel, StatusPanel
 from omnitrack_sim.show.film.shaders import REACH
@@ -31,6 +31,7 @@ from omnitrack_sim.show.playback import smooth_belts, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
 from omnitrack_sim.show.whereabouts import stays
+from omnitrack_sim.walls.looks import ROBOT_GROUP
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter

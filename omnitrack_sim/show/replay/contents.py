@@ -23,13 +23,7 @@ from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.robots.omnitrack.looks import (
-    FIELD_OF_VIEW,
-    ROBOT_GROUP,
-    follow_direction,
-    look_pitch,
-    view_direction,
-)
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.playback import belt_travel
 from omnitrack_sim.show.plots.mission_figure import SHADES
@@ -37,6 +31,7 @@ from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest, needs_map
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
 from omnitrack_sim.show.whereabouts import Discovery, stays
+from omnitrack_sim.walls.looks import FIELD_OF_VIEW, ROBOT_GROUP, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 
 STEPS = 65534

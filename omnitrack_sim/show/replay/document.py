@@ -22,11 +22,11 @@ from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.robots.omnitrack.looks import follow_direction
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.replay import contents
+from omnitrack_sim.walls.looks import follow_direction
 
 FORMATS = ("html",)
 SAME_POSE = 1e-6

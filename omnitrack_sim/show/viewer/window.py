@@ -16,15 +16,15 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.robots.omnitrack.looks import (
+from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.show.film.shots import DISTANCE, in_the_way, over_the_shoulder, upright
+from omnitrack_sim.walls.looks import (
     FIELD_OF_VIEW,
     INSIDE_GROUP,
     ROBOT_GROUP,
     add_pipe_insides,
     follow_direction,
 )
-from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.show.film.shots import DISTANCE, in_the_way, over_the_shoulder, upright
 
 if TYPE_CHECKING:
     from mujoco.viewer import Handle
