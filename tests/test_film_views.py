@@ -10,11 +10,14 @@ from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack.display import status_text
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
+from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.projection import clearest, needs_map
+from omnitrack_sim.show.whereabouts import Landmarks
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +105,7 @@ def test_the_camera_that_follows_looks_across_the_pipe():
     """In every plane: never along the pipe, never from far below, and without a jump."""
     result = chain_result()
     (way,) = result.routes()
-    back = view_directions(result.trajectory, way.network, [0.1, -1.0, 0.4])
+    back = view_directions(playback_of(result), [0.1, -1.0, 0.4])
     tangent = way.centreline.at(result.trajectory["distance"])[1]
     assert np.allclose(np.linalg.norm(back, axis=1), 1.0)
     assert np.abs((back * tangent).sum(axis=1)).max() < 0.75
@@ -144,7 +147,8 @@ def test_map_shows_the_way_driven_so_far():
     """The way grows, its colour tells tail first from nose first, and the rest of the frame stays
     as it is."""
     result = two_legs_result()
-    inset = MapPanel(result, result.trajectory, (1280, 720))
+    marks = Landmarks.of(result, result.trajectory)
+    inset = MapPanel(playback_of(result), marks, (1280, 720))
     grey = np.full((720, 1280, 3), 90, np.uint8)
     frames = []
     for row in (0, 900, len(result.trajectory.time) - 1):
@@ -178,13 +182,13 @@ def test_map_of_a_plane_network_is_an_elevation():
 
 def test_overlay_names_fitting_and_gear():
     """Two fittings, and two gears, give different text; a long name is cut to the panel."""
-    overlay, grey = StatusPanel(1280, 720), np.full((720, 1280, 3), 90, np.uint8)
+    grey = np.full((720, 1280, 3), 90, np.uint8)
     trajectory = two_legs_result().trajectory
     last = len(trajectory.time) - 1
 
     def written(shown: Trajectory, name: str) -> np.ndarray:
         frame = grey.copy()
-        overlay.write(frame, shown, last, name)
+        StatusPanel(lambda row: status_text(shown, row, name), 1280, 720).write(frame, last)
         return frame
 
     named, long = (written(trajectory, name) for name in ("drop", "a_very_long_name_" * 5))

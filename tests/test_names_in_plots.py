@@ -17,6 +17,7 @@ from omnitrack_sim.paper.plots.over_time import contact_map_figure
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
+from omnitrack_sim.robots.omnitrack.display import status_text
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, figure_bytes
@@ -83,7 +84,8 @@ def test_names_of_axes_labels_and_groups():
 def test_names_in_films(name):
     """A frame can be written, whatever the part is called."""
     grey = np.full((180, 320, 3), 90, np.uint8)
-    frame = StatusPanel(320, 180).write(grey, named_result().trajectory, 0, name)
+    frame, trajectory = grey.copy(), named_result().trajectory
+    StatusPanel(lambda row: status_text(trajectory, row, name), 320, 180).write(frame, 0)
     assert (frame != grey).any()
 
 

@@ -19,6 +19,8 @@ from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
 from omnitrack_sim.show.film.overlay import BOTH_PANELS, MapPanel, levels, palette
 from omnitrack_sim.show.film.render import painted, render_frames
+from omnitrack_sim.show.playback import playback_of
+from omnitrack_sim.show.whereabouts import Landmarks
 
 CAMERAS = ("depth", "headlight")
 
@@ -223,7 +225,8 @@ def test_the_map_marks_where_the_robot_takes_itself_to_be():
         channels["position_estimate"] = channels["position"] + [0.0, 0.0, beside]
         schema = {channel.name: channel for channel in (*RECORDED.values(), ESTIMATES[0])}
         trajectory = replace(result.trajectory, channels=channels, schema=schema)
-        inset = MapPanel(result, trajectory, (1280, 720))
+        run = replace(result, trajectory=trajectory)
+        inset = MapPanel(playback_of(run), Landmarks.of(run, trajectory), (1280, 720))
         frame = np.full((720, 1280, 3), 90, np.uint8)
         inset.write(frame, 900)
         blue = (frame[..., 2] > 200) & (frame[..., 0] < 150)

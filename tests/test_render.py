@@ -20,9 +20,9 @@ from omnitrack_sim.show.film.render import (
     render_frames,
     render_strip,
     render_video,
+    run_stage,
     strip_times,
 )
-from omnitrack_sim.show.film.stage import Stage
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +173,10 @@ def test_several_processes_make_the_same_film(result, tmp_path, camera):
 def test_still_pipes_painted_once_are_those_painted_each_time(result, fine):
     """What the camera that stands paints anew, over the pipes without a robot, gives the picture
     that is painted as a whole, to the bit, wherever the robot is."""
-    with Stage(result, SIZE, "side", fine=fine) as stage:
+    with run_stage(result, SIZE, "side", fine=fine) as stage:
         for row in (0, 17, 34, 50):
-            kept = stage.paint(row, stage._qpos[row])
-            shot = stage._camera.shot(row, *stage._chassis())
+            kept = stage.paint(row)
+            shot = stage._camera.shot(row, stage.data)
             changed = stage._changed(shot)
             assert changed is not None
             assert changed.width * changed.height < 0.7 * SIZE[0] * SIZE[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from film_samples import SIZE
@@ -19,8 +20,9 @@ from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import MapPanel
 from omnitrack_sim.show.film.render import render_frames, strip_times
 from omnitrack_sim.show.film.shots import FollowCamera
+from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.replay.document import replay_data
-from omnitrack_sim.show.whereabouts import Discovery, stays
+from omnitrack_sim.show.whereabouts import Discovery, Landmarks, stays
 
 TRUE = {
     "fittings": [
@@ -127,8 +129,9 @@ def test_pictures_do_not_depend_on_the_map_that_a_robot_makes(runs):
 def test_the_robot_is_in_a_pipe_that_is_seen(runs):
     """At every sample the part around the robot is in the picture in full, and on the map."""
     run = runs[0]
-    record, parts = run.trajectory, run.pipes.parts
-    camera = FollowCamera(record, run.pipes, 16 / 9, 0.12)
+    record, parts, playback = run.trajectory, run.pipes.parts, playback_of(run)
+    data = mujoco.MjData(playback.model)
+    camera = FollowCamera(playback, 16 / 9, 0.12)
     discovery = Discovery.of(run, record)
     for stay in stays(run, record):
         for row in range(stay.first, stay.last):
@@ -136,7 +139,8 @@ def test_the_robot_is_in_a_pipe_that_is_seen(runs):
             assert stay.part.signed_distance(centre)[0] > 0
             assert stay.part.extent(centre) > -1e-9
             number = parts.index(stay.part)
-            assert camera.shot(row, centre, record["quaternion"][row]).clearness[number] == 1
+            playback.place(data, row)
+            assert camera.shot(row, data).clearness[number] == 1
             assert discovery.parts[number] <= row
 
 
@@ -219,7 +223,7 @@ def test_film_and_page_show_the_same_map(runs):
     """At any time both have the same parts, plates and goals, more and more of them."""
     run = runs[0]
     record, page = run.trajectory, replay_data([run])["map"]
-    panel = MapPanel(run, record, (1280, 720))
+    panel = MapPanel(playback_of(run), Landmarks.of(run, record), (1280, 720))
     grey = np.full((720, 1280, 3), 90, np.uint8)
     drawn = []
     for row in (0, 300, 500, len(record.time) - 1):

@@ -15,11 +15,12 @@ from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.display import show_belts
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.playback import FARTHEST, show_belts
+from omnitrack_sim.show.playback import FARTHEST, playback_of
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.viewer.window import Window
@@ -91,7 +92,7 @@ class EpisodeStage(Stage):
     _live: Array | None = None
 
     def __init__(self, way: Result, size: tuple[int, int], camera: str) -> None:
-        super().__init__(way, size, camera, inset=False, fine=False, overlay=False)
+        super().__init__(playback_of(way), size, camera, fine=False)
         self._pitch = look_pitch(way.scenario.robot)
         self._places = way.trajectory["position"]
 

@@ -33,6 +33,7 @@ from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import by_kind, known_fittings, table_of
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
 from omnitrack_sim.robots.omnitrack import Robot
 from omnitrack_sim.robots.omnitrack.control.interface import (
@@ -189,6 +190,14 @@ class Scenario(Table):
             exact=physics.collider == "exact" and not looks,
             looks=looks,
         )
+
+    @property
+    def display(self) -> RobotDisplay:
+        """What films and pages show of the robot."""
+        # It has looks, which need MuJoCo and the boolean kernel.
+        from omnitrack_sim.robots.omnitrack.display import DISPLAY
+
+        return DISPLAY
 
     @cached_property
     def bores(self) -> dict[End, float]:

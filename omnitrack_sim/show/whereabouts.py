@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.camera_sight import CAMERA_SIGHT
 from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.rotations import Array, dot, matrix_from_quaternion
-from omnitrack_sim.pipes import Part
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result
@@ -126,6 +126,33 @@ class Discovery:
             first_near(plates.mean(axis=1) if len(plates) else plates),
             first_near(goals) if searches else np.zeros(len(goals), np.intp),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """What a map shows beside the pipes, and when.
+
+    Attributes:
+        rims: (Q, 25, 3) m, world frame, of plates that close ports.
+        goals: (G, 3) m, world frame.
+        discovery: from which sample on pipes, plates and goals are on the map.
+    """
+
+    rims: Array
+    goals: Array
+    discovery: Discovery
+
+    @classmethod
+    def of(cls, result: Result, trajectory: Trajectory) -> Self:
+        """Return the landmarks of a run, by its record or what of it is sound."""
+        return cls(result.plate_rims(), result.goal_points(), Discovery.of(result, trajectory))
+
+    @classmethod
+    def none(cls, network: Assembly) -> Self:
+        """Return no landmarks; all pipes are on the map from the first sample on."""
+        nothing = np.zeros(0, np.intp)
+        discovery = Discovery(np.zeros(len(network.parts), np.intp), nothing, nothing)
+        return cls(np.zeros((0, 25, 3)), np.zeros((0, 3)), discovery)
 
 
 def _rows(trajectory: Trajectory) -> NDArray[np.intp]:

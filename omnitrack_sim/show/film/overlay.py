@@ -5,6 +5,7 @@ Lengths are pixels of a film with 720 lines, unless something else is said.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -12,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.record.channels import MODULE_COLOURS
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.display import Bar, StatusText
 from omnitrack_sim.results.pictures import Pictures
-from omnitrack_sim.results.result import Result
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.projection import axis_lines, clearest
-from omnitrack_sim.show.whereabouts import Discovery
+from omnitrack_sim.show.whereabouts import Landmarks
 
 LEFT, WIDTH, HEIGHT = 18, 337, 224
 """Margin, width and height of the status panel."""
@@ -26,8 +26,6 @@ CAMERA_HEIGHT = 206
 """Height of the panel of the robot's cameras, which stands above the status panel."""
 BOTH_PANELS = (LEFT + HEIGHT + 10 + CAMERA_HEIGHT + 14) / 720
 """Share of a frame's height that the two panels take, with the gap between them and a margin."""
-FULL_BAR = 0.2
-"""Belt speed that fills half of a bar, m/s."""
 BESIDE = 0.005
 """Error of the estimated position, m, from which on it is marked on the map: less is a good
 estimate."""
@@ -46,8 +44,6 @@ _NO_RETURN = (52, 30, 44)  # of pixels without a value
 _DEPTH = ((6, 10, 24), (24, 62, 112), (52, 138, 160), (146, 200, 172), (252, 244, 214))
 _LIGHT = ((0, 0, 0), (255, 250, 240))
 """Colours from far to near, and from dark to bright, at even steps."""
-# Mixed with some white, the modules' colours stand out on a dark panel.
-_ON_DARK = [tuple(round(255 * (0.12 + 0.88 * part)) for part in c) for c in MODULE_COLOURS]
 
 
 class _Panel:
@@ -75,71 +71,66 @@ class _Panel:
 
 
 class StatusPanel(_Panel):
-    """Phase, part, time, distance, tilt and belt speeds, in the lower left corner."""
+    """Text and bars about the moment, in the lower left corner."""
 
-    def __init__(self, width: int, height: int) -> None:
+    def __init__(
+        self, status: Callable[[int], StatusText], width: int, height: int, full: float = HEIGHT
+    ) -> None:
+        """
+        Args:
+            status: returns the text of a sample.
+            width, height: of the frames, pixels.
+            full: height of the panel.
+        """
         super().__init__(width, height)
         self._large, self._small = font(self._px(26)), font(self._px(17))
+        self._status, self._full = status, full
 
-    def write(
-        self, frame: NDArray[np.uint8], trajectory: Trajectory, row: int, part: str = ""
-    ) -> None:
-        """Write the values of sample ``row`` into ``frame`` (h, w, 3); ``part`` is the name of the
-        part that the robot's centre is in."""
-        opened = self._open(frame, LEFT, HEIGHT)
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Write the text of sample ``row`` into ``frame`` (h, w, 3)."""
+        opened = self._open(frame, LEFT, self._full)
         if opened is None:
             return
         corner, image, draw = opened
-        px, small = self._px, self._small
-        phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
-        draw.text((px(16), px(10)), phase, font=self._large, fill=_TEXT)
-        gear = "tail first" if trajectory["gear"][row] < 0 else ""
-        where = ", ".join(filter(None, (part and f"in {part}", gear)))
-        draw.text((px(16), px(46)), self._cut(where, px(304)), font=small, fill=_TEXT)
-        state = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
-        state += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
-        draw.text((px(16), px(72)), state, font=small, fill=_TEXT)
-        draw.text((px(16), px(100)), "belt speed, mm/s", font=small, fill=_FAINT)
-        for module, speed in enumerate(trajectory["belt_speed"][row]):
-            self._bar(draw, px(16), px(128 + 30 * module), module, float(speed))
+        px, small, status = self._px, self._small, self._status(row)
+        title = _cut(status.title, self._large, px(304))
+        draw.text((px(16), px(10)), title, font=self._large, fill=_TEXT)
+        for number, line in enumerate(status.lines):
+            place = (px(16), px(46 + 26 * number))
+            draw.text(place, _cut(line, small, px(304)), font=small, fill=_TEXT)
+        draw.text((px(16), px(100)), status.caption, font=small, fill=_FAINT)
+        for number, bar in enumerate(status.bars):
+            self._bar(draw, px(16), px(128 + 30 * number), bar)
         corner[:] = np.asarray(image)
 
-    def _cut(self, text: str, width: int) -> str:
-        """The text on one line, cut so that it is at most ``width`` pixels long."""
-        text = " ".join(text.split())
-        if self._small.getlength(text) <= width:
-            return text
-        while text and self._small.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:
-            text = text[:-1]
-        return text + "\N{HORIZONTAL ELLIPSIS}"
-
-    def _bar(
-        self, draw: ImageDraw.ImageDraw, left: int, top: int, module: int, speed: float
-    ) -> None:
-        """Module number, bar from the middle (forward to the right) and figure."""
-        px, colour = self._px, _ON_DARK[module]
-        draw.text((left, top), str(module + 1), font=self._small, fill=colour)
+    def _bar(self, draw: ImageDraw.ImageDraw, left: int, top: int, bar: Bar) -> None:
+        """Label, bar from the middle (positive to the right) and figure."""
+        # Mixed with some white, colours stand out on a dark panel.
+        px, colour = self._px, tuple(round(255 * (0.12 + 0.88 * part)) for part in bar.colour)
+        draw.text((left, top), bar.label, font=self._small, fill=colour)
         box = (left + px(28), top + px(4), left + px(228), top + px(18))
         draw.rectangle(box, fill=(255, 255, 255, 28))
         middle = left + px(128)
-        end = middle + round(px(100) * max(-1.0, min(1.0, speed / FULL_BAR)))
+        end = middle + round(px(100) * bar.share)
         draw.rectangle((min(middle, end), box[1], max(middle, end), box[3]), fill=colour)
         draw.line((middle, top + px(1), middle, top + px(21)), fill=_FAINT, width=px(1.5))
-        text = f"{1000 * speed:+.0f}".replace("-", "\u2212")
+        text = bar.text.replace("-", "\u2212")
         draw.text((left + px(300), top), text, font=self._small, fill=_TEXT, anchor="ra")
 
 
 class CameraPanel(_Panel):
     """The last pictures of the robot's cameras ahead and behind, above the status panel."""
 
-    def __init__(self, pictures: Pictures, width: int, height: int) -> None:
+    def __init__(self, pictures: Pictures, playback: Playback, width: int, height: int) -> None:
         super().__init__(width, height)
+        self._playback = playback
         self._pictures, self._font = pictures, font(self._px(15))
         self._palette = palette(pictures.unit)
 
-    def write(self, frame: NDArray[np.uint8], time: float, gear: int) -> None:
-        """Draw the last pictures at ``time`` s into ``frame`` (h, w, 3) of a robot in ``gear``."""
-        px = self._px
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Draw the last pictures at sample ``row`` into ``frame`` (h, w, 3)."""
+        px, time = self._px, float(self._playback.time[row])
+        gear = -1 if self._playback.backward[row] else 1
         last = {
             word: self._pictures.seen_at(time, end * gear)
             for word, end in (("ahead", 1), ("behind", -1))
@@ -191,29 +182,23 @@ class MapPanel(_Panel):
     is new. All is drawn on a large map, and reduced for smooth lines.
     """
 
-    def __init__(self, result: Result, trajectory: Trajectory, size: tuple[int, int]) -> None:
+    def __init__(self, playback: Playback, landmarks: Landmarks, size: tuple[int, int]) -> None:
         super().__init__(*size)
         self.unit = _FINER * self.scale  # pixels of the large map
-        self.trajectory, self._parts = trajectory, result.pipes.parts
-        self.view, self.discovery = clearest(result.pipes), Discovery.of(result, trajectory)
+        self.playback, self._parts = playback, playback.network.parts
+        self.view, self.discovery = clearest(playback.network), landmarks.discovery
         self._fit(*size)
-        self._plates = [self._pixels(rim) for rim in result.plate_rims()]
-        self._goals = self._pixels(result.goal_points())
+        self._plates = [self._pixels(rim) for rim in landmarks.rims]
+        self._goals = self._pixels(landmarks.goals)
         self._show_discovered(0)
-        step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
-        # A point a centimetre of travel: more would only take longer to draw.
-        marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / 0.01)
-        known = np.isfinite(trajectory["position"]).all(axis=1)
-        new_leg = np.diff(trajectory["leg"], prepend=trajectory["leg"][:1]) != 0
-        self._rows = np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | new_leg))
-        self._points = self._pixels(trajectory["position"])  # (T, 2)
-        estimate = trajectory.channels.get("position_estimate", trajectory["position"])
-        self._estimates = self._pixels(estimate)
-        self._errors = np.linalg.norm(estimate - trajectory["position"], axis=-1)
+        self._rows = playback.path
+        self._points = self._pixels(playback.position)  # (T, 2)
+        self._estimates = self._pixels(playback.estimate)
+        self._errors = np.linalg.norm(playback.estimate - playback.position, axis=-1)
 
     def _fit(self, width: int, height: int) -> None:
         """Choose the size of the map and its scale."""
-        ever = self.discovery.parts < len(self.trajectory.time)
+        ever = self.discovery.parts < len(self.playback.time)
         parts = [part for part, seen in zip(self._parts, ever, strict=True) if seen]
         axes = np.concatenate([self.view.flat(line) for p in parts for line in axis_lines(p)])
         radius = max(part.fitting.radius for part in parts)
@@ -275,10 +260,10 @@ class MapPanel(_Panel):
         if count < self._travelled:
             self._large, self._travelled = self._background.copy(), 0
         rows = self._rows[max(0, self._travelled - 1) : count]
-        points, gear = self._points[rows], self.trajectory["gear"][rows]
+        points, backward = self._points[rows], self.playback.backward[rows]
         draw, thick = ImageDraw.Draw(self._large), max(1, round(3.2 * self.unit))
         for i in range(1, len(rows)):
-            colour = TAIL_FIRST if gear[i] < 0 else NOSE_FIRST
+            colour = TAIL_FIRST if backward[i] else NOSE_FIRST
             ends = points[i - 1 : i + 1]
             draw.line([tuple(end) for end in ends.tolist()], fill=colour, width=thick)
             for end in ends:
@@ -297,8 +282,7 @@ class MapPanel(_Panel):
             return
         draw, unit = ImageDraw.Draw(panel), self.unit
         centre, estimate = places
-        nose = matrix_from_quaternion(self.trajectory["quaternion"][row])[:, 2]
-        ahead = self.view.flat(nose) * [1, -1]
+        ahead = self.view.flat(self.playback.ahead[row]) * [1, -1]
         aside = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-9)
         base = centre + 5 * unit * ahead
         arrow = (centre + 19 * unit * ahead, base + 6.5 * unit * aside, base - 6.5 * unit * aside)
@@ -311,6 +295,16 @@ class MapPanel(_Panel):
                 _disc(draw, estimate, radius * unit, outline=colour, width=width)
 
 
+def _cut(text: str, letters: Letters, width: int) -> str:
+    """The text on one line, cut so that it is at most ``width`` pixels long."""
+    text = text.replace("\n", " ")
+    if letters.getlength(text) <= width:
+        return text
+    while text and letters.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:
+        text = text[:-1]
+    return text + "\N{HORIZONTAL ELLIPSIS}"
+
+
 def _disc(draw: ImageDraw.ImageDraw, centre: Array, radius: float, **look) -> None:
     low, high = centre - radius, centre + radius
     draw.ellipse((*low.tolist(), *high.tolist()), **look)
@@ -320,8 +314,11 @@ def _polygon(draw: ImageDraw.ImageDraw, corners: Array, colour: tuple[int, int, 
     draw.polygon([tuple(corner) for corner in corners.tolist()], fill=colour, outline=_EDGE)
 
 
+Letters = ImageFont.FreeTypeFont | ImageFont.ImageFont
+
+
 @cache
-def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size: int) -> Letters:
     """DejaVu Sans from matplotlib's data; Pillow's own letters if it is not there."""
     from importlib.util import find_spec
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import pickle
+from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -22,18 +23,31 @@ from PIL import ImageDraw
 
 from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import check_file, format_of, whole_file
+from omnitrack_sim.record.display import StatusText
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.show.film.overlay import font
-from omnitrack_sim.show.whereabouts import stays
+from omnitrack_sim.show.film.overlay import (
+    BOTH_PANELS,
+    CameraPanel,
+    MapPanel,
+    StatusPanel,
+    font,
+)
+from omnitrack_sim.show.film.shots import PANEL
+from omnitrack_sim.show.playback import playback_of, sound
+from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.whereabouts import Landmarks, stays
 
 if TYPE_CHECKING:
-    from omnitrack_sim.show.film.stage import Stage
+    from omnitrack_sim.show.film.stage import Panel, Stage
 
 CAMERAS = ("side", "follow", "onboard")
-"""``side`` shows the pipes on the way, ``follow`` stays with the robot, ``onboard`` looks ahead."""
+"""Of a scenario's run: ``side`` shows the pipes on the way, ``follow`` stays with the robot,
+``onboard`` looks ahead."""
 MOST_PIXELS = 7680
 """Longest side of a picture, pixels."""
 MOST_FPS = 240
@@ -46,12 +60,18 @@ MOST_PROCESSES = 64
 
 
 def check_request(
-    camera: str, width: int, height: int, fps: int = 1, format: str = "", processes: int = 1
+    camera: str,
+    width: int,
+    height: int,
+    fps: int = 1,
+    format: str = "",
+    processes: int = 1,
+    cameras: tuple[str, ...] = CAMERAS,
 ) -> None:
     """Raise an ``InputError`` with every fault of a request, before any work."""
     faults = []
-    if camera not in CAMERAS:
-        faults = [Fault("camera", f"there is no camera {camera!r}", CAMERAS, given=camera)]
+    if camera not in cameras:
+        faults = [Fault("camera", f"there is no camera {camera!r}", cameras, given=str(camera))]
     sizes = {
         "width": (width, MOST_PIXELS),
         "height": (height, MOST_PIXELS),
@@ -162,6 +182,59 @@ _AHEAD = 3
 _stages: list[Stage] = []  # of a worker: the one that it paints, once there is a picture to paint
 
 
+def check_amount(frames: int, size: tuple[int, int]) -> None:
+    """Raise an ``InputError`` for more than ``MOST_FILM`` pixels in so many frames."""
+    if frames * size[0] * size[1] > MOST_FILM:
+        pixels, most = f"{size[0]} x {size[1]} pixels", int(MOST_FILM // (size[0] * size[1]))
+        problem = f"are {frames} of {pixels}; at most {most} of this size"
+        raise InputError(Fault("frames", problem))
+
+
+def run_stage(
+    result: Result,
+    size: tuple[int, int],
+    camera: str,
+    *,
+    inset: bool = True,
+    fine: bool = True,
+    overlay: bool = True,
+) -> Stage:
+    """Return the stage of a scenario's run.
+
+    Args:
+        result: the run.
+        size: width and height of the pictures, pixels.
+        camera: one of ``CAMERAS``.
+        inset: pictures of a long route have a map.
+        fine: paint with twice the width and height, and reduce.
+        overlay: pictures have panels of status and, where recorded, of the robot's cameras.
+    """
+    from omnitrack_sim.show.film.stage import Stage
+
+    playback, trajectory = playback_of(result), sound(result)
+    panels: list[Panel] = []
+    covered = 0.0
+    if overlay:
+        covered = PANEL if result.album is None else BOTH_PANELS
+        panels.append(StatusPanel(_status_of(result, trajectory), *size))
+        if result.album is not None:
+            panels.append(CameraPanel(result.album, playback, *size))
+    if inset and camera != "side" and needs_map(result):
+        panels.append(MapPanel(playback, Landmarks.of(result, trajectory), size))
+    return Stage(playback, size, camera, panels=panels, covered=covered, fine=fine)
+
+
+def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:
+    """Return what tells the text of the status panel of a run at a sample."""
+    visits, status = stays(result, trajectory), result.scenario.display.status
+    begins = [stay.first for stay in visits]
+
+    def text(row: int) -> StatusText:
+        return status(trajectory, row, visits[bisect_right(begins, row) - 1].part.name)
+
+    return text
+
+
 def painted(
     result: Result,
     times: Sequence[float],
@@ -170,20 +243,15 @@ def painted(
     options: Mapping[str, Any],
     processes: int = 1,
 ) -> Iterator[Image]:
-    """The pictures (height, width, 3) of a run at ``times`` s, with ``options`` of ``Stage``.
+    """The pictures (height, width, 3) of a run at ``times`` s, with ``options`` of ``run_stage``.
 
     Raises:
         InputError: they have more than ``MOST_FILM`` pixels.
         RenderError: no offscreen OpenGL, or a process died.
     """
-    if len(times) * size[0] * size[1] > MOST_FILM:
-        pixels, most = f"{size[0]} x {size[1]} pixels", int(MOST_FILM // (size[0] * size[1]))
-        problem = f"are {len(times)} of {pixels}; at most {most} of this size"
-        raise InputError(Fault("frames", problem))
+    check_amount(len(times), size)
     if processes == 1 or len(times) < 2:
-        from omnitrack_sim.show.film.stage import Stage
-
-        with Stage(result, size, camera, **options) as stage:
+        with run_stage(result, size, camera, **options) as stage:
             yield from map(stage.picture, times)
         return
     processes, waiting = min(processes, len(times)), deque[Future[Image]]()
@@ -213,11 +281,9 @@ def _paint(order: Path, time: float) -> Image:
     if not _stages:
         # Software OpenGL takes a thread for each processor, and so does each of these processes.
         os.environ.setdefault("LP_NUM_THREADS", "1")
-        from omnitrack_sim.show.film.stage import Stage
-
         scenario, rest, size, camera, options = pickle.loads(order.read_bytes())
         result = replace(rest, scenario=Scenario.model_validate(scenario))
-        _stages.append(Stage(result, size, camera, **options))
+        _stages.append(run_stage(result, size, camera, **options))
     return _stages[0].picture(time)
 
 
@@ -262,22 +328,45 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    path = Path(path)
     check_request(camera, width, height, fps, film_format(path), processes)
     check_file(path)
-    width, height = width + width % 2, height + height % 2
     result = as_result(result)
-    start, end = result.trajectory.time[[0, -1]].tolist()
+
+    def frames(times: Sequence[float], size: tuple[int, int]) -> Iterator[Image]:
+        options = {"inset": inset, "fine": False}
+        return painted(result, times, size, camera, options, processes)
+
+    return write_film(path, frames, result.trajectory.time, (width, height), fps, progress)
+
+
+def write_film(
+    path: str | os.PathLike[str],
+    frames: Callable[[Sequence[float], tuple[int, int]], Iterable[Image]],
+    time: Array,
+    size: tuple[int, int],
+    fps: int,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a film in real time of what was recorded at ``time`` (T,) s.
+
+    Args:
+        path: of the film.
+        frames: returns the pictures at some times, of a width and height.
+        time: of the samples, s.
+        size: width and height; odd numbers grow by one.
+        fps: frames a second.
+        progress: as of ``render_video``.
+    """
+    width, height = (pixels + pixels % 2 for pixels in size)
+    start, end = time[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
     times = (start + np.arange(count) / fps).tolist()
-    options = {"inset": inset, "fine": False}
     with film(path, width, height, fps) as append:
-        frames = painted(result, times, (width, height), camera, options, processes)
-        for index, frame in enumerate(frames):
+        for index, frame in enumerate(frames(times, (width, height))):
             append(frame)
             if progress:
                 progress((index + 1) / count, "rendering")
-    return path
+    return Path(path)
 
 
 def render_frame(
@@ -368,9 +457,21 @@ def render_strip(
         >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
         'strip.png'
     """
-    path = Path(path)
-    format = format_of(path, None, "picture", STRIP_FORMATS)
     check_request(camera, width, height)
+    check_strip(path, count, times)
+    result = as_result(result)
+    span = result.trajectory.time
+    times = strip_times(result, count) if times is None else within(span, times)
+    look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
+    stills = render_frames(result, times=times, width=width, height=height, **look)
+    return write_strip(path, stills, times)
+
+
+def check_strip(
+    path: str | os.PathLike[str], count: int = FRAMES, times: Sequence[float] | None = None
+) -> None:
+    """Raise the errors of ``render_strip`` for what is wrong with a request, before any work."""
+    format_of(path, None, "picture", STRIP_FORMATS)
     if times is not None:
         check_times("times", times)
     number = count if times is None else len(times)
@@ -378,12 +479,13 @@ def render_strip(
         place = "count" if times is None else "times"
         raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
     check_file(path)
-    result = as_result(result)
-    times = strip_times(result, count) if times is None else _checked(result, times)
-    stills = render_frames(
-        result, times=times, camera=camera, width=width, height=height, inset=False, overlay=False
-    )
-    sheet = composed(stills, times)
+
+
+def write_strip(
+    path: str | os.PathLike[str], stills: Sequence[Image], times: Sequence[float]
+) -> Path:
+    """Write stills (height, width, 3) at ``times`` s, side by side, as one picture."""
+    sheet, format = composed(stills, times), format_of(path, None, "picture", STRIP_FORMATS)
     kinds = {"jpg": "JPEG", "jpeg": "JPEG", "png": "PNG", "pdf": "PDF"}
     # Without date and name of the file, the same run gives the same bytes.
     options: dict[str, Any] = {"quality": 92} if kinds[format] != "PNG" else {"optimize": True}
@@ -391,7 +493,7 @@ def render_strip(
         options |= {"resolution": _DPI, "title": None, "creationDate": None, "modDate": None}
     with whole_file(path) as part, part.open("wb") as file:
         sheet.save(file, kinds[format], **options)
-    return path
+    return Path(path)
 
 
 def strip_times(result: Result, count: int = FRAMES) -> list[float]:
@@ -431,9 +533,9 @@ def composed(stills: Sequence[Image], times: Sequence[float]) -> PIL.Image.Image
     return sheet
 
 
-def _checked(result: Result, times: Sequence[float]) -> list[float]:
-    """Times that lie within the run."""
-    first, last = result.trajectory.time[[0, -1]].tolist()
+def within(span: Array, times: Sequence[float]) -> list[float]:
+    """Return times, s, that lie within samples at ``span`` (T,) s."""
+    first, last = span[[0, -1]].tolist()
     faults = [
         Fault(f"times[{i}]", f"is {time:g} s; the run goes from {first:g} to {last:g} s")
         for i, time in enumerate(times)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
-from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.pipes import Part
+from omnitrack_sim.record.display import Mount
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.walls.looks import FIELD_OF_VIEW, camera_frame, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS
 
@@ -117,7 +119,8 @@ def _rigid(rotation: Array, place: Array) -> Array:
 
 
 DISTANCE = 0.68
-"""From the robot's centre to the viewer, m."""
+"""From the robot's centre to the viewer, m; like all lengths here of a robot in a bore of 160 mm,
+and in proportion to its ``Playback.size`` for others."""
 SPACING = 0.06
 """Travel between two neighbouring places for which a direction is chosen, m."""
 SUN_UP, SUN_RIGHT = 0.55, -0.40
@@ -133,24 +136,23 @@ _ALONG, _BEND, _LIKING, _HIDDEN, _TURN = 6.0, 1.0, 0.3, 4.0, 1.5
 _FREE = 0.25  # cosine to the robot's axis below which one looks across it well enough
 
 
-def view_directions(trajectory: Trajectory, network: Assembly, liking: ArrayLike) -> Array:
+def view_directions(playback: Playback, liking: ArrayLike) -> Array:
     """Unit vectors (T, 3), world frame, from the robot to the viewer, which change slowly.
 
     Of a set of directions up to 60 degrees above the horizon the cheapest sequence is taken. A
     direction is cheap if it looks across the robot and across the plane of a bend or tee, not
     through other pipes, and lies near ``liking`` (3,); turning costs, too.
     """
-    liking = unit(liking)
-    rows, travel = _nodes(trajectory)
+    liking, travel = unit(liking), playback.travel
+    rows = _nodes(playback)
     up, around = (a.ravel() for a in np.meshgrid(_ELEVATIONS, _AZIMUTHS, indexing="ij"))
     rings = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
     choices = np.concatenate([liking[None], rings])
-    position, parts = trajectory["position"][rows], network.parts
-    nose = matrix_from_quaternion(trajectory["quaternion"][rows])[:, :, 2]
-    along = np.maximum(np.abs(nose @ choices.T) - _FREE, 0.0) ** 2
-    plane = _planes(parts, position)
+    position, parts, size = playback.position[rows], playback.network.parts, playback.size
+    along = np.maximum(np.abs(playback.ahead[rows] @ choices.T) - _FREE, 0.0) ** 2
+    plane = _planes(parts, position, size)
     bend = np.where((plane != 0).any(axis=1)[:, None], 1 - (plane @ choices.T) ** 2, 0.0)
-    hidden = _hidden(parts, position, choices)
+    hidden = _hidden(parts, position, choices, size)
     cost = _ALONG * along + _BEND * bend + _HIDDEN * hidden + _LIKING * (1 - choices @ liking)
     turn = np.arccos(np.clip(choices @ choices.T, -1, 1)) ** 2
     chosen = choices[_cheapest(cost, _TURN * turn)]
@@ -174,62 +176,61 @@ def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
     return unit(back + SUN_UP * up + SUN_RIGHT * right)
 
 
-def in_the_way(parts: Sequence[Part], eye: Array, targets: Array) -> Array:
+def in_the_way(parts: Sequence[Part], eye: Array, targets: Array, size: float = 1.0) -> Array:
     """Share (P,), 0 to 1, by which each part hides ``targets`` (k, 3) m from ``eye`` (3,) m:
-    none of a part with a target in its bore."""
+    none of a part with a target in its bore; ``size`` of ``Playback``."""
     steps = np.linspace(0.0, 1.0, 14)[:, None, None]
     points = (targets + steps * (eye - targets)).reshape(-1, 3)
     found = np.zeros(len(parts))
     for i, part in enumerate(parts):
-        if not (_depth(part, targets) > WALL).any():
-            found[i] = np.clip(_depth(part, points).max() / (0.25 * part.fitting.radius), 0.0, 1.0)
+        if not (_depth(part, targets, size) > size * WALL).any():
+            found[i] = np.clip(
+                _depth(part, points, size).max() / (0.25 * part.fitting.radius), 0.0, 1.0
+            )
     return found
 
 
-def _depth(part: Part, points: Array) -> Array:
+def _depth(part: Part, points: Array, size: float) -> Array:
     """Depth of ``points`` (..., 3) m within the outside of a part, m; negative outside."""
-    return np.minimum(part.signed_distance(points)[0], part.extent(points)) + WALL
+    return np.minimum(part.signed_distance(points)[0], part.extent(points)) + size * WALL
 
 
-def _nodes(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Rows (N,) about ``SPACING`` of travel apart, and the travel (T,) m of all samples, which
-    always grows a little, so that it can be interpolated."""
-    step = np.abs(np.diff(trajectory["distance"]))
-    step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
-    travel = np.append(0.0, np.cumsum(step + 1e-9))
-    grid = np.arange(0.0, travel[-1] + SPACING, SPACING)
+def _nodes(playback: Playback) -> NDArray[np.intp]:
+    """Rows (N,) about ``SPACING`` of travel apart."""
+    travel, spacing = playback.travel, playback.size * SPACING
+    grid = np.arange(0.0, travel[-1] + spacing, spacing)
     rows = np.unique(
         np.append(np.searchsorted(travel, grid).clip(0, len(travel) - 1), len(travel) - 1)
     )
-    return rows[np.isfinite(trajectory["position"][rows]).all(axis=1)], travel
+    return rows[np.isfinite(playback.position[rows]).all(axis=1)]
 
 
-def _planes(parts: Sequence[Part], centres: Array) -> Array:
+def _planes(parts: Sequence[Part], centres: Array, size: float) -> Array:
     """Normals (N, 3) of the plane of a bend or tee at ``centres`` (N, 3) m; 0 away from them."""
     plane = np.zeros(centres.shape)
     for part in parts:
         if not part.fitting.is_axial:
-            beside = part.signed_distance(centres)[0] > -WALL
+            beside = part.signed_distance(centres)[0] > -size * WALL
             # Fittings that bend or branch are symmetric about y = 0, the plane of all their axes.
-            plane[beside & (part.extent(centres) > -_NEAR)] = part.pose.rotation[:, 1]
+            plane[beside & (part.extent(centres) > -size * _NEAR)] = part.pose.rotation[:, 1]
     return plane
 
 
-def _hidden(parts: Sequence[Part], centres: Array, choices: Array) -> Array:
+def _hidden(parts: Sequence[Part], centres: Array, choices: Array, size: float) -> Array:
     """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
     within other parts."""
-    hidden = np.zeros((len(centres), len(choices)))
+    hidden, distance = np.zeros((len(centres), len(choices))), size * DISTANCE
     for part in parts:
         samples = part.bore_samples()
         middle = (samples.max(axis=0) + samples.min(axis=0)) / 2
-        reach = np.sqrt(dot(samples - middle, samples - middle).max()) + DISTANCE
+        reach = np.sqrt(dot(samples - middle, samples - middle).max()) + distance
         near = np.flatnonzero(np.linalg.norm(centres - middle, axis=1) < reach)
-        near = near[_depth(part, centres[near]) <= WALL]
+        near = near[_depth(part, centres[near], size) <= size * WALL]
         if len(near):
             points = (
-                centres[near][:, None, None] + DISTANCE * _SIGHT[:, None] * choices[:, None]
+                centres[near][:, None, None] + distance * _SIGHT[:, None] * choices[:, None]
             )  # (n, C, k, 3)
-            hidden[near] += (_depth(part, points) > 0).mean(axis=-1)
+            hidden[near] += (_depth(part, points, size) > 0).mean(axis=-1)
     return np.minimum(hidden, 1.0)
 
 
@@ -259,8 +260,7 @@ PANEL = 0.33
 _PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
-# Degrees; m before the robot's centre, less than its tip, which may touch a plate.
-_ONBOARD_ANGLE, _ONBOARD_PLACE = 88.0, 0.066
+_ONBOARD_NEAR = 0.004  # m, what is nearer to a camera on board is not seen
 _FARTHEST = 30.0  # m seen by the moving cameras
 
 
@@ -292,13 +292,13 @@ class FilmCamera:
     cut = np.zeros(3)
     still_sun: Sun | None = None
 
-    def __init__(self, network: Assembly, aspect: float) -> None:
-        self._parts, self._aspect = network.parts, aspect
-        self._spheres = [_sphere(part.bore_samples()) for part in network.parts]
+    def __init__(self, playback: Playback, aspect: float) -> None:
+        self._playback, self._aspect = playback, aspect
+        self._parts, self._size = playback.network.parts, playback.size
+        self._spheres = [_sphere(part.bore_samples()) for part in self._parts]
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
-        """Return how sample ``row`` is seen, with the chassis at ``centre`` (3,) m and
-        ``quaternion``."""
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
+        """Return how sample ``row`` is seen, with the bodies where ``data`` has them."""
         raise NotImplementedError
 
     def _visible(self, eye: Eye) -> list[float]:
@@ -313,13 +313,11 @@ class SideCamera(FilmCamera):
 
     stands = True
 
-    def __init__(
-        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float, panel: float
-    ) -> None:
-        super().__init__(network, aspect)
-        self._reach, self.cut = reach, view_direction(network)
+    def __init__(self, playback: Playback, aspect: float, reach: float, panel: float) -> None:
+        super().__init__(playback, aspect)
+        self._reach, self.cut = reach, view_direction(playback.network)
         frame = camera_frame(self.cut)
-        near = _near_path(trajectory, network)
+        near = _near_path(playback)
         middle, distance = _fit(near, frame, aspect)
         if _behind_panel(near, frame, middle, distance, aspect, panel):
             middle, distance = _fit(near, frame, aspect * (1 - _PANEL_WIDE))
@@ -329,14 +327,15 @@ class SideCamera(FilmCamera):
         self._eye = Eye(place, frame, angle, 0.1 * distance, max(far, _FARTHEST))
         self._towards = over_the_shoulder(self.cut, frame[:, 0], frame[:, 1])
         self._clearness = tuple(self._visible(self._eye))
-        parts = zip(network.parts, self._clearness, strict=True)
+        parts = zip(self._parts, self._clearness, strict=True)
         middle, radius = _sphere(np.concatenate([p.bore_samples() for p, seen in parts if seen]))
         radius += THICKNESS
         self.still_sun = Sun(self._towards, middle, radius, radius)
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
         """See ``FilmCamera``."""
-        sun = Sun(self._towards, centre, self._reach, SHADOW_REACH)
+        centre = np.array(data.xpos[self._playback.body])
+        sun = Sun(self._towards, centre, self._reach, self._size * SHADOW_REACH)
         return Framing(self._eye, sun, self._clearness)
 
 
@@ -345,55 +344,56 @@ class FollowCamera(FilmCamera):
     those that are in the way; the sun goes with it. The robot reaches ``reach`` m about its
     centre."""
 
-    def __init__(
-        self, trajectory: Trajectory, network: Assembly, aspect: float, reach: float
-    ) -> None:
-        super().__init__(network, aspect)
+    def __init__(self, playback: Playback, aspect: float, reach: float) -> None:
+        super().__init__(playback, aspect)
         self._reach = reach
-        self._back = view_directions(trajectory, network, follow_direction(network))  # (T, 3)
+        liking = follow_direction(playback.network)
+        self._back = view_directions(playback, liking)  # (T, 3)
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
         """See ``FilmCamera``."""
-        back = self._back[row]
+        back, size = self._back[row], self._size
         right, up = upright(back)
-        place = centre + DISTANCE * back
+        centre = np.array(data.xpos[self._playback.body])
+        place = centre + size * DISTANCE * back
         frame = np.stack([right, up, back], axis=-1)
-        eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), 0.05, _FARTHEST)
-        sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, SHADOW_REACH)
-        nose = matrix_from_quaternion(quaternion)[:, 2]
-        targets = centre + 0.05 * np.array([[0.0], [1.0], [-1.0]]) * nose
+        eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), size * 0.05, size * _FARTHEST)
+        sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, size * SHADOW_REACH)
+        ahead = self._playback.ahead[row]
+        targets = centre + size * 0.05 * np.array([[0.0], [1.0], [-1.0]]) * ahead
         clearness = np.array(self._visible(eye))
         near = np.flatnonzero(clearness)
-        covers = in_the_way([self._parts[i] for i in near], place, targets)
+        covers = in_the_way([self._parts[i] for i in near], place, targets, size)
         clearness[near] = 1 - (1 - _CLEAR) * covers
         return Framing(eye, sun, tuple(clearness.tolist()))
 
 
 class OnboardCamera(FilmCamera):
-    """Camera that looks ahead from the nose of a robot of scale ``size``, in the light of its
-    lamp."""
+    """Camera that a body carries, in the light of its own lamp."""
 
     lamp = True
 
-    def __init__(self, network: Assembly, aspect: float, size: float) -> None:
-        super().__init__(network, aspect)
-        self._ahead = size * _ONBOARD_PLACE
+    def __init__(self, playback: Playback, aspect: float, mount: Mount) -> None:
+        super().__init__(playback, aspect)
+        self._mount = mount
 
-    def shot(self, row: int, centre: Array, quaternion: Array) -> Framing:
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
         """See ``FilmCamera``."""
-        x, y, z = matrix_from_quaternion(quaternion).T
-        frame = np.stack([y, x, -z], axis=-1)
-        eye = Eye(centre + self._ahead * z, frame, np.radians(_ONBOARD_ANGLE), 0.004, _FARTHEST)
+        mount, body = self._mount, data.model.body(self._mount.body).id
+        rotation = matrix_from_quaternion(np.array(data.xquat[body]))
+        position = data.xpos[body] + rotation @ np.array(mount.position)
+        frame, near = rotation @ np.array(mount.frame), self._size * _ONBOARD_NEAR
+        eye = Eye(position, frame, np.radians(mount.angle_deg), near, self._size * _FARTHEST)
         return Framing(eye, None, tuple(self._visible(eye)))
 
 
-def _near_path(trajectory: Trajectory, network: Assembly) -> Array:
+def _near_path(playback: Playback) -> Array:
     """Points (n, 3) m of the pipes near the robot's path."""
-    step = max(1, len(trajectory.time) // 400)
-    way = trajectory["position"][::step]
-    points = np.concatenate([part.bore_samples() for part in network.parts])
+    step = max(1, len(playback.time) // 400)
+    way, around = playback.position[::step], playback.size * AROUND_WAY
+    points = np.concatenate([part.bore_samples() for part in playback.network.parts])
     near = np.array([((way - point) ** 2).sum(axis=1).min() for point in points])
-    return points[near < AROUND_WAY**2] if (near < AROUND_WAY**2).any() else points
+    return points[near < around**2] if (near < around**2).any() else points
 
 
 def _sphere(points: Array) -> tuple[Array, float]:

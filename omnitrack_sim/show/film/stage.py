@@ -1,25 +1,21 @@
-"""A recorded run on a stage: its robot, pipes and light, to be painted at any time."""
+"""A playback on a stage: its robot, pipes and light, to be painted at any time."""
 
 from __future__ import annotations
 
 import os
-from bisect import bisect_right
+from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.robots.omnitrack.scene import build_looks
-from omnitrack_sim.show.film.overlay import BOTH_PANELS, CameraPanel, MapPanel, StatusPanel
 from omnitrack_sim.show.film.shaders import REACH
 from omnitrack_sim.show.film.shots import (
-    PANEL,
     FilmCamera,
     FollowCamera,
     Framing,
@@ -27,104 +23,85 @@ from omnitrack_sim.show.film.shots import (
     PixelRect,
     SideCamera,
 )
-from omnitrack_sim.show.playback import smooth_belts, sound
-from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
-from omnitrack_sim.show.whereabouts import stays
-from omnitrack_sim.walls.looks import ROBOT_GROUP
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter
 
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """Command that installs the libraries of headless rendering on Debian and Ubuntu."""
+STANDARD = ("side", "follow")
+"""Cameras of every playback: one shows the pipes on the way, the other stays with the robot."""
 _REACH = 1.1  # of the robot about its centre, over what it is at the start
 
 
+class Panel(Protocol):
+    """What is drawn over a painted frame."""
+
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Draw what belongs to sample ``row`` into ``frame`` (h, w, 3)."""
+
+
 class Stage:
-    """A recorded run, to be painted at any time from one camera.
+    """A playback, to be painted at any time from one camera.
 
     Args:
-        result: the run.
+        playback: bodies and pipes over time.
         size: width and height of the pictures, pixels.
-        camera: one of ``CAMERAS``.
-        inset: pictures of a long route have a map.
+        camera: ``side``, ``follow``, or one of the playback's mounts.
+        panels: that are drawn over the pictures, in this order.
+        covered: part of the pictures' height that panels take in the lower left corner.
         fine: paint with twice the width and height, and reduce.
-        overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
 
     def __init__(
         self,
-        result: Result,
+        playback: Playback,
         size: tuple[int, int],
         camera: str,
         *,
-        inset: bool = True,
+        panels: Sequence[Panel] = (),
+        covered: float = 0.0,
         fine: bool = True,
-        overlay: bool = True,
     ):
         self._context = _open_context(*size)
-        self._result, self._aspect = result, size[0] / size[1]
-        self.trajectory, scenario = sound(result.trajectory), result.scenario
-        looks = build_looks(result.pipes, scenario.robot, plates=scenario.plates)
-        self.model = looks.compile()
+        self.playback, self._aspect, self._panels = playback, size[0] / size[1], panels
+        self.model = playback.model
         self.data = mujoco.MjData(self.model)
-        self._qpos = smooth_belts(self.model, self.trajectory, look_pitch(scenario.robot))
-        self._pose(self._qpos[0])
-        shown = self.model.geom_group == ROBOT_GROUP
         # Plates belong to the world: like pipes they stand still, also where no robot is painted.
-        self._plates = np.flatnonzero(shown & (self.model.geom_bodyid == 0)).tolist()
-        robot = np.flatnonzero(shown & (self.model.geom_bodyid > 0)).tolist()
-        self._robot = geoms_surface(self.model, robot)
-        # Light between the coils of a spring would be a row of dots.
-        solid = [i for i in robot if not self.model.geom(i).name.startswith("look_spring")]
-        self._casting = geoms_surface(self.model, solid)
-        self._camera = self._camera_of(camera, overlay)
-        self._painter = self._painter_of(result.pipes, size, fine)
-        self._status = StatusPanel(*size) if overlay else None
-        album = result.album if overlay else None
-        self._pictures = None if album is None else CameraPanel(album, *size)
-        mapped = inset and camera != "side" and needs_map(result)
-        self._map = MapPanel(result, self.trajectory, size) if mapped else None
-        self._stays = stays(result, self.trajectory)
-        self._stays_begin = [stay.first for stay in self._stays]
+        self._plates = playback.still
+        self._robot = geoms_surface(self.model, playback.moving)
+        moving = set(playback.moving)
+        self._casting = geoms_surface(self.model, [i for i in playback.casting if i in moving])
+        self._camera = self._camera_of(camera, covered)
+        self._painter = self._painter_of(playback.network, size, fine)
         self._still: Image | None = None
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._context.free()
 
-    def row(self, time: float) -> int:
-        """The sample nearest to ``time`` s, the earlier one of two."""
-        times = self.trajectory.time
-        return int(np.abs(times - np.clip(time, times[0], times[-1])).argmin())
-
     def picture(self, time: float) -> Image:
-        """The frame (height, width, 3) at ``time`` s, with panels and map."""
-        row = self.row(time)
-        frame = self.paint(row, self._qpos[row])
-        if self._status is not None:
-            stay = self._stays[bisect_right(self._stays_begin, row) - 1]
-            self._status.write(frame, self.trajectory, row, stay.part.name)
-        if self._pictures is not None:
-            gear = int(self.trajectory["gear"][row])
-            self._pictures.write(frame, float(self.trajectory.time[row]), gear)
-        if self._map is not None:
-            self._map.write(frame, row)
+        """The frame (height, width, 3) at ``time`` s, with panels."""
+        row = self.playback.row(time)
+        frame = self.paint(row)
+        for panel in self._panels:
+            panel.write(frame, row)
         return frame
 
-    def paint(self, row: int, qpos: Array) -> Image:
-        """Paint the pipes and the robot with joint positions (nq,), from where the camera is at a
-        sample.
+    def paint(self, row: int, qpos: Array | None = None) -> Image:
+        """Paint the pipes and the robot, with joint positions (nq,) instead of the sample's where
+        these are given, from where the camera is at a sample.
 
         With a camera that stands still, only what the robot and its shadow can change is painted
         anew: the rest is the picture without them.
         """
         self._context.make_current()  # another stage may have been painted since
-        self._pose(qpos)
-        shot = self._camera.shot(row, *self._chassis())
+        self.playback.place(self.data, row, qpos)
+        shot = self._camera.shot(row, self.data)
         if not self._camera.stands:
             return self._painted(shot)
         if self._still is None:
@@ -160,28 +137,24 @@ class Stage:
         high = np.clip(np.ceil(box[2:] * size).astype(int) + REACH, 0, size)
         return PixelRect(*low.tolist(), *(high - low).tolist())
 
-    def _pose(self, qpos: Array) -> None:
-        self.data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self.data)
+    def _camera_of(self, name: str, covered: float) -> FilmCamera:
+        playback, aspect = self.playback, self._aspect
+        if name not in STANDARD:
+            return OnboardCamera(playback, aspect, playback.mounts[name])
+        reach = _REACH * max(self._extent(row) for row in playback.extremes)
+        if name == "follow":
+            return FollowCamera(playback, aspect, reach)
+        return SideCamera(playback, aspect, reach, covered)
 
-    def _chassis(self) -> tuple[Array, Array]:
-        body = self.data.body("chassis")
-        return np.array(body.xpos), np.array(body.xquat)
-
-    def _camera_of(self, name: str, panels: bool) -> FilmCamera:
-        result = self._result
-        if name == "onboard":
-            return OnboardCamera(result.pipes, self._aspect, result.scenario.robot.scale)
+    def _extent(self, row: int) -> float:
+        """How far the robot reaches about its body at a sample, m."""
+        self.playback.place(self.data, row)
         centres, radii = body_spheres(self._robot, self.model.nbody)
         seen = radii > 0
-        away = np.linalg.norm(self.data.xpos[seen] - self._chassis()[0], axis=1)
+        body = self.data.xpos[self.playback.body]
+        away = np.linalg.norm(self.data.xpos[seen] - body, axis=1)
         extent = np.linalg.norm(centres[seen], axis=1) + radii[seen]
-        reach = _REACH * float((away + extent).max())
-        if name == "follow":
-            return FollowCamera(self.trajectory, result.pipes, self._aspect, reach)
-        height = PANEL if result.album is None else BOTH_PANELS
-        covered = height if panels else 0.0
-        return SideCamera(self.trajectory, result.pipes, self._aspect, reach, covered)
+        return float((away + extent).max())
 
     def _painter_of(self, network: Assembly, size: tuple[int, int], fine: bool) -> Painter:
         """The painter with robot, pipes, seams and plates."""

@@ -23,9 +23,9 @@ from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import MODULES
+from omnitrack_sim.robots.omnitrack.display import belt_travel
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
-from omnitrack_sim.show.playback import belt_travel
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest, needs_map

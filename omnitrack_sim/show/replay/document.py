@@ -24,7 +24,7 @@ from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
-from omnitrack_sim.show.playback import sound
+from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.replay import contents
 from omnitrack_sim.walls.looks import follow_direction
 
@@ -152,9 +152,9 @@ def _part_mismatch(one: Result, other: Result) -> str:
 def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page's runs, of which the first one brings the pipes."""
     first, pack = runs[0], contents.Pack()
-    network, trajectory = first.pipes, sound(first.trajectory)
+    network, trajectory = first.pipes, sound(first)
     shapes, schema = contents.Shapes(pack), first.trajectory.schema
-    back = view_directions(trajectory, network, follow_direction(network))
+    back = view_directions(playback_of(first), follow_direction(network))
     models = [
         build_looks(run.pipes, run.scenario.robot, run.scenario.plates, coarse=False).compile()
         for run in runs
@@ -187,7 +187,7 @@ def _run_table(
     result: Result, model: mujoco.MjModel, pack: contents.Pack, shapes: contents.Shapes
 ) -> dict[str, Any]:
     """Collect the data of one run, its robot included."""
-    trajectory = sound(result.trajectory)
+    trajectory = sound(result)
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         return {
             "heading": heading_table(result),

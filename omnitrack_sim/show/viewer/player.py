@@ -14,11 +14,12 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
+from omnitrack_sim.robots.omnitrack.display import show_belts, smooth_belts
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
-from omnitrack_sim.show.playback import show_belts, smooth_belts, sound
+from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
 from omnitrack_sim.show.viewer.pace import Pace
 from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
@@ -144,9 +145,9 @@ class SavedRun(ShownRun):
 
     def __init__(self, result: Result, model: mujoco.MjModel) -> None:
         self._result, self.row, self.scenario = result, 0, result.scenario
-        self._trajectory = sound(result.trajectory)
+        self._trajectory = sound(result)
         self.count = len(self._trajectory.time)
-        self._qpos = smooth_belts(model, self._trajectory, look_pitch(self.scenario.robot))
+        self._qpos = smooth_belts(model, self._trajectory, self.scenario.robot)
         self.routes = RouteMap(result.routes())
 
     @property

@@ -1,0 +1,87 @@
+"""Display of this robot: its looks, its belts where they have run to, the text of films."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
+from omnitrack_sim.record.display import Bar, Mount, RobotDisplay, StatusText
+from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.scene import build_looks
+
+FULL_BAR = 0.2
+"""Belt speed that fills half of a bar, m/s."""
+
+
+def belt_travel(trajectory: Trajectory) -> Array:
+    """Travel of each belt since the first sample (T, 3), m: the integral of its recorded speed."""
+    # Trapezia: the speed is recorded at the ends of each step.
+    speed, step = trajectory["belt_speed"], np.diff(trajectory.time)[:, None]
+    run = np.cumsum(step * (speed[1:] + speed[:-1]) / 2, axis=0)
+    return np.concatenate([np.zeros((1, speed.shape[1])), run])
+
+
+def smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, robot: Robot) -> Array:
+    """Joint positions (T, nq) with the belts where they have run to: see ``show_belts``."""
+    qpos = np.array(trajectory.qpos, float)
+    show_belts(model, qpos, belt_travel(trajectory), look_pitch(robot))
+    return qpos
+
+
+def show_belts(model: mujoco.MjModel, qpos: Array, travel: Array, pitch: float) -> None:
+    """Put the belts in joint positions (..., nq) where ``travel`` (..., 3) m has brought them,
+    within half a visible pitch, m.
+
+    The physics moves its closely spaced lugs back after every pitch; seen 25 times a second they
+    would seem to stand still or to run backward.
+    """
+    shown = (travel + pitch / 2) % pitch - pitch / 2
+    for module in range(shown.shape[-1]):
+        for track in TRACKS:
+            qpos[..., model.joint(f"belt_{track}_{module + 1}").qposadr[0]] = shown[..., module]
+
+
+def status_text(trajectory: Trajectory, row: int, part: str = "") -> StatusText:
+    """Phase, part, time, distance, tilt and belt speeds of sample ``row``; ``part`` is the name of
+    the part that the robot's centre is in."""
+    phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
+    gear = "tail first" if trajectory["gear"][row] < 0 else ""
+    where = ", ".join(filter(None, (part and f"in {' '.join(part.split())}", gear)))
+    state = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
+    state += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
+    bars = [
+        Bar(
+            str(module + 1),
+            MODULE_COLOURS[module],
+            max(-1.0, min(1.0, speed / FULL_BAR)),
+            f"{1000 * speed:+.0f}",
+        )
+        for module, speed in enumerate(trajectory["belt_speed"][row].tolist())
+    ]
+    return StatusText(phase, (where, state), "belt speed, mm/s", tuple(bars))
+
+
+def _casts(geom: str) -> bool:
+    # Light between the coils of a spring would be a row of dots.
+    return not geom.startswith("look_spring")
+
+
+def _onboard(robot: Robot) -> Mount:
+    # Nearer to the robot's centre than its tip, which may touch a plate; module 1 is upward.
+    place = (0.0, 0.0, robot.scale * 0.066)
+    return Mount("chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0)
+
+
+DISPLAY = RobotDisplay(
+    chassis="chassis",
+    looks=build_looks,
+    poses=smooth_belts,
+    casts=_casts,
+    status=status_text,
+    onboard=_onboard,
+    finite=("position", "distance", "tilt", "belt_speed"),
+)
