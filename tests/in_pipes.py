@@ -1,0 +1,92 @@
+"""Robots of other kinds than ours, driven through pipes by their own controllers and ``mj_step``."""
+
+import math
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import Pose, frame_along, rotation_about
+from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, Wye, route
+
+MIDDLES = {
+    "straight": (Straight(0.4), "start", "end"),
+    "elbow": (Elbow(0.24), "start", "end"),
+    "tee": (Tee(), "run_start", "run_end"),
+    "branch": (Tee(), "run_start", "branch"),
+    "merge": (Tee(), "branch", "run_end"),
+    "wye": (Wye(angle=math.radians(50)), "run_start", "run_end"),
+}
+UP, LEVEL, DOWN = (0, 0, 1), (1, 0, 0), (0, 0, -1)
+
+
+def pipe(*kinds, axis=UP, turns=None, length=0.5, bore=0.16):
+    """Route through a straight, some fittings by name or as steps have them, and a straight.
+
+    ``turns`` are those at the fittings' joints, degrees.
+    """
+    steps = [Step("inlet", Straight(length, bore), "start", "end")]
+    for i, kind in enumerate(kinds):
+        turn = math.radians(turns[i]) if turns else 0.0
+        steps.append(Step(f"part_{i}", *MIDDLES.get(kind, kind), turn))
+    steps.append(Step("outlet", Straight(length, bore), "start", "end"))
+    return route(steps, Pose(frame_along(axis, 0.0), np.zeros(3)))
+
+
+class Drive:
+    """A robot in pipes, placed on the axis at arc length ``s`` m and turned by ``roll`` degrees.
+
+    Attributes:
+        s: m, of its chassis along the route.
+        samples: times, s, and arc lengths, m, at all control periods.
+    """
+
+    def __init__(self, robot, course, s=0.2, roll=0.0, edit=None, **walls):
+        spec = robot.spec()
+        if edit:
+            edit(spec)
+        self.pipes = ot.add_pipes(spec, course.network, **walls)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.course, self.s, self.samples = course, s, []
+        line, at = course.centreline, np.array([s])
+        self.data.qpos[:3] = line.at(at)[0][0]
+        frame = line.frame(at)[0] @ rotation_about([0, 0, 1], math.radians(roll))
+        mujoco.mju_mat2Quat(self.data.qpos[3:7], frame.ravel())
+        self.chassis = self.data.body(robot.chassis)
+        self.controller = robot.controller()
+        self.controller.reset(np.zeros(1, int))
+        mujoco.mj_forward(self.model, self.data)
+
+    def run(self, seconds, until=math.inf):
+        """Go on for some seconds, or until the chassis is at arc length ``until`` m."""
+        data, end = self.data, self.data.time + seconds
+        steps = round(self.controller.period / self.model.opt.timestep)
+        while data.time < end - 1e-9 and self.s < until:
+            observation = SimpleNamespace(
+                time=np.array([data.time]), qpos=data.qpos[None], qvel=data.qvel[None]
+            )
+            data.ctrl[:] = self.controller.command(observation)[0]
+            mujoco.mj_step(self.model, data, steps)
+            self.s = float(
+                self.course.centreline.locate(self.chassis.xpos[None], np.array([self.s]))[0]
+            )
+            self.samples.append((data.time, self.s))
+        return self
+
+    @property
+    def left(self):
+        """Arc length that is left to the end of the route, m."""
+        return self.course.length - self.s
+
+    def speed(self, seconds):
+        """Mean speed, m/s, over the last seconds."""
+        times, s = np.transpose(self.samples)
+        begin = times.searchsorted(times[-1] - seconds)
+        return (s[-1] - s[begin]) / (times[-1] - times[begin])
+
+    @property
+    def weight(self):
+        """Weight of the robot, N."""
+        return 9.81 * self.model.body_mass.sum()
