@@ -1,4 +1,4 @@
-"""Robots of other kinds than ours, driven through pipes by their own controllers and ``mj_step``."""
+"""Robots of other kinds, driven through pipes by their own controllers and ``mj_step``."""
 
 import math
 from types import SimpleNamespace
