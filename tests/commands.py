@@ -18,6 +18,8 @@ def omnitrack(*arguments: str, cwd: Path | None = None) -> CompletedProcess[str]
     with (
         contextlib.chdir(cwd or Path.cwd()),
         mock.patch.object(sys, "argv", ["omnitrack", *arguments]),
+        # Of what runs the tests; the command's name in messages would be made of it.
+        mock.patch.object(sys.modules["__main__"], "__package__", None),
         contextlib.redirect_stdout(stdout),
         contextlib.redirect_stderr(stderr),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -58,13 +59,14 @@ def test_every_entry_can_drive_every_task_by_the_same_draws():
 
 def test_more_trials_are_so_many_of_each_task():
     """Drawn anew, but for networks, which are counted on."""
-    tasks, entries = [TASKS["turn"], TASKS["network"]], [entry_of("feedback")]
-    some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 120))
-    assert [sweep.size for sweep in some.values()] == [200, 100]
-    assert [sweep.size for sweep in more.values()] == [120, 120]
+    tasks = [replace(TASKS["turn"], trials=20), replace(TASKS["network"], trials=3)]
+    entries = [entry_of("feedback")]
+    some, more = (Bench(tasks, entries, trials=trials).sweeps() for trials in (None, 5))
+    assert [sweep.size for sweep in some.values()] == [20, 3]
+    assert [sweep.size for sweep in more.values()] == [5, 5]
     friction = [s["turn", "feedback"].trials()["world.friction"] for s in (some, more)]
     assert not set(friction[0]) & set(friction[1])
-    assert list(more["network", "feedback"].bases)[:100] == list(some["network", "feedback"].bases)
+    assert list(more["network", "feedback"].bases)[:3] == list(some["network", "feedback"].bases)
 
 
 def test_dry_and_slippery_walls_do_not_overlap():
@@ -76,7 +78,7 @@ def test_dry_and_slippery_walls_do_not_overlap():
 
 
 def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
-    """Only what is not there is run; two workers give the same rows."""
+    """Only what is not there is run, also by two workers."""
     driver().save(tmp_path / "driver.npz")
     first = [entry_of("feedback"), entry_of(f"mine={tmp_path / 'driver.npz'}")]
     rows = run_bench(Bench([SHORT], first), out=tmp_path / "out").rows
@@ -87,11 +89,10 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
         assert run_bench(Bench([SHORT], first), out=tmp_path / "out").rows == rows
     told = []
     more = Bench([SHORT], [*first, entry_of("omnitrack_sim.paper.open_loop:EqualController")])
-    again = run_bench(more, out=tmp_path / "out", progress=told.append).rows
+    again = run_bench(more, out=tmp_path / "out", workers=2, progress=told.append).rows
     assert again[:2] == rows
     assert again[2]["entry"] == "omnitrack_sim.paper.open_loop.EqualController"
     assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
-    assert run_bench(more, out=tmp_path / "two", workers=2).rows == again
     for name in FILES:
         assert (tmp_path / "out" / name).stat().st_size > 0, name
     table = pq.read_table(tmp_path / "out" / "trials.parquet")

@@ -3,14 +3,14 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
+from unittest import mock
 
 import pytest
+from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.render import CAMERAS
 
-OMNITRACK = Path(sys.executable).with_name("omnitrack")
 
 
 def completed(line, cwd, shell="bash"):
@@ -18,9 +18,8 @@ def completed(line, cwd, shell="bash"):
     words = line.split(" ")
     asked = {"_OMNITRACK_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line}
     bash = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    done = subprocess.run(
-        [OMNITRACK], env=os.environ | asked | bash, cwd=cwd, capture_output=True, text=True
-    )
+    with mock.patch.dict(os.environ, asked | bash):
+        done = omnitrack(cwd=cwd)
     assert done.stderr == ""
     return done.stdout.split("\n")[:-1] if done.stdout.strip() else []
 
@@ -80,11 +79,10 @@ def test_completion_is_installed_and_shown(tmp_path, shell):
     """--install-completion writes into the shell's files of the user, whose home is another here;
     --show-completion prints the same."""
     asked = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    for option in ("--install-completion", "--show-completion"):
-        done = subprocess.run(
-            [OMNITRACK, option, shell], env=os.environ | asked, capture_output=True, text=True
-        )
-        assert (done.returncode, done.stderr) == (0, "")
+    with mock.patch.dict(os.environ, asked):
+        for option in ("--install-completion", "--show-completion"):
+            done = omnitrack(option, shell)
+            assert (done.returncode, done.stderr) == (0, "")
     assert "_OMNITRACK_COMPLETE" in done.stdout
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert any("OMNITRACK" in path.read_text(encoding="utf-8").upper() for path in written)

@@ -10,7 +10,7 @@ import pytest
 from claim_samples import sample_claim
 from samples import sample_result
 
-from omnitrack_sim import Outcome, override
+from omnitrack_sim import Outcome, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.paper import claim as readings
 from omnitrack_sim.paper import driving, elbows, tees
@@ -34,9 +34,14 @@ CLAIM = sample_claim(ClaimVerdict.HOLDS, paper='says <b> & "c"')
 
 
 @pytest.fixture(scope="module")
-def runs():
-    """The short runs of the quick form, and two tee turns."""
-    lists = scenarios(quick=True)
+def quick():
+    """The lists of the quick form."""
+    return scenarios(quick=True)
+
+
+@pytest.fixture(scope="module")
+def runs(quick):
+    """Its short runs, and two tee turns."""
     names = (
         "vertical_climb",
         "rolled_past_180",
@@ -45,13 +50,13 @@ def runs():
         "rolling_upright",
         "rolling_flat",
     )
-    return run_all({name: lists[name] for name in names})
+    return run_all({name: quick[name] for name in names})
 
 
-def test_the_quick_form_is_a_part_of_the_full_one():
+def test_the_quick_form_is_a_part_of_the_full_one(quick):
     """The same lists, and every run of the quick form is one of the full form, which has 60
     orientations for both controllers and 200 random trials."""
-    quick, full = scenarios(True), scenarios(False)
+    full = scenarios(quick=False)
     assert quick.keys() == full.keys()
     assert len(full["aligned"]) == len(full["slippery"]) == 200
     for kind in ("jacobian", "paper"):
@@ -65,7 +70,8 @@ def test_the_quick_form_is_a_part_of_the_full_one():
 def test_random_trials_repeat_and_cover_all_gravities():
     """Same draw twice; friction within its range; all six gravities and both signs of theta5
     occur."""
-    first, again = (random_tee_turns(60, (0.8, 1.0)) for _ in range(2))
+    base = load_scenario("tee_turn")
+    first, again = (random_tee_turns(base, 60, (0.8, 1.0)) for _ in range(2))
     assert [s.hash for s in first] == [s.hash for s in again]
     assert {s.world.gravity for s in first} == set(GRAVITIES.values())
     assert all(0.8 <= s.world.friction <= 1.0 and s.control.align for s in first)

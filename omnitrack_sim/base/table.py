@@ -11,6 +11,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -86,7 +87,8 @@ def symbol_of(table: type[BaseModel], key: str) -> str:
     return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
 
 
-def meanings_of(table: type[BaseModel]) -> dict[str, str]:
+@cache  # parsing the source of all tables takes some tenths of a second
+def meanings_of(table: type[BaseModel]) -> Mapping[str, str]:
     """Meanings of the keys of a table: the strings below them in its class or its bases.
 
     They are read from the source on demand, so that classes are created without that cost.

@@ -55,19 +55,23 @@ ELBOW_DRIVES: dict[str, dict[str, Any]] = {
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     """Return all runs by name. ``quick`` takes fewer orientations and trials of the same
     physics."""
-    lists = {name: [load_scenario(f"paper/{name}")] for name in SINGLE}
-    lists["vertical_climb"] = [load_scenario("vertical_climb")]
+    lists = {name: [_of_primitives(f"paper/{name}")] for name in SINGLE}
+    lists["vertical_climb"] = [_of_primitives("vertical_climb")]
     lists |= _elbows_and_tees(quick) | _straight_pipes(quick)
     # The published motor in the shipped scenarios.
     names = ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
     pololu = {"robot.motor": "pololu_1000_hpcb"}
-    lists["pololu"] = [override(load_scenario(name), pololu) for name in names]
-    return {name: [override(each, PRIMITIVES) for each in group] for name, group in lists.items()}
+    lists["pololu"] = [override(_of_primitives(name), pololu) for name in names]
+    return lists
+
+
+def _of_primitives(name: str) -> Scenario:
+    return load_scenario(name, PRIMITIVES)
 
 
 def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
     """Turns over the start orientation, random tee turns, and straight over a tee."""
-    tee, trials = load_scenario("tee_turn"), 24 if quick else 200
+    tee, trials = _of_primitives("tee_turn"), 24 if quick else 200
     # A third of a turn holds all orientations: the modules are alike.
     turn = np.arange(-60, 60, 10 if quick else 2)
     lists = {
@@ -75,12 +79,13 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
         for kind in ("jacobian", "paper")
     }
     lists |= _elbows(np.arange(-60, 60, 30 if quick else 10))
-    lists["aligned"] = random_tee_turns(trials, (0.8, 1.0))
-    lists["slippery"] = random_tee_turns(trials, (0.6, 0.8))
-    lists["few_lugs"] = random_tee_turns(trials, (0.8, 1.0), FEW_LUGS)
-    lists["few_lugs_slippery"] = random_tee_turns(trials, (0.6, 0.8), FEW_LUGS)
+    few_lugs = override(tee, FEW_LUGS)
+    lists["aligned"] = random_tee_turns(tee, trials, (0.8, 1.0))
+    lists["slippery"] = random_tee_turns(tee, trials, (0.6, 0.8))
+    lists["few_lugs"] = random_tee_turns(few_lugs, trials, (0.8, 1.0))
+    lists["few_lugs_slippery"] = random_tee_turns(few_lugs, trials, (0.6, 0.8))
     for state in ("aligned", "unaligned"):
-        base = load_scenario(f"paper/straight_over_tee_{state}")
+        base = _of_primitives(f"paper/straight_over_tee_{state}")
         lists[f"straight_over_{state}"] = [
             override(base, {"world.gravity": list(g)}) for g in GRAVITIES.values()
         ]
@@ -93,20 +98,21 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
 def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
     """Both elbows with every controller and drive, from each of the start orientations."""
     lists = {
-        f"elbow_{radius}_{kind}": _orientations(load_scenario(name), theta5_deg, _UNAIDED | changes)
+        f"elbow_{radius}_{kind}": _orientations(_of_primitives(name), theta5_deg, _UNAIDED | changes)
         for radius, name in (("240", "elbow"), ("90", "elbow_short"))
         for kind, changes in ELBOW_DRIVES.items()
     }
     half = Robot().length / 2  # from the head to the centre, m
     # Eq. 20 begun with the robot's centre at the bend, to show why it fails with the head there.
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
-    lists["elbow_240_paper_late"] = _orientations(load_scenario("elbow"), theta5_deg, late)
+    lists["elbow_240_paper_late"] = _orientations(_of_primitives("elbow"), theta5_deg, late)
     return lists
 
 
 def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
     """Rolling on the spot, and climbing with more and less preload."""
-    holonomic, climb = load_scenario("paper/holonomic_alignment"), load_scenario("vertical_climb")
+    holonomic = _of_primitives("paper/holonomic_alignment")
+    climb = _of_primitives("vertical_climb")
     angles = np.arange(-60, 60, 20 if quick else 5)
     return {
         "holonomic": _orientations(holonomic, angles, {}),
@@ -140,18 +146,15 @@ def run_all(
 
 
 def random_tee_turns(
-    count: int, friction: tuple[float, float], changes: Mapping[str, Any] | None = None
+    base: Scenario, count: int, friction: tuple[float, float]
 ) -> list[Scenario]:
-    """Tee turns with alignment, drawn at random.
+    """Tee turns like ``base``, with alignment, drawn at random.
 
     Start orientation and friction are uniform, gravity is one of ``GRAVITIES``.
     """
     # One generator for all trials, in this order of draws: other lists would be other trials.
     rng = np.random.default_rng(SEED)
-    base, gravities = (
-        override(load_scenario("tee_turn"), dict(changes or {})),
-        list(GRAVITIES.values()),
-    )
+    gravities = list(GRAVITIES.values())
     return [
         override(
             base,
