@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -134,12 +132,6 @@ def environment(**more: object) -> dict[str, str]:
     paths = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
     given = {name: str(value) for name, value in more.items()}
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))} | given
-
-
-def omnitrack(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]
-    told = {"capture_output": True, "text": True, "cwd": cwd, "env": environment()}
-    return subprocess.run(command, timeout=PATIENCE, **told)
 
 
 def same(a: Path, b: Path, names=FILES) -> bool:

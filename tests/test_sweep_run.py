@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from commands import omnitrack
 from sweep_samples import (
     FILES,
     VALID,
-    omnitrack,
     parts,
     same,
     small_sweep,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import omnitrack
 from runs import rolling_tee, same_result
 from screens import at_window, needs_screen, screen
 
@@ -198,15 +199,6 @@ def test_the_keys_are_shown_where_they_do_not_lie_over_the_robot(size, covers):
     assert not covers_robot(keys[-1:], *size)
 
 
-def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "omnitrack_sim.cli", *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "WAYLAND_DISPLAY": "", **environment},
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -221,11 +213,13 @@ def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[
         (("drive", "straight", "--speed", "0"), "--speed: is '0'"),
     ],
 )
-def test_bad_input_is_told_before_a_window_opens(tmp_path, arguments, told):
+def test_bad_input_is_told_before_a_window_opens(tmp_path, monkeypatch, arguments, told):
     """Each with status 2, and what is in the folder stays."""
     (tmp_path / "notes.txt").write_text("mine")
     given = [argument.format(folder=tmp_path) for argument in arguments]
-    done = command(*given, DISPLAY="")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.setenv(name, "")
+    done = omnitrack(*given)
     assert done.returncode == 2, done.stderr
     assert told in done.stderr
     assert (tmp_path / "notes.txt").read_text() == "mine"
@@ -234,7 +228,12 @@ def test_bad_input_is_told_before_a_window_opens(tmp_path, arguments, told):
 def test_screen_that_is_none_and_missing_library_are_told(monkeypatch):
     """A display without a server is an error with its name; without glfw, what to install."""
     pytest.importorskip("glfw")
-    done = command("view", "straight", DISPLAY=":987")
+    done = subprocess.run(
+        [sys.executable, "-m", "omnitrack_sim.cli", "view", "straight"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "WAYLAND_DISPLAY": "", "DISPLAY": ":987"},
+    )
     assert done.returncode == 2, done.stderr
     assert "':987'" in done.stderr
     from omnitrack_sim.base.errors import RenderError
