@@ -12,7 +12,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.show.film.render import CAMERAS
 
 
-
 def completed(line, cwd, shell="bash"):
     """The words that a shell is told for the last one of a line."""
     words = line.split(" ")

@@ -58,6 +58,7 @@ from omnitrack_sim.trials.sweep import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 
 
 def test_python_of_the_readme_runs(capsys, monkeypatch):
@@ -255,15 +256,14 @@ def test_commands_that_pages_show_name_what_there_is(document):
     """Commands exist with their options; scenarios, sweeps, studies, networks and policies come
     with the package, or are files of the checkout, of an earlier command (``out/``) or of the
     reader's own."""
-    commands = {c.name or c.callback.__name__: c.callback for c in app.registered_commands}
     for line in code_of(document):
         if not line.startswith("omnitrack "):
             continue
         words = shlex.split(line, comments=True)
         if len(words) < 2 or words[1].startswith("-"):
             continue
-        assert words[1] in commands, line
-        options = get_command(app).commands[words[1]].params
+        assert words[1] in COMMANDS, line
+        options = COMMANDS[words[1]].params
         known = {name for option in options for name in (*option.opts, "--help")}
         assert {w.strip("[]").partition("=")[0] for w in words if w.startswith("--")} <= known, line
         first = next((word for word in words[2:3] if not re.match(r"[-\[.]", word)), None)

@@ -22,6 +22,14 @@ EMPTY_PAGE = """# Page
 
 It has $x^2$.
 """
+NO_REFERENCE = """
+def undocumented():
+    return []
+
+def write_reference(target):
+    (target / "api.md").write_text("# Python names\\n")
+"""
+"""In place of the reference, whose names take Sphinx seconds."""
 FAULTY_PAGE = """# Faulty
 
 [gone](gone.md), [no such heading](page.md#nowhere), ![no picture](figures/none.png),
@@ -115,6 +123,7 @@ def small_checkout(root: Path) -> None:
     for name in ("benchmarks", "docs/figures"):
         (root / name).mkdir(parents=True)
     shutil.copytree(ROOT / "docs" / "site", root / "docs" / "site")
+    (root / "docs" / "site" / "reference.py").write_text(NO_REFERENCE, encoding="utf-8")
     shutil.copyfile(ROOT / "Makefile", root / "Makefile")
     texts = {
         "README.md": "# Start\n\n[contents](docs/README.md)\n",

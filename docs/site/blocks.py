@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +78,7 @@ def _shell(code: str) -> None:
 
 def _check_command(words: list[str]) -> None:
     """Refuse commands and options of ``omnitrack`` that there are not."""
-    group: Any = typer.main.get_command(app)
-    commands = group.commands
+    commands = _commands()
     if words[0].startswith("-"):
         return
     if words[0] not in commands:
@@ -89,6 +89,13 @@ def _check_command(words: list[str]) -> None:
     for word in words[1:]:
         if word.startswith("--") and word.partition("=")[0] not in known:
             raise ValueError(f"omnitrack {words[0]} has no {word}")
+
+
+@cache
+def _commands() -> dict[str, Any]:
+    """Commands by name, as Typer makes them of the functions."""
+    group: Any = typer.main.get_command(app)
+    return group.commands
 
 
 def _check_script(name: str) -> None:
