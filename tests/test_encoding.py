@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,29 +20,36 @@ def moving_frames(count: int = 20) -> list[np.ndarray]:
     return [np.stack(wave, axis=-1).astype(np.uint8) for wave in waves]
 
 
-def encode(path: str) -> None:
-    """Write the frames as a film."""
-    with film(path, 320, 180, 5) as append:
-        for frame in moving_frames():
-            append(frame)
+def encode(folder: str) -> None:
+    """Write the frames as films of every format."""
+    for ending in FILM_FORMATS:
+        with film(f"{folder}/film.{ending}", 320, 180, 5) as append:
+            for frame in moving_frames():
+                append(frame)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the C library of Linux fills memory so")
-@pytest.mark.parametrize("ending", FILM_FORMATS)
-def test_memory_and_processors_make_no_difference(tmp_path, ending):
-    """Whatever lies in the memory that the encoder is given, and however many processors there
-    are."""
-    films = []
-    for number, (fill, processors) in enumerate([(0, 2), (170, 1)]):
-        path = tmp_path / f"{number}.{ending}"
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory) -> list[Path]:
+    """Folders of films that processes with other memory and processors have written."""
+    made = []
+    for fill, processors in ((0, 2), (170, 1)):
+        made.append(tmp_path_factory.mktemp("films"))
         allowed = sorted(os.sched_getaffinity(0))[:processors]
         begin = f"import os; os.sched_setaffinity(0, {allowed})"
-        work = f"from test_encoding import encode; encode({str(path)!r})"
+        work = f"from test_encoding import encode; encode({str(made[-1])!r})"
         subprocess.run(
             [sys.executable, "-c", f"{begin}\n{work}"],
             check=True,
             cwd=os.path.dirname(__file__),
             env=os.environ | {"MALLOC_PERTURB_": str(fill)},
         )
-        films.append(path.read_bytes())
-    assert films[0] == films[1]
+    return made
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the C library of Linux fills memory so")
+@pytest.mark.parametrize("ending", FILM_FORMATS)
+def test_memory_and_processors_make_no_difference(folders, ending):
+    """Whatever lies in the memory that the encoder is given, and however many processors there
+    are."""
+    one, other = (folder / f"film.{ending}" for folder in folders)
+    assert one.read_bytes() == other.read_bytes()

@@ -150,14 +150,13 @@ def test_a_run_that_diverged_stops_in_its_film(result, camera, value):
     assert np.abs(end - sound).mean() < 8  # the camera that follows turns a little earlier
 
 
-@pytest.mark.parametrize("camera", ["side", "follow"])
-def test_several_processes_make_the_same_film(result, tmp_path, camera):
-    """Byte for byte, and nothing else stays."""
+def test_several_processes_make_the_same_film(result, tmp_path):
+    """Byte for byte, by the camera that keeps the pipes between frames, and nothing else stays."""
     films = [
         render_video(
             result,
             path=tmp_path / f"{n}.mp4",
-            camera=camera,
+            camera="side",
             width=64,
             height=36,
             fps=5,
