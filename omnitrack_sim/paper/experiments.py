@@ -98,7 +98,9 @@ def _elbows_and_tees(quick: bool) -> dict[str, list[Scenario]]:
 def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
     """Both elbows with every controller and drive, from each of the start orientations."""
     lists = {
-        f"elbow_{radius}_{kind}": _orientations(_of_primitives(name), theta5_deg, _UNAIDED | changes)
+        f"elbow_{radius}_{kind}": _orientations(
+            _of_primitives(name), theta5_deg, _UNAIDED | changes
+        )
         for radius, name in (("240", "elbow"), ("90", "elbow_short"))
         for kind, changes in ELBOW_DRIVES.items()
     }
@@ -145,9 +147,7 @@ def run_all(
     return {name: [next(done) for _ in group] for name, group in lists.items()}
 
 
-def random_tee_turns(
-    base: Scenario, count: int, friction: tuple[float, float]
-) -> list[Scenario]:
+def random_tee_turns(base: Scenario, count: int, friction: tuple[float, float]) -> list[Scenario]:
     """Tee turns like ``base``, with alignment, drawn at random.
 
     Start orientation and friction are uniform, gravity is one of ``GRAVITIES``.
