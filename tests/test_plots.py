@@ -55,16 +55,14 @@ def test_without_a_path_a_figure_comes_back_and_nothing_is_written(name, tmp_pat
 def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_path):
     """The same bytes twice and by the figure's own ``savefig``; no date in it, and in PDF
     fonts that journals take."""
-    figure = DRAWN[name]()
-    assert isinstance(figure, Figure)
     for ending in ENDINGS:
-        figure.savefig(tmp_path / f"a.{ending}")
-    # SVG is written soonest, and has all that is drawn: of one figure all three are compared.
-    for ending in ENDINGS if name == "channel" else ("svg",):
-        assert isinstance(DRAWN[name](path=tmp_path / f"b.{ending}"), Figure)
-        DRAWN[name](path=tmp_path / "c", format=ending)
-        for other in (f"b.{ending}", "c"):
-            assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / other).read_bytes()
+        assert isinstance(DRAWN[name](path=tmp_path / f"a.{ending}"), Figure)
+    # SVG is written soonest, and has all that is drawn.
+    DRAWN[name]().savefig(tmp_path / "own.svg")
+    assert (tmp_path / "own.svg").read_bytes() == (tmp_path / "a.svg").read_bytes()
+    for ending in ENDINGS if name == "channel" else ():
+        DRAWN[name](path=tmp_path / "b", format=ending)
+        assert (tmp_path / "b").read_bytes() == (tmp_path / f"a.{ending}").read_bytes()
     pdf, svg = (tmp_path / f"a.{ending}" for ending in ("pdf", "svg"))
     assert b"CreationDate" not in pdf.read_bytes()
     assert b"/Type3" not in pdf.read_bytes()
