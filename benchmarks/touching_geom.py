@@ -31,7 +31,8 @@ FITTINGS = {
 SHAPES = {
     "sphere": (GEOM.mjGEOM_SPHERE, [0.025, 0, 0]),
     "capsule": (GEOM.mjGEOM_CAPSULE, [0.015, 0.04, 0]),
-    "cylinder": (GEOM.mjGEOM_CYLINDER, [0.03, 0.01, 0]),
+    "wheel": (GEOM.mjGEOM_CYLINDER, [0.03, 0.01, 0]),
+    "roller": (GEOM.mjGEOM_CYLINDER, [0.012, 0.04, 0]),
     "ellipsoid": (GEOM.mjGEOM_ELLIPSOID, [0.035, 0.02, 0.012]),
     "box": (GEOM.mjGEOM_BOX, [0.03, 0.02, 0.01]),
     "mesh": (GEOM.mjGEOM_MESH, [0, 0, 0]),
@@ -46,16 +47,23 @@ def model_of(fitting: ot.Fitting, shape: str, exact: bool) -> mujoco.MjModel:
         ot.add_pipes(spec, network)
     else:
         add_walls(spec, network)
+    geom = add_body(spec, shape)
+    geom.contype = geom.conaffinity = 3
+    return spec.compile()
+
+
+def add_body(spec: mujoco.MjSpec, shape: str) -> mujoco.MjsGeom:
+    """Add a free body of one geom."""
     points = np.random.default_rng(1).normal(size=(24, 3))
     points *= 0.025 / np.linalg.norm(points, axis=1, keepdims=True)
     spec.add_mesh(name="stone", uservert=points.ravel())
     kind, size = SHAPES[shape]
     body = spec.worldbody.add_body()
     body.add_freejoint()
-    geom = body.add_geom(type=kind, size=size, contype=3, conaffinity=3)
+    geom = body.add_geom(type=kind, size=size)
     if shape == "mesh":
         geom.meshname = "stone"
-    return spec.compile()
+    return geom
 
 
 def poses(model: mujoco.MjModel, fitting: ot.Fitting, count: int) -> list[np.ndarray]:

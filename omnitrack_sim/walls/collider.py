@@ -213,7 +213,10 @@ def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
     """Find the contacts of a geom with the edge of a wall, see ``rims``."""
     sizes = doubles(model[word(SIZE)] + 24 * geom)
     hull, normals = _hull(model, geom if kind == MESH else -1)
-    return rim_contacts(con, records, w, kind, sizes, hull, normals, frame, margin, MOST_KEPT, out)
+    bound = doubles(model[word(BOUND)])[geom]
+    return rim_contacts(
+        con, records, w, kind, sizes, bound, hull, normals, frame, margin, MOST_KEPT, out
+    )
 
 
 def collide(model, data, contacts, wall, geom, margin):

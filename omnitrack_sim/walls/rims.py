@@ -2,8 +2,10 @@
 
 There the side of a wheel or of an ellipsoid may touch with a point that neither wall beside the
 edge is nearest to. So the edge is a geom of its own, a circle about the z axis of its frame, and is
-searched for the places that lie deepest in the body. A contact belongs to the edge if its normal
-lies between those of the walls on both sides; otherwise it is theirs.
+searched for the places that are nearest to the body or lie deepest in it. Beside a body its nearest
+point gives the normal, and a contact belongs to the edge if that lies between the normals of the
+walls on both sides; otherwise it is theirs. Within a body the normal is the one, of those between,
+along which the body has the least way out.
 """
 
 from __future__ import annotations
@@ -33,13 +35,19 @@ SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
 LEAST_SAMPLES = 16
 FEET = 4
 """Steps by which the foot of a point on an ellipsoid is found."""
-FARTHEST_FACE = 4.0
-"""Depth behind a face that faces the edge, in depths behind the nearest face, up to which it is
-touched."""
+DEEPEST, DEEPEST_IN_BORE = 4.0, 1e-3
+"""Way out of a body between the walls' normals, in depths behind its nearest face, and in radii
+beside these, up to which an edge touches: beyond it the edge is at the body's other side."""
 BETWEEN, BETWEEN_BY_DEPTH = 1e-4, 6.0
-"""Room of a normal's slope beyond those of the walls on both sides, and more of it for each radius
+"""Room, rad, of a normal beyond those of the walls on both sides, and more of it for each radius
 that the edge lies deep in a body: there the walls and the edge no longer agree on whose the contact
 is, and one that both leave to the other would let the body through."""
+NORMALS, HALVINGS = 8, 24
+"""Of the search for the least way out: steps between the walls' normals, and steps of the golden
+section about the best of these."""
+GOLDEN = 0.6180339887498949
+SEPARATE = 5e-4
+"""Distance, m, of two places up to which a minimum between them is less than a micrometre deep."""
 ACCURACY = 1e-6
 """Of a place on the edge, radii."""
 
@@ -54,44 +62,6 @@ def rim_record(radius: float, behind: float, beyond: float, depth: float) -> Arr
 
 
 @compiled
-def _faces_edge(d, nx, ny, nz, gate):
-    """Return whether a body's outward normal lies between those that the walls beside the edge
-    turn against. ``gate``: unit vectors into the bore and along the axis (3 each), geom frame, and
-    the growths of the bore, its radius, and whether (over 0) only faces that do count."""
-    ix, iy, iz, ax, ay, az, behind, beyond, radius, _ = gate
-    room = BETWEEN + BETWEEN_BY_DEPTH * max(-d, 0.0) / radius
-    inward, along = -(nx * ix + ny * iy + nz * iz), -(nx * ax + ny * ay + nz * az)
-    return inward >= -room and -behind * inward - room <= along <= beyond * inward + room
-
-
-@compiled
-def _nearer(best, d, nx, ny, nz, gate, out):
-    """Take over a face at distance ``d`` behind which the point lies, if it is nearer than ``best``
-    and faces the edge: where a body's edge crosses the wall's, one of its faces does not."""
-    if d <= best or (gate[9] > 0.0 and not _faces_edge(d, nx, ny, nz, gate)):
-        return best
-    out[0], out[1], out[2] = nx, ny, nz
-    return d
-
-
-@compiled
-def _nearer_edge(best, u, m, w, l, gate, out):
-    """Take over, as ``_nearer`` does, the edge between two faces with normals ``m`` and ``l``,
-    which are ``u`` and ``w`` away: its normal is across the wall's edge."""
-    ix, iy, iz, ax, ay, az, _, _, _, _ = gate
-    tx, ty, tz = ay * iz - az * iy, az * ix - ax * iz, ax * iy - ay * ix
-    p, q = l[0] * tx + l[1] * ty + l[2] * tz, -(m[0] * tx + m[1] * ty + m[2] * tz)
-    # Between the two faces both weights have one sign.
-    if p * q <= 0.0:
-        return best
-    p, q = abs(p), abs(q)
-    nx, ny, nz = p * m[0] + q * l[0], p * m[1] + q * l[1], p * m[2] + q * l[2]
-    size = math.sqrt(nx * nx + ny * ny + nz * nz)
-    d = (p * u + q * w) / size
-    return _nearer(best, d, nx / size, ny / size, nz / size, gate, out)
-
-
-@compiled
 def _outside(u, v, w, out):
     """Distance from a corner whose faces are u, v, w away, and the direction from it."""
     u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
@@ -101,29 +71,60 @@ def _outside(u, v, w, out):
 
 
 @compiled
-def _from_hull(x, y, z, hull, normals, gate, out):
-    """Distance from a convex hull: that from the face beyond which the point lies farthest."""
+def _from_polygons(x, y, z, hull, normals, out):
+    """Distance of a point outside from a convex hull: from the nearest of the polygons that face
+    the point; the direction goes to ``out``."""
+    vertices, _, _, count, begins, sizes, numbers = hull
+    least = math.inf
+    for polygon in range(count):
+        k, first, size = 3 * polygon, begins[polygon], sizes[polygon]
+        nx, ny, nz = normals[k], normals[k + 1], normals[k + 2]
+        a = 3 * numbers[first + size - 1]
+        d = nx * (x - vertices[a]) + ny * (y - vertices[a + 1]) + nz * (z - vertices[a + 2])
+        if d < 0.0 or d * d >= least:
+            continue
+        above = True
+        for i in range(size):
+            b = 3 * numbers[first + i]
+            px, py, pz = x - vertices[a], y - vertices[a + 1], z - vertices[a + 2]
+            ex = float(vertices[b]) - vertices[a]
+            ey = float(vertices[b + 1]) - vertices[a + 1]
+            ez = float(vertices[b + 2]) - vertices[a + 2]
+            a = b
+            # Vertices go round the outward normal, so this is over 0 beyond the edge.
+            if (
+                px * (ey * nz - ez * ny) + py * (ez * nx - ex * nz) + pz * (ex * ny - ey * nx)
+                <= 0.0
+            ):
+                continue
+            above = False
+            s = (px * ex + py * ey + pz * ez) / (ex * ex + ey * ey + ez * ez)
+            s = min(max(s, 0.0), 1.0)
+            px, py, pz = px - s * ex, py - s * ey, pz - s * ez
+            square = px * px + py * py + pz * pz
+            if square < least:
+                least = square
+                out[0], out[1], out[2] = px, py, pz
+        if above:
+            least = d * d
+            out[0], out[1], out[2] = d * nx, d * ny, d * nz
+    d = max(math.sqrt(least), 1e-12)
+    out[0], out[1], out[2] = out[0] / d, out[1] / d, out[2] / d
+    return d
+
+
+@compiled
+def _from_hull(x, y, z, hull, normals, out):
+    """Distance from a convex hull: within it, that from the face which is nearest."""
     vertices, _, _, count, begins, _, numbers = hull
-    best, second = -math.inf, -math.inf
-    m = l = (0.0, 0.0, 0.0)
+    best = -math.inf
     for polygon in range(count):
         v, k = 3 * numbers[begins[polygon]], 3 * polygon
-        normal = normals[k], normals[k + 1], normals[k + 2]
-        d = (
-            normal[0] * (x - vertices[v])
-            + normal[1] * (y - vertices[v + 1])
-            + normal[2] * (z - vertices[v + 2])
-        )
+        nx, ny, nz = normals[k], normals[k + 1], normals[k + 2]
+        d = nx * (x - vertices[v]) + ny * (y - vertices[v + 1]) + nz * (z - vertices[v + 2])
         if d > best:
-            best, second, m, l = d, best, normal, m
-        elif d > second:
-            second, l = d, normal
-    d = _nearer(-math.inf, best, m[0], m[1], m[2], gate, out)
-    if d == -math.inf:
-        d = _nearer(d, second, l[0], l[1], l[2], gate, out)
-    if d == -math.inf:
-        d = _nearer_edge(d, best, m, second, l, gate, out)
-    return d if d > -math.inf else best
+            best, out[0], out[1], out[2] = d, nx, ny, nz
+    return _from_polygons(x, y, z, hull, normals, out) if best > 0.0 else best
 
 
 @compiled
@@ -143,54 +144,60 @@ def _from_ellipsoid(x, y, z, a, b, c, out):
 
 
 @compiled
-def from_body(kind, sizes, hull, normals, x, y, z, gate, out):
+def from_body(kind, sizes, hull, normals, x, y, z, out):
     """Distance, m, of a point from a geom, in the geom's frame; the unit gradient goes to ``out``.
-    Within it is negative: that from the nearest face, or from the nearest that faces the edge."""
+    Within it is negative: that from the nearest face."""
     a, b, c = sizes[0], sizes[1], sizes[2]
-    out[0], out[1], out[2] = 0.0, 0.0, 0.0
     if kind == MESH:
-        return _from_hull(x, y, z, hull, normals, gate, out)
+        return _from_hull(x, y, z, hull, normals, out)
+    if kind == ELLIPSOID:
+        return _from_ellipsoid(x, y, z, a, b, c, out)
+    if kind in (SPHERE, CAPSULE):
+        along = min(max(z, -b), b) if kind == CAPSULE else 0.0
+        size = max(math.sqrt(x * x + y * y + (z - along) * (z - along)), 1e-12)
+        out[0], out[1], out[2] = x / size, y / size, (z - along) / size
+        return size - a
     sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
     if kind == BOX:
         u, v, w = sx * x - a, sy * y - b, sz * z - c
-        if u > 0.0 or v > 0.0 or w > 0.0:
-            d = _outside(u, v, w, out)
-            out[0], out[1], out[2] = sx * out[0], sy * out[1], sz * out[2]
-            return d
-        d = _nearer(-math.inf, u, sx, 0.0, 0.0, gate, out)
-        d = _nearer(d, v, 0.0, sy, 0.0, gate, out)
-        d = _nearer(d, w, 0.0, 0.0, sz, gate, out)
-        if d == -math.inf:
-            x_face, y_face, z_face = (sx, 0.0, 0.0), (0.0, sy, 0.0), (0.0, 0.0, sz)
-            d = _nearer_edge(d, u, x_face, v, y_face, gate, out)
-            d = _nearer_edge(d, v, y_face, w, z_face, gate, out)
-            d = _nearer_edge(d, w, z_face, u, x_face, gate, out)
-        return d if d > -math.inf else max(u, v, w)
-    if kind == ELLIPSOID:
-        return _from_ellipsoid(x, y, z, a, b, c, out)
-    if kind == CYLINDER:
+    else:
         r = max(math.sqrt(x * x + y * y), 1e-12)
-        u, w = r - a, sz * z - b
-        if u > 0.0 or w > 0.0:
-            d = _outside(u, 0.0, w, out)
-            out[0], out[1], out[2] = out[0] * x / r, out[0] * y / r, sz * out[2]
-            return d
-        d = _nearer(-math.inf, u, x / r, y / r, 0.0, gate, out)
-        d = _nearer(d, w, 0.0, 0.0, sz, gate, out)
-        if d == -math.inf:
-            d = _nearer_edge(d, u, (x / r, y / r, 0.0), w, (0.0, 0.0, sz), gate, out)
-        return d if d > -math.inf else max(u, w)
-    along = min(max(z, -b), b) if kind == CAPSULE else 0.0
-    size = max(math.sqrt(x * x + y * y + (z - along) * (z - along)), 1e-12)
-    out[0], out[1], out[2] = x / size, y / size, (z - along) / size
-    return size - a
+        # A cylinder is a box whose first axis turns with the point.
+        sx, sy, u, v, w = x / r, y / r, r - a, -math.inf, sz * z - b
+    if u > 0.0 or v > 0.0 or w > 0.0:
+        d = _outside(u, v, w, out)
+    else:
+        d = max(u, v, w)
+        out[0], out[1], out[2] = 1.0 * (d == u), 1.0 * (d == v), 1.0 * (d == w)
+    out[1] = sy * (out[1] if kind == BOX else out[0])
+    out[0], out[2] = sx * out[0], sz * out[2]
+    return d
 
 
 @compiled
-def _at(angle, frame, body, strict, out):
+def _extent(kind, sizes, hull, x, y, z):
+    """Largest coordinate, m, of a geom's points along a unit vector of its frame."""
+    a, b, c = sizes[0], sizes[1], sizes[2]
+    if kind == BOX:
+        return a * abs(x) + b * abs(y) + c * abs(z)
+    if kind == ELLIPSOID:
+        return math.sqrt(a * a * x * x + b * b * y * y + c * c * z * z)
+    if kind == CYLINDER:
+        return a * math.sqrt(x * x + y * y) + b * abs(z)
+    if kind == MESH:
+        vertices, most = hull[0], -math.inf
+        for v in range(hull[1]):
+            along = x * vertices[3 * v] + y * vertices[3 * v + 1] + z * vertices[3 * v + 2]
+            most = max(most, along)
+        return most
+    return a + b * abs(z) if kind == CAPSULE else a
+
+
+@compiled
+def _at(angle, frame, body, out):
     """Distance of the edge's point at an angle from the body, and its derivative by arc length; in
     ``out`` the point and the gradient, both in the edge's frame, from 4 and from 7 on."""
-    kind, sizes, hull, normals, radius, behind, beyond = body
+    kind, sizes, hull, normals, radius = body
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     cos, sin = math.cos(angle), math.sin(angle)
     dx, dy, dz = radius * cos - px, radius * sin - py, -pz
@@ -199,9 +206,7 @@ def _at(angle, frame, body, strict, out):
         xy * dx + yy * dy + zy * dz,
         xz * dx + yz * dy + zz * dz,
     )
-    ix, iy, iz = -xx * cos - yx * sin, -xy * cos - yy * sin, -xz * cos - yz * sin
-    gate = ix, iy, iz, zx, zy, zz, behind, beyond, radius, strict
-    d = from_body(kind, sizes, hull, normals, x, y, z, gate, out)
+    d = from_body(kind, sizes, hull, normals, x, y, z, out)
     gx = xx * out[0] + xy * out[1] + xz * out[2]
     gy = yx * out[0] + yy * out[1] + yz * out[2]
     gz = zx * out[0] + zy * out[1] + zz * out[2]
@@ -211,32 +216,104 @@ def _at(angle, frame, body, strict, out):
 
 
 @compiled
-def _add(con, n, d, radius, behind, beyond, depth, margin, out):
-    """Add the contact at the point in ``out``, see ``_at``, if it is the edge's."""
-    ex, ey, ez, nx, ny, nz = out[4], out[5], out[6], out[7], out[8], out[9]
+def _way_out(slant, frame, body, out):
+    """Distance, m, of the body from the edge's point in ``out`` along a normal at an angle from the
+    bore's radius towards the axis; below 0 where the body has to go."""
+    kind, sizes, hull, _, radius = body
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    cos = math.cos(slant) / radius
+    x, y, z = -out[4] * cos, -out[5] * cos, math.sin(slant)
+    # The body reaches farthest towards the edge against the normal.
+    u, v, w = -xx * x - yx * y - zx * z, -xy * x - yy * y - zy * z, -xz * x - yz * y - zz * z
+    centre = x * (px - out[4]) + y * (py - out[5]) + z * pz
+    return centre - _extent(kind, sizes, hull, u, v, w)
+
+
+@compiled
+def _least_way_out(low, high, frame, body, out):
+    """Return the slant of the normal between two with the least way out, see ``_way_out``, and the
+    distance along it."""
+    step, best, least = (high - low) / NORMALS, low, -math.inf
+    for i in range(NORMALS + 1):
+        d = _way_out(low + i * step, frame, body, out)
+        if d > least:
+            best, least = low + i * step, d
+    a, b = max(best - step, low), min(best + step, high)
+    for _ in range(HALVINGS):
+        c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
+        if _way_out(c, frame, body, out) > _way_out(d, frame, body, out):
+            b = d
+        else:
+            a = c
+    middle = 0.5 * (a + b)
+    d = _way_out(middle, frame, body, out)
+    return (middle, d) if d > least else (best, least)
+
+
+@compiled
+def _add(con, n, d, slant, depth, margin, out):
+    """Add the contact at the point in ``out``, see ``_at``, with the normal at a slant."""
     if d >= margin or d <= -depth:
         return n
-    gate = -ex / radius, -ey / radius, 0.0, 0.0, 0.0, 1.0, behind, beyond, radius, 1.0
-    if nx * nx + ny * ny + nz * nz == 0.0 or not _faces_edge(d, nx, ny, nz, gate):
-        return n
-    k = n * CONTACT_SIZE
+    k, ex, ey = n * CONTACT_SIZE, out[4], out[5]
+    inward = math.cos(slant) / math.sqrt(ex * ex + ey * ey)
+    nx, ny, nz = -inward * ex, -inward * ey, math.sin(slant)
     con[k] = d
     # Half way between the edge and the body's surface.
-    con[k + 1], con[k + 2], con[k + 3] = ex - 0.5 * d * nx, ey - 0.5 * d * ny, ez - 0.5 * d * nz
-    con[k + 4], con[k + 5], con[k + 6] = -nx, -ny, -nz
+    con[k + 1], con[k + 2], con[k + 3] = ex + 0.5 * d * nx, ey + 0.5 * d * ny, 0.5 * d * nz
+    con[k + 4], con[k + 5], con[k + 6] = nx, ny, nz
     con[k + 7] = con[k + 8] = con[k + 9] = 0.0
     return n + 1
 
 
 @compiled
-def rim_contacts(con, records, w, kind, sizes, hull, normals, frame, margin, most, out):
+def _may_hide(d_a, slope_a, d_b, slope_b, step, radius, margin):
+    """Return whether the distance may have a minimum, and a maximum beside it, between two places
+    of the edge that are ``step`` rad apart.
+
+    The distance from a convex body is convex along a line. Along a circle its slope may also fall,
+    by the angle at most.
+    """
+    if step * radius < SEPARATE or 0.5 * (d_a + d_b - radius * step) >= margin:
+        return False
+    if slope_a < 0.0 <= slope_b:
+        return False
+    return slope_a < step and slope_b > -step
+
+
+@compiled
+def _minimum(con, n, low, high, frame, body, slants, depth, margin, out):
+    """Add the contact at the minimum of the distance between two angles."""
+    slope = 1.0
+    while high - low > ACCURACY and abs(slope) > 1e-9:
+        middle = 0.5 * (low + high)
+        _, slope = _at(middle, frame, body, out)
+        low, high = (middle, high) if slope < 0.0 else (low, middle)
+    d, _ = _at(0.5 * (low + high), frame, body, out)
+    radius, (first, last) = body[4], slants
+    room = BETWEEN + BETWEEN_BY_DEPTH * max(-d, 0.0) / radius
+    first, last = first - room, last + room
+    slant = math.atan2(-out[9], (out[7] * out[4] + out[8] * out[5]) / radius)
+    if d <= 0.0:
+        slant, way = _least_way_out(first, last, frame, body, out)
+        if way < DEEPEST * d - DEEPEST_IN_BORE * radius:
+            return n
+        d = way
+    # A way out that goes on getting shorter is that of a wall.
+    if first < slant < last:
+        n = _add(con, n, d, slant, depth, margin, out)
+    return n
+
+
+@compiled
+def rim_contacts(con, records, w, kind, sizes, bound, hull, normals, frame, margin, most, out):
     """Find the contacts of a geom with an edge, in the edge's frame; returns their number.
 
     Args:
         con: room for ``most`` contacts.
         records, w: user data of all geoms, and where the record of the edge begins.
-        kind, sizes, hull, normals: of the geom; its hull, and the normals of its polygons, where it
-            is a mesh.
+        kind, sizes, bound, hull, normals: of the geom, with the radius of a ball around it; its
+            hull, and the normals of its polygons, where it is a mesh.
         frame: of the geom in the edge's frame, see ``bodies``.
         margin: m, up to which contacts count.
     """
@@ -244,26 +321,24 @@ def rim_contacts(con, records, w, kind, sizes, hull, normals, frame, margin, mos
     # The distance to a cone knows its edge, as far as the middle of a ball is not in the wall.
     if beyond < OPEN and kind in (SPHERE, CAPSULE):
         return 0
-    body = kind, sizes, hull, normals, radius, behind, beyond
+    # Most geoms near the box around an edge are not near the edge.
+    across = math.sqrt(frame[0] * frame[0] + frame[1] * frame[1]) - radius
+    if across * across + frame[2] * frame[2] >= (bound + margin) * (bound + margin):
+        return 0
+    body, slants = (kind, sizes, hull, normals, radius), (-math.atan(behind), math.atan(beyond))
     depth, n, a, end = records[w + DEPTH], 0, 0.0, 2.0 * math.pi
-    first = _at(0.0, frame, body, 0.0, out)
+    first = _at(0.0, frame, body, out)
     d_a, slope_a = first
     while a < end and n < most:
         # The distance changes by no more than a metre a metre.
         stride = max(end / LEAST_SAMPLES / 4.0, 0.5 * (d_a - margin) / radius)
         b = min(a + min(stride, end / LEAST_SAMPLES), end)
         # Where it closes rounding must not hide a minimum.
-        d_b, slope_b = _at(b, frame, body, 0.0, out) if b < end else first
+        d_b, slope_b = _at(b, frame, body, out) if b < end else first
+        while _may_hide(d_a, slope_a, d_b, slope_b, b - a, radius, margin):
+            b = 0.5 * (a + b)
+            d_b, slope_b = _at(b, frame, body, out)
         if slope_a < 0.0 <= slope_b and min(d_a, d_b) - radius * (b - a) < margin:
-            low, high, slope = a, b, 1.0
-            while high - low > ACCURACY and abs(slope) > 1e-9:
-                middle = 0.5 * (low + high)
-                _, slope = _at(middle, frame, body, 0.0, out)
-                low, high = (middle, high) if slope < 0.0 else (low, middle)
-            nearest, _ = _at(0.5 * (low + high), frame, body, 0.0, out)
-            d, _ = _at(0.5 * (low + high), frame, body, 1.0, out)
-            # A face much deeper than the nearest is one on the other side of the body.
-            if d >= min(FARTHEST_FACE * nearest, nearest):
-                n = _add(con, n, d, radius, behind, beyond, depth, margin, out)
+            n = _minimum(con, n, a, b, frame, body, slants, depth, margin, out)
         a, d_a, slope_a = b, d_b, slope_b
     return n
