@@ -1,0 +1,109 @@
+"""An inchworm: two clamps and a spindle between them that extends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+
+ENDS = ("rear", "front")
+"""The clamps."""
+
+
+@dataclass(frozen=True)
+class Inchworm:
+    """An inchworm whose clamps hold in turn while its spindle extends and contracts.
+
+    A closed clamp of eight pads carries ``8 * friction * grip`` N along a straight. Each cycle of
+    ``2 * (stretch_time + 2 * switch_time)`` s takes it forward by
+
+        stride - m g / k,    k: stiffness of the spindle, 20 N/mm; g: component against its motion
+
+    as the spindle is shorter by the weight in front of it when the front clamp closes, and longer
+    by the weight behind it when the rear clamp closes.
+
+    Attributes:
+        bore: m, of the pipe that its pads are set for.
+        grip: N, of each pad of a closed clamp.
+        friction: of the pads, where the walls state none.
+        stride: m, by which the spindle extends; 0.05 at most.
+        stretch_time: s, in which it extends or contracts.
+        switch_time: s, that a clamp gets to close, and that it gets to open.
+
+    Example:
+        >>> from omnitrack_sim.robots.inchworm import Inchworm
+        >>> model = Inchworm(grip=30.0).spec().compile()
+        >>> [model.actuator(i).name for i in range(model.nu)]
+        ['spindle', 'rear_grip', 'front_grip']
+    """
+
+    bore: float = 0.16
+    grip: float = 25.0
+    friction: float = 0.8
+    stride: float = 0.05
+    stretch_time: float = 0.5
+    switch_time: float = 0.1
+
+    chassis: ClassVar[str] = "chassis"
+    nose: ClassVar[str] = "nose"
+    tail: ClassVar[str] = "tail"
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
+        pipe's axis."""
+        spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("robot.xml")))
+        for pad in (f"{end}_{ring}_{k}" for end in ENDS for ring in "ab" for k in range(4)):
+            body = spec.body(pad)
+            outwards = body.pos * [1, 1, 0]
+            body.pos += (self.bore - 0.16) / 2 * outwards / np.linalg.norm(outwards)
+            spec.geom(pad).friction[0] = self.friction
+        return spec
+
+    def controller(self) -> Gait:
+        """Return the controller of the gait, which needs the time alone."""
+        return Gait(self.grip, self.stride, self.stretch_time, self.switch_time)
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Extend with the rear clamp closed, contract with the front one closed.
+
+    Before each move both clamps are closed for a time, and one opens before the spindle starts.
+
+    Attributes:
+        grip: N, of each pad of a closed clamp.
+        stride: m, see ``Inchworm``, like the following.
+        stretch_time: s.
+        switch_time: s.
+        period: s, between commands.
+    """
+
+    grip: float
+    stride: float
+    stretch_time: float
+    switch_time: float
+    period: float = 0.02
+    RETURN: ClassVar[float] = -5.0
+    """Force, N, that draws the pads of an open clamp back."""
+
+    def reset(self, rows: Any) -> None:
+        """Begin anew; it remembers nothing."""
+
+    def command(self, observation: Any) -> Array:
+        """Return the commands (n, 3) of n robots: length of the spindle, m, and forces, N, of the
+        pads of the rear and the front clamp."""
+        half = self.stretch_time + 2 * self.switch_time
+        in_cycle = np.asarray(observation.time) % (2 * half)
+        in_half, extends = in_cycle % half, in_cycle < half
+        moved = np.clip((in_half - 2 * self.switch_time) / self.stretch_time, 0.0, 1.0)
+        opens = in_half >= self.switch_time
+        command = np.empty((len(observation.qpos), 3))
+        command[:, 0] = self.stride * np.where(extends, moved, 1.0 - moved)
+        command[:, 1] = np.where(opens & ~extends, self.RETURN, self.grip)
+        command[:, 2] = np.where(opens & extends, self.RETURN, self.grip)
+        return command
