@@ -271,7 +271,7 @@ def least_distance(
     if away < least:
         return away, place, port
     nearest = pose.apply(where)
-    return least, nearest - least * slope(lambda points: from_walls(network, points), nearest), None
+    return least, nearest - least * network.signed_distance(nearest)[1], None
 
 
 def from_edges(

@@ -265,6 +265,7 @@ RESTS = {
 }
 """Depth of a body's centre below the axis of a level bore, m: a capsule lies along it, a wheel
 stands across it."""
+BRICK = {"type": GEOM.mjGEOM_MESH, "meshname": "brick"}
 _CORNERS = [[x, y, z] for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (-0.01, 0.01)]
 
 
@@ -288,8 +289,7 @@ def lying(shape, **attributes):
         name="body", pos=[0.25, 0, -RESTS[shape]], quat=turn.get(shape, [1, 0, 0, 0])
     )
     body.add_freejoint()
-    own = {"type": GEOM.mjGEOM_MESH, "meshname": "brick"} if shape == "brick" else SHAPES[shape]
-    body.add_geom(name="geom", **own)
+    body.add_geom(name="geom", **BRICK if shape == "brick" else SHAPES[shape])
     return spec.compile()
 
 
@@ -327,6 +327,50 @@ def test_a_box_slides_at_the_friction_that_its_edges_find(shape):
         mujoco.mj_step(model, data, 500)
         assert (data.qpos[0] - start > 0.05) == slides
         model.opt.gravity[:] = [0, 0, -9.81]
+
+
+_X, _Y, _Z = np.eye(3)
+_OUT, _ON = np.array([-1, 0, 1]) / math.sqrt(2), np.array([1, 0, 1]) / math.sqrt(2)
+"""Away from the axis of an elbow, half way round it, and along its centreline there."""
+FLOORS = {
+    "bore": (Straight(0.5), [-0.08, 0, 0.25], _X, _Z),
+    "flat elbow": (Elbow(0.24), 0.24 * (_X + _OUT) - 0.08 * _Y, _Y, _ON),
+    "sag of an elbow": (Elbow(0.24), 0.24 * _X + 0.32 * _OUT, -_OUT, _ON),
+    "tee's rim": (Tee(), [0.095, 0, -0.08], _Z, _X),
+    "wye's rim": (Wye(angle=math.pi / 2, branch_diameter=0.12), [0.1, 0, -0.06], _Z, _X),
+}
+"""A fitting, the lowest place (3,) m of its wall, and the directions up and along it there."""
+
+
+@pytest.mark.parametrize("shape", ["wheel", "roller", "box", "brick"])
+@pytest.mark.parametrize("name", FLOORS)
+def test_a_body_at_rest_lies_still(name, shape):
+    """A wheel, a roller, a box and a pad, which is a mesh, lie on the ground of each fitting, half
+    over a rim of a tee, without a contact made or lost, and the contacts carry their weight."""
+    fitting, floor, up, along = FLOORS[name]
+    across = np.cross(along, up)
+    axes = [along, -across, up] if shape in ("box", "brick") else [up, across, along]
+    spec = mujoco.MjSpec()
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.impratio, spec.option.gravity = 10, -9.81 * up
+    spec.add_mesh(name="brick", uservert=np.ravel(_CORNERS))
+    ot.add_pipes(spec, alone(fitting), friction=0.6)
+    body = spec.worldbody.add_body(name="body", pos=floor + 0.035 * up)
+    mujoco.mju_mat2Quat(body.quat, np.stack(axes, axis=-1).ravel())
+    # The damping is that of some grease: nothing else stops a wheel that rolls to and fro.
+    body.add_freejoint().damping[0] = 3e-4
+    body.add_geom(**BRICK if shape == "brick" else SHAPES[shape])
+    model = spec.compile()
+    data, counts = mujoco.MjData(model), []
+    mujoco.mj_step(model, data, 3000)
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        counts.append(data.ncon)
+    assert counts == counts[:1] * 500
+    assert np.abs(data.qvel).max() < 2e-3
+    carried = data.qfrc_constraint[:3] - model.body_mass[1] * 9.81 * up
+    assert np.abs(carried).max() < 1e-3 * model.body_mass[1] * 9.81
 
 
 def test_the_robots_own_geom_decides_unless_the_walls_state_a_friction():

@@ -31,13 +31,14 @@ a ball round the geom, are one."""
 SPACING_IN_BORE = 0.1
 """Largest spacing of the samples between which a minimum is looked for, in radii of the bore: 8 mm
 at 80 mm."""
-MANTLE_LINES = 16
-"""Lines along a cylinder's mantle between which its minima are looked for."""
+MANTLE_LINES, MANTLE_SPACING = 16, 2.5
+"""Lines along a cylinder's mantle between which its minima are looked for, and the largest spacing
+of samples on each, in those of ``SPACING_IN_BORE``."""
 SEEDS = 14
 DESCENT_STEPS = 30
 """Of the search for a contact of an ellipsoid: where it begins, and its steps at most."""
-ANGLE = 1e-5
-"""Accuracy of a place on a cylinder, rad."""
+ANGLE, LEVEL = 1e-5, 1e-2
+"""Accuracy of a place on a cylinder, rad; and slope round it, m/m, up to which it is a minimum."""
 FACING = 3e-4
 """Accuracy with which an ellipsoid faces the wall where it touches, rad. The depth is off by its
 square: 1e-9 m."""
@@ -213,7 +214,8 @@ def _mantle_line(wall, frame, radius, half, angle, out):
     """Least distance along the mantle's line at an angle, where it lies between the ends.
 
     Returns whether there is one (over 0; below 0: this fitting has none anywhere), its place along
-    the line, m, and the derivative of the distance round the cylinder there.
+    the line, m, and the derivative of the distance round the cylinder there. At a bend there may be
+    one though the wall falls away beyond it before the ends.
     """
     c, s = math.cos(angle), math.sin(angle)
     px, py, pz = point_at(frame, radius * c, radius * s, 0.0)
@@ -226,15 +228,24 @@ def _mantle_line(wall, frame, radius, half, angle, out):
     low, high = out[LOW], out[HIGH]
     if high <= low:
         return 0.0, 0.0, 0.0
-    d_low, slope_low, _ = slope_at(surface, sizes, line, low, out)
-    d_high, slope_high, _ = slope_at(surface, sizes, line, high, out)
-    near = 0.5 * (d_low + d_high - (high - low)) < wall[5]
-    if not near or slope_low >= 0.0 or slope_high < 0.0:
+    d, _, _ = slope_at(surface, sizes, line, 0.5 * (low + high), out)
+    # Most lines of a mantle are farther from the wall than they are long.
+    if d - 0.5 * (high - low) >= wall[5]:
         return 0.0, 0.0, 0.0
-    t = minimum(surface, sizes, line, low, slope_low, high, slope_high, out)
-    slope_at(surface, sizes, line, t, out)
-    tx, ty, tz = c * xy - s * xx, c * yy - s * yx, c * zy - s * zx
-    return 1.0, t, out[0] * tx + out[1] * ty + out[2] * tz
+    least, place, round_it, a = math.inf, 0.0, 0.0, low
+    step = (high - low) / math.ceil((high - low) / (MANTLE_SPACING * wall[7]))
+    _, slope_a, _ = slope_at(surface, sizes, line, low, out)
+    while a < high - 0.5 * step:
+        b = a + step
+        _, slope_b, _ = slope_at(surface, sizes, line, b, out)
+        if slope_a < 0.0 <= slope_b:
+            t = minimum(surface, sizes, line, a, slope_a, b, slope_b, out)
+            d, _, _ = slope_at(surface, sizes, line, t, out)
+            if d < least:
+                tx, ty, tz = c * xy - s * xx, c * yy - s * yx, c * zy - s * zx
+                least, place, round_it = d, t, out[0] * tx + out[1] * ty + out[2] * tz
+        a, slope_a = b, slope_b
+    return (1.0 if least < math.inf else 0.0), place, round_it
 
 
 @compiled
@@ -264,7 +275,7 @@ def _mantle_minimum(con, n, wall, frame, radius, half, low, high, out):
     """Add the contact on the mantle between two angles, by bisection of the slope round it."""
     # Which side the lines without a minimum are on: beyond them the slope points back.
     there, t, _ = _mantle_line(wall, frame, radius, half, low, out)
-    rising, angle, found = there > 0.0, low, 0.0
+    rising, angle, found, slope = there > 0.0, low, 0.0, 0.0
     while high - low > ANGLE:
         angle = 0.5 * (low + high)
         found, t, slope = _mantle_line(wall, frame, radius, half, angle, out)
@@ -274,7 +285,9 @@ def _mantle_minimum(con, n, wall, frame, radius, half, low, high, out):
             low = angle
         else:
             high = angle
-    if found <= 0.0:
+    # Beside the last line that has a minimum between the rims the distance goes on falling, towards
+    # one of the rims: that is no contact of the mantle.
+    if found <= 0.0 or abs(slope) > LEVEL:
         return n
     x, y, z = point_at(frame, radius * math.cos(angle), radius * math.sin(angle), t)
     return touch(con, n, wall, x, y, z, 0.0, out)
