@@ -35,7 +35,7 @@ MANTLE_LINES, MANTLE_SPACING = 16, 2.5
 """Lines along a cylinder's mantle between which its minima are looked for, and the largest spacing
 of samples on each, in those of ``SPACING_IN_BORE``."""
 SEEDS = 14
-DESCENT_STEPS = 30
+DESCENT_STEPS = 40
 """Of the search for a contact of an ellipsoid: where it begins, and its steps at most."""
 ANGLE, LEVEL = 1e-5, 1e-2
 """Accuracy of a place on a cylinder, rad; and slope round it, m/m, up to which it is a minimum."""
@@ -309,43 +309,65 @@ def _ellipsoid_point(wall, frame, a, b, c, v, out):
 
 
 @compiled
-def _onward(v, w, factor):
-    """Unit vector from ``v`` by ``factor`` times the way to ``w``."""
-    x, y, z = v[0] + factor * (w[0] - v[0]), v[1] + factor * (w[1] - v[1]), 0.0
-    z = v[2] + factor * (w[2] - v[2])
-    size = math.sqrt(x * x + y * y + z * z)
-    return x / size, y / size, z / size
+def _dot(v, w):
+    """Scalar product of two vectors."""
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
 
 
 @compiled
-def _difference(v, w):
-    """Length of the difference of two vectors."""
-    x, y, z = w[0] - v[0], w[1] - v[1], w[2] - v[2]
-    return math.sqrt(x * x + y * y + z * z)
+def _plus(v, factor, w):
+    """Sum of a vector and a factor times another."""
+    return v[0] + factor * w[0], v[1] + factor * w[1], v[2] + factor * w[2]
+
+
+@compiled
+def _mixed(before, r, v):
+    """Return the direction in which the next fixed point is expected: ``v`` + ``r``, corrected by
+    the last two steps, at which ``r`` changed (Anderson's mixing).
+
+    Args:
+        before: whether (over 0) there are one or two steps before, and of each the changes of
+            ``r`` and of ``v`` + ``r``.
+        r: from ``v`` to the direction that faces the wall.
+    """
+    count, p, p_step, q, q_step = before
+    ahead = _plus(v, 1.0, r)
+    pp, pq, qq, rp, rq = _dot(p, p), _dot(p, q), _dot(q, q), _dot(r, p), _dot(r, q)
+    under = pp * qq - pq * pq
+    # Two changes along one line say no more than one.
+    if count > 1 and under > 1e-6 * pp * qq:
+        ahead = _plus(ahead, (pq * rq - qq * rp) / under, p_step)
+        return _plus(ahead, (pq * rp - pp * rq) / under, q_step)
+    if count > 0 and pp > 0.0:
+        return _plus(ahead, -rp / pp, p_step)
+    return ahead
 
 
 @compiled
 def _descend(wall, frame, a, b, c, v, out):
     """Return the direction of a local minimum of the distance, from ``v`` on.
 
-    The point whose outward normal faces the wall is nearest to a flat wall. On a curved one steps
-    towards it shrink by an even factor, so that the next one is taken at once as long as all that
-    would follow; where the distance does not fall, a quarter as long.
+    The point whose outward normal faces the wall is nearest to a flat wall. On a curved one that is
+    repeated, with what the steps before tell of the wall's curvature; where the distance does not
+    fall, by a step a quarter as long and without them.
     """
     d, w = _ellipsoid_point(wall, frame, a, b, c, v, out)
-    last, factor = _difference(v, w), 1.0
+    r, none, factor = _plus(w, -1.0, v), (0.0, 0.0, 0.0), 1.0
+    before = 0, none, none, none, none
     for _ in range(DESCENT_STEPS):
-        if last < FACING:
+        if _dot(r, r) < FACING * FACING:
             break
-        u = _onward(v, w, factor)
+        u = _mixed(before, r, v) if before[0] > 0 else _plus(v, factor, r)
+        size = math.sqrt(_dot(u, u))
+        u = u[0] / size, u[1] / size, u[2] / size
         d_u, w_u = _ellipsoid_point(wall, frame, a, b, c, u, out)
-        if d_u > d:
-            factor *= 0.25
+        if not d_u <= d:
+            factor, before = 0.25 * factor if before[0] == 0 else 1.0, (0, none, none, none, none)
             continue
-        now = _difference(u, w_u)
-        shrink = 1.0 - (1.0 - now / last) / factor
-        factor = 1.0 / (1.0 - shrink) if 0.0 < shrink < 0.9 else (1.0 if shrink <= 0.0 else 10.0)
-        v, w, d, last = u, w_u, d_u, now
+        r_u = _plus(w_u, -1.0, u)
+        count, p, p_step, _, _ = before
+        before = count + 1, _plus(r_u, -1.0, r), _plus(w_u, -1.0, w), p, p_step
+        v, w, d, r, factor = u, w_u, d_u, r_u, 1.0
     return v
 
 
