@@ -71,6 +71,7 @@ from .show.plots.network_figure import plot_network as plot_network
 from .show.plots.run_figures import plot_channel as plot_channel
 from .show.plots.run_figures import plot_compare as plot_compare
 from .show.plots.run_figures import plot_summary as plot_summary
+from .show.recording import Recording as Recording
 from .show.replay.document import ReplayPage as ReplayPage
 from .show.replay.document import render_replay as render_replay
 from .sim.run import run as run

@@ -25,6 +25,7 @@ _MAKERS = {
     "Result": "load_result",
     "SweepResult": "run_sweep",
     "Bench": "Bench.of",
+    "Pipes": "add_pipes",
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""
 

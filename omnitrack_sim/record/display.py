@@ -49,13 +49,13 @@ class Mount(NamedTuple):
     """A camera that a body carries.
 
     Attributes:
-        body: name of the body.
+        body: name or number of the body.
         position: m, in the body's frame, as all that follows.
         frame: rows of the matrix whose columns point right, up and back in its pictures.
         angle_deg: vertical field of view, degrees.
     """
 
-    body: str
+    body: str | int
     position: tuple[float, float, float]
     frame: tuple[tuple[float, float, float], ...]
     angle_deg: float

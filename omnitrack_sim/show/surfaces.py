@@ -26,9 +26,20 @@ PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Of the weld between two parts, m: along the pipe, and into the bore."""
+DRAWN = (
+    mujoco.mjtGeom.mjGEOM_SPHERE,
+    mujoco.mjtGeom.mjGEOM_CAPSULE,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_CYLINDER,
+    mujoco.mjtGeom.mjGEOM_BOX,
+    mujoco.mjtGeom.mjGEOM_MESH,
+)
+"""Shapes of geoms that have a surface here."""
 _FINE, _ROUND, _THIN, _THIN_RADIUS = 24, 16, 8, 0.005
 """Sides of what is round and no mesh: where one comes near, in films, and in films of what is
 thinner than this radius, m."""
+UNPAINTED, PLAIN = (0.5, 0.5, 0.5, 1.0), (0.95, 0.55, 0.05)
+"""MuJoCo's colour of geoms that state none, which is hard to tell from pipes, and ours."""
 CREASE_DEG = 50.0
 """Angle between neighbouring faces of a mesh from which on the edge is sharp, degrees."""
 _TO_CENTRE = 0.02  # of the way from a corner to its triangle's centre, where its normal is taken
@@ -94,19 +105,45 @@ def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
 def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
     # Normals are the mean of the faces that meet at a corner, and apart at an edge that is sharp.
     # MuJoCo's own are those of another face at many a sharp edge of a mesh.
-    mesh = _solid(model, geom, fine).calculate_normals(0, CREASE_DEG).to_mesh()
-    position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
+    solid = _solid(model, geom, fine)
+    position, normal, faces = _triangles(model, geom) if solid.is_empty() else _smooth(solid)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
     colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    if material < 0 and (colour == UNPAINTED).all():
+        colour = PLAIN
     gloss = 0.25 if material < 0 else float(model.mat_specular[material])
     return _painted(
         position @ rotation.T + model.geom_pos[geom],
         unit(normal) @ rotation.T,
-        mesh.tri_verts,
-        (*colour[:3].tolist(), gloss),
+        faces,
+        (*map(float, colour[:3]), gloss),
         int(model.geom_bodyid[geom]),
     )
+
+
+def _smooth(solid: Manifold) -> tuple[Array, Array, Faces]:
+    """Return corners, normals and faces of a solid."""
+    mesh = solid.calculate_normals(0, CREASE_DEG).to_mesh()
+    position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
+    return position, normal, np.asarray(mesh.tri_verts, np.int32)
+
+
+def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
+    """Return corners, normals and faces of a mesh that is no closed solid, each face flat."""
+    vertices, faces = _mesh(model, geom)
+    corners = vertices.astype(float)[faces]
+    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    flat = np.repeat(np.nan_to_num(normal), 3, axis=0)
+    return corners.reshape(-1, 3), flat, np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
+
+
+def _mesh(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.float32], Faces]:
+    """Return vertices and faces of a geom's mesh."""
+    mesh = int(model.geom_dataid[geom])
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    return vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]]
 
 
 def _painted(
@@ -124,13 +161,10 @@ def _painted(
 
 
 def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
-    """Return the solid of a geom in its own frame."""
+    """Return the solid of a geom in its own frame, empty of a mesh that is not closed."""
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), np.array(model.geom_size[geom], float)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-        vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-        faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
+        vertices, faces = _mesh(model, geom)
         return Manifold(Mesh(np.ascontiguousarray(vertices), faces.astype(np.uint32)))
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return Manifold.cube(2 * size, center=True)

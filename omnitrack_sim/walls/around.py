@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
@@ -234,6 +234,26 @@ class Pipes:
             kinds.add(type(part.fitting))
         self._walls = RayWalls([self.assembly.parts], [self.assembly.closed_ends])
         self._axes = Axes(self.assembly.parts)
+
+    def geoms(self, model: mujoco.MjModel) -> NDArray[np.intp]:
+        """Return the numbers of the pipes' geoms in a model: walls, rims and plates.
+
+        Raises:
+            InputError: the model lacks the wall of a part.
+        """
+        names = {model.geom(i).name: i for i in range(model.ngeom)}
+        missing = [part.name for part in self.assembly.parts if f"wall_{part.name}" not in names]
+        if missing:
+            problem = f"has no wall of the part {missing[0]!r}: these pipes were not added to it"
+            raise InputError(Fault("model", problem))
+        kinds = ("wall_{0}", "rim_{0}_{1}", "plate_{0}_{1}")
+        wanted = {
+            kind.format(part.name, port)
+            for part in self.assembly.parts
+            for port in part.fitting.port_names
+            for kind in kinds
+        }
+        return np.array(sorted(names[name] for name in wanted & set(names)), np.intp)
 
     def clearance(self, points: ArrayLike) -> Array:
         """Return the distances (...,) m of points (..., 3) m, world frame, from the walls: positive

@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.display import Bar, StatusText
 from omnitrack_sim.results.pictures import Pictures
+from omnitrack_sim.show.film.shots import Eye
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.projection import axis_lines, clearest
 from omnitrack_sim.show.whereabouts import Landmarks
@@ -33,6 +34,7 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the travelled path by gear. All colours are 8-bit RGB, panels with their opacity."""
 _PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
 _EDGE, _PIPE, _ROBOT = (14, 18, 24), (120, 131, 144), (255, 255, 255)
+_FORCE = (209, 0, 108)
 _PLATE, _GOAL, _ESTIMATE = (226, 74, 60), (255, 230, 120), (90, 220, 255)
 _FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
 _TILE, _GAP = 144, 16  # width of a camera's picture; space around it
@@ -173,6 +175,38 @@ def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
         value = (_NEAR / np.maximum(value, _NEAR)) ** _DARKENING
     bright = np.clip(value, 0.0, 1.0)
     return np.where(known, 1 + np.round(254 * bright), 0).astype(np.uint8)
+
+
+class ForceArrows:
+    """Forces that act on the robot: a disc where each acts, and a line along it.
+
+    Args:
+        forces: returns points (n, 3) m and forces (n, 3) N of a sample, world frame.
+        metres: length of the line for a force of 1 N, m.
+    """
+
+    def __init__(self, forces: Callable[[int], tuple[Array, Array]], metres: float) -> None:
+        self._forces, self._metres = forces, metres
+
+    def write(self, frame: NDArray[np.uint8], row: int, eye: Eye) -> None:
+        """Draw the forces of sample ``row`` into ``frame`` (h, w, 3), which ``eye`` has seen."""
+        points, forces = self._forces(row)
+        height, width, _ = frame.shape
+        ends = np.stack([points, points + self._metres * forces], axis=1).reshape(-1, 3)
+        pixels, ahead = eye.pixels(ends, (_FINER * width, _FINER * height))
+        shown = ahead.reshape(-1, 2).all(axis=1)
+        if not shown.any():
+            return
+        sheet = Image.new("RGBA", (_FINER * width, _FINER * height), (*_FORCE, 0))
+        draw, unit = ImageDraw.Draw(sheet), _FINER * min(height / 720, width / 1280)
+        for start, end in pixels.reshape(-1, 2, 2)[shown]:
+            line = [tuple(start.tolist()), tuple(end.tolist())]
+            draw.line(line, fill=(*_FORCE, 255), width=max(1, round(3.0 * unit)))
+            _disc(draw, start, max(_FINER, 4.5 * unit), fill=(*_FORCE, 255))
+        image = Image.fromarray(frame)
+        small = sheet.reduce(_FINER)
+        image.paste(small.convert("RGB"), (0, 0), small.getchannel("A"))
+        frame[:] = np.asarray(image)
 
 
 class MapPanel(_Panel):

@@ -328,8 +328,8 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    check_request(camera, width, height, fps, film_format(path), processes)
-    check_file(path)
+    check_request(camera, width, height, fps, film_format(Path(path)), processes)
+    check_file(Path(path))
     result = as_result(result)
 
     def frames(times: Sequence[float], size: tuple[int, int]) -> Iterator[Image]:
@@ -361,7 +361,7 @@ def write_film(
     start, end = time[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
     times = (start + np.arange(count) / fps).tolist()
-    with film(path, width, height, fps) as append:
+    with film(Path(path), width, height, fps) as append:
         for index, frame in enumerate(frames(times, (width, height))):
             append(frame)
             if progress:
@@ -478,7 +478,7 @@ def check_strip(
     if not 1 <= number <= MOST_FRAMES:
         place = "count" if times is None else "times"
         raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
-    check_file(path)
+    check_file(Path(path))
 
 
 def write_strip(
@@ -491,7 +491,7 @@ def write_strip(
     options: dict[str, Any] = {"quality": 92} if kinds[format] != "PNG" else {"optimize": True}
     if format == "pdf":
         options |= {"resolution": _DPI, "title": None, "creationDate": None, "modDate": None}
-    with whole_file(path) as part, part.open("wb") as file:
+    with whole_file(Path(path)) as part, part.open("wb") as file:
         sheet.save(file, kinds[format], **options)
     return Path(path)
 

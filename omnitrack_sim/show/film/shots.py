@@ -59,6 +59,15 @@ class Eye:
         view[3, 2] = -1.0
         return view @ _rigid(self.frame.T, -self.frame.T @ self.position)
 
+    def pixels(self, points: Array, size: tuple[int, int]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return where points (n, 3) m are in a picture of so many pixels, (n, 2) to the right and
+        down, and which (n,) lie before the eye."""
+        matrix = self.matrix(size[0] / size[1])
+        clip = points @ matrix[:, :3].T + matrix[:, 3]
+        ahead = clip[:, 3] > self.near
+        depth = np.where(ahead, clip[:, 3], 1.0)[:, None]
+        return (0.5 + 0.5 * clip[:, :2] / depth) * size, ahead
+
     def box(self, centres: Array, radius: float, aspect: float) -> Array | None:
         """Left, top, right and bottom (4,) of spheres about ``centres`` (n, 3) m in a picture of
         width over height ``aspect``, which goes from 0 to 1; None where one reaches behind the

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.show.film.overlay import ForceArrows
 from omnitrack_sim.show.film.shaders import REACH
 from omnitrack_sim.show.film.shots import (
     FilmCamera,
@@ -51,6 +52,7 @@ class Stage:
         size: width and height of the pictures, pixels.
         camera: ``side``, ``follow``, or one of the playback's mounts.
         panels: that are drawn over the pictures, in this order.
+        forces: arrows that are drawn below the panels.
         covered: part of the pictures' height that panels take in the lower left corner.
         fine: paint with twice the width and height, and reduce.
     """
@@ -62,12 +64,13 @@ class Stage:
         camera: str,
         *,
         panels: Sequence[Panel] = (),
+        forces: ForceArrows | None = None,
         covered: float = 0.0,
         fine: bool = True,
     ):
         self._context = _open_context(*size)
         self.playback, self._aspect, self._panels = playback, size[0] / size[1], panels
-        self.model = playback.model
+        self.model, self._forces = playback.model, forces
         self.data = mujoco.MjData(self.model)
         # Plates belong to the world: like pipes they stand still, also where no robot is painted.
         self._plates = playback.still
@@ -88,6 +91,8 @@ class Stage:
         """The frame (height, width, 3) at ``time`` s, with panels."""
         row = self.playback.row(time)
         frame = self.paint(row)
+        if self._forces is not None:
+            self._forces.write(frame, row, self._eye)
         for panel in self._panels:
             panel.write(frame, row)
         return frame
@@ -102,6 +107,7 @@ class Stage:
         self._context.make_current()  # another stage may have been painted since
         self.playback.place(self.data, row, qpos)
         shot = self._camera.shot(row, self.data)
+        self._eye = shot.eye
         if not self._camera.stands:
             return self._painted(shot)
         if self._still is None:

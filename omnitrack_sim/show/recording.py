@@ -1,0 +1,614 @@
+"""Recording of any MuJoCo model in exact pipes, from which films, pages and figures are made."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.arguments import check_is, check_time
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion
+from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
+from omnitrack_sim.pipes import Assembly, Part
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
+from omnitrack_sim.record.display import Mount, StatusText
+from omnitrack_sim.results.files import reading
+from omnitrack_sim.show.film.overlay import LEFT, ForceArrows, MapPanel, StatusPanel
+from omnitrack_sim.show.film.render import (
+    FRAMES,
+    Image,
+    Progress,
+    check_amount,
+    check_request,
+    check_strip,
+    film_format,
+    within,
+    write_film,
+    write_strip,
+)
+from omnitrack_sim.show.film.stage import STANDARD, Stage
+from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
+from omnitrack_sim.show.surfaces import DRAWN
+from omnitrack_sim.show.whereabouts import Landmarks
+from omnitrack_sim.walls.around import InPipe, Pipes
+
+if TYPE_CHECKING:
+    from omnitrack_sim.show.film.stage import Panel
+
+FIELDS = (
+    "qpos",
+    "qvel",
+    "ctrl",
+    "act",
+    "actuator_force",
+    "actuator_velocity",
+    "mocap_pos",
+    "mocap_quat",
+)
+"""Arrays of ``MjData`` that are recorded, by their names in MuJoCo."""
+DIVERGED = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""Warnings after which MuJoCo sets its data back to the beginning."""
+FORMAT = 1
+"""Number of the form of a saved recording."""
+SOONER = 1e-9
+"""Time by which a sample may come before it is due, s: sums of time steps are off by less."""
+HIDDEN_GROUPS = 3
+"""Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
+_BORE, _REACH = 0.16, 0.16  # m: bore, and reach of a robot about its body, of pictures of size 1
+_STATUS = 108  # height of the panel of status, pixels of a film with 720 lines
+_EXTREMES = 20  # samples by which the robot's reach is judged
+_LONGEST = 0.5  # length of the arrow of nearly the largest force, in bores
+
+
+class WallContacts(NamedTuple):
+    """Contacts of a robot with the walls of its pipes.
+
+    Attributes:
+        sample: (C,) in which sample of the recording, in order.
+        geom: (C,) number of the robot's geom.
+        position: (C, 3) m, world frame.
+        force: (C, 3) N, of the wall on the geom, world frame.
+        normal_force: (C,) N.
+        distance: (C,) m, negative where the geom is within the wall.
+    """
+
+    sample: NDArray[Any]
+    geom: NDArray[Any]
+    position: NDArray[Any]
+    force: NDArray[Any]
+    normal_force: NDArray[Any]
+    distance: NDArray[Any]
+
+
+class Recording:
+    """States of any MuJoCo model with pipes of ``add_pipes`` over time.
+
+    After ``mj_step`` forces and contacts are those of the step that has led to the state.
+
+    Args:
+        model: compiled, with the walls of ``pipes``.
+        pipes: that ``add_pipes`` has returned, in the world.
+        period: time between two samples, s; 0: every state that is appended.
+        body: name of the robot's body that cameras keep with and figures tell of; None: the first
+            one with a free joint, or else the first one with a joint.
+
+    Attributes:
+        model, pipes, period: as above.
+        body: number of the body.
+
+    Raises:
+        InputError: the model lacks these walls, its pipes move, it has no such body, or nothing in
+            it moves; or the period is not from 0 on.
+
+    Example:
+        >>> import mujoco
+        >>> spec = mujoco.MjSpec()
+        >>> ball = spec.worldbody.add_body(name="ball", pos=[0.0, 0.0, 0.2])
+        >>> _ = ball.add_freejoint(), ball.add_geom(size=[0.02, 0, 0])
+        >>> network = ot.Network(fittings=[{"kind": "straight", "name": "a", "length": 0.5}])
+        >>> pipes = ot.add_pipes(spec, network)
+        >>> model = spec.compile()
+        >>> data = mujoco.MjData(model)
+        >>> recording = ot.Recording(model, pipes, period=0.02)
+        >>> while data.time < 0.1:
+        ...     mujoco.mj_step(model, data)
+        ...     _ = recording.append(data)
+        >>> recording
+        Recording(5 samples, 0.002 to 0.082 s, of 'ball')
+        >>> recording.qpos.shape
+        (5, 7)
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        pipes: Pipes,
+        *,
+        period: float = 0.02,
+        body: str | None = None,
+    ) -> None:
+        if not isinstance(model, mujoco.MjModel):
+            raise TypeError(f"model: is a {type(model).__name__}; it must be a mujoco.MjModel")
+        self.model, self.pipes = model, check_is(Pipes, "pipes", pipes)
+        self.period = _checked_period(period)
+        self._is_wall = np.zeros(model.ngeom, bool)
+        self._is_wall[pipes.geoms(model)] = True
+        if model.geom_bodyid[self._is_wall].any():
+            problem = "has pipes on a body; only pipes of the world are recorded"
+            raise InputError(Fault("model", problem))
+        self.body = _chassis(model, body)
+        self._samples: dict[str, list[Array]] = {name: [] for name in ("time", *FIELDS)}
+        self._contacts: list[WallContacts] = []
+
+    def __len__(self) -> int:
+        return len(self._samples["time"])
+
+    def __repr__(self) -> str:
+        name = self.model.body(self.body).name
+        if not len(self):
+            return f"Recording(no samples, of {name!r})"
+        first, last = self.time[[0, -1]]
+        return f"Recording({len(self)} samples, {first:.6g} to {last:.6g} s, of {name!r})"
+
+    def append(self, data: mujoco.MjData) -> bool:
+        """Record a state if its sample is due; return whether it was.
+
+        Raises:
+            InputError: the data are of another model, their time goes back, or the physics has
+                diverged.
+        """
+        model, time = self.model, float(data.time)
+        sizes = ("nq", "nv", "nu", "na", "nmocap", "ngeom")
+        if any(getattr(data.model, size) != getattr(model, size) for size in sizes):
+            raise InputError(Fault("data", "are of another model than the recording's"))
+        if any(data.warning[kind].number for kind in DIVERGED):
+            problem = "have diverged: MuJoCo has found infinite or huge numbers, and begun anew"
+            raise InputError(Fault("data", problem))
+        if len(self):
+            first, last = self._samples["time"][0], self._samples["time"][-1]
+            if time < last - SOONER:
+                problem = f"go back from {last:.6g} to {time:.6g} s; begin a new Recording"
+                raise InputError(Fault("data", problem))
+            # By whole periods from the first sample on, so that no error adds up.
+            periods = np.floor((last - first) / self.period + 1e-6) + 1 if self.period else 0.0
+            if time < first + periods * self.period - SOONER:
+                return False
+        self._contacts.append(self._wall_contacts(data))
+        self._samples["time"].append(np.array(time))
+        for name in FIELDS:
+            self._samples[name].append(np.array(getattr(data, name)))
+        self.__dict__.pop("contacts", None)
+        return True
+
+    def _wall_contacts(self, data: mujoco.MjData) -> WallContacts:
+        """Return the contacts of a state with walls, as those of sample ``len(self)``."""
+        contact = data.contact
+        walls = self._is_wall[contact.geom]  # (ncon, 2)
+        rows = np.flatnonzero(walls[:, 0] != walls[:, 1])
+        force, six = np.zeros((len(rows), 3)), np.zeros(6)
+        for i, row in enumerate(rows.tolist()):
+            mujoco.mj_contactForce(self.model, data, row, six)
+            force[i] = six[:3]
+        first = walls[rows, 0]  # the robot's geom is the second one
+        # Rows of the frame are normal and tangents; the normal points to the second geom.
+        frame = contact.frame[rows].reshape(-1, 3, 3)
+        world = np.where(first, 1.0, -1.0)[:, None] * np.einsum("nij,ni->nj", frame, force)
+        geom = np.where(first, contact.geom[rows, 1], contact.geom[rows, 0])
+        return WallContacts(
+            np.full(len(rows), len(self), np.intp),
+            geom.astype(np.intp),
+            np.array(contact.pos[rows]),
+            world,
+            force[:, 0].copy(),
+            np.array(contact.dist[rows]),
+        )
+
+    # What was recorded
+
+    def __getitem__(self, name: str) -> Array:
+        """Return ``time`` or one of MuJoCo's arrays in ``FIELDS`` of all samples, (T, ...)."""
+        if name not in self._samples:
+            raise KeyError(f"{name!r} is not recorded (choose from: {', '.join(self._samples)})")
+        values = self._samples[name]
+        return np.array(values) if values else np.zeros((0, *self._shape(name)))
+
+    def _shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of one sample of an array."""
+        model = self.model
+        sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na}
+        mocap = {"mocap_pos": (model.nmocap, 3), "mocap_quat": (model.nmocap, 4)}
+        return () if name == "time" else mocap.get(name) or (sizes.get(name, model.nu),)
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples (T,), s."""
+        return self["time"]
+
+    @property
+    def qpos(self) -> Array:
+        """Joint positions (T, nq) m and rad, as MuJoCo's ``data.qpos`` has them."""
+        return self["qpos"]
+
+    @cached_property
+    def contacts(self) -> WallContacts:
+        """Contacts with the walls in all samples."""
+        nothing = np.zeros(0, np.intp)
+        none = WallContacts(nothing, nothing, *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
+        columns = zip(*[none, *self._contacts], strict=True)
+        return WallContacts(*(np.concatenate(column) for column in columns))
+
+    def wall_force(self) -> Array:
+        """Return the sum of the normal forces of the walls on the robot, (T,) N."""
+        contacts = self.contacts
+        return np.bincount(contacts.sample, contacts.normal_force, len(self)).astype(float)
+
+    def power(self) -> Array:
+        """Return the mechanical power of all actuators, (T,) W: force times velocity."""
+        return (self["actuator_force"] * self["actuator_velocity"]).sum(axis=1)
+
+    def bodies(self) -> Array:
+        """Return positions, m, and quaternions of all bodies, (T, nbody, 7), world frame."""
+        data, poses = mujoco.MjData(self.model), np.zeros((len(self), self.model.nbody, 7))
+        rows = zip(self["qpos"], self["mocap_pos"], self["mocap_quat"], strict=True)
+        for pose, (qpos, place, turn) in zip(poses, rows, strict=True):
+            data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, place, turn
+            mujoco.mj_kinematics(self.model, data)
+            pose[:, :3], pose[:, 3:] = data.xpos, data.xquat
+        return poses
+
+    def places(self) -> InPipe:
+        """Return where the body is in the pipes, (T,); see ``Pipes.locate``."""
+        return self.pipes.locate(self.bodies()[:, self.body, :3])
+
+    def progress(self) -> tuple[Array, Array]:
+        """Return the way of the body along the pipes' axes since the first sample, (T,) m, positive
+        as it set out; and the direction along the axis that counts as forward, (T, 3)."""
+        position = self.bodies()[:, self.body, :3]
+        forward = _forward(self.pipes.locate(position).axis, position)
+        step = np.diff(position, axis=0)
+        along = (step * (forward[1:] + forward[:-1]) / 2).sum(axis=1)
+        return np.append(0.0, np.cumsum(along)), forward
+
+    # Films, stills, pages and figures
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Cameras of films: ``side``, ``follow``, and those of the model by name."""
+        return (*STANDARD, *(name for name in self._mounts() if name not in STANDARD))
+
+    def _mounts(self) -> dict[str, Mount]:
+        """Return the cameras of the model that have a name, each fixed to its body."""
+        model, mounts = self.model, {}
+        for i in range(model.ncam):
+            frame = matrix_from_quaternion(np.array(model.cam_quat[i])).tolist()
+            place, angle = tuple(model.cam_pos[i].tolist()), float(model.cam_fovy[i])
+            body = int(model.cam_bodyid[i])
+            mounts[model.camera(i).name] = Mount(body, place, tuple(map(tuple, frame)), angle)
+        return {name: mount for name, mount in mounts.items() if name}
+
+    def playback(self) -> Playback:
+        """Return what films and pages show."""
+        if not len(self):
+            raise InputError(Fault("recording", "has no samples; append states first"))
+        model = self.model
+        mocap = np.concatenate([self["mocap_pos"], self["mocap_quat"]], axis=-1)
+        rows = sound_rows([self.qpos, mocap])
+        position = self.bodies()[rows, self.body, :3]
+        _, forward = self.progress()
+        moved = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1) + 1e-9))
+        size = self._size(position)
+        seen = self._seen()
+        marks = np.floor(moved / (size * POINTS_APART))
+        return Playback(
+            model=model,
+            network=self.pipes.assembly,
+            time=self.time,
+            qpos=self.qpos[rows],
+            seen=seen,
+            casting=seen,
+            body=self.body,
+            position=position,
+            ahead=forward[rows],
+            travel=moved,
+            path=np.flatnonzero(np.diff(marks, prepend=-1) > 0),
+            backward=np.zeros(len(self), bool),
+            estimate=position,
+            mocap=mocap[rows],
+            mounts=self._mounts(),
+            size=size,
+            extremes=self._extremes(),
+        )
+
+    def _extremes(self) -> tuple[int, ...]:
+        return tuple(np.unique(np.linspace(0, len(self) - 1, _EXTREMES).astype(int)).tolist())
+
+    def _seen(self) -> tuple[int, ...]:
+        """Return the geoms that are drawn: neither walls nor hidden nor without an end."""
+        model = self.model
+        paint = np.where(model.geom_matid < 0, model.geom_rgba[:, 3], 1.0)
+        shapes = np.isin(model.geom_type, [int(kind) for kind in DRAWN])
+        shown = ~self._is_wall & shapes & (paint > 0) & (model.geom_group < HIDDEN_GROUPS)
+        if not (shown & (model.geom_bodyid > 0)).any():
+            raise InputError(Fault("model", "has no visible geom of a body that can be drawn"))
+        return tuple(np.flatnonzero(shown).tolist())
+
+    def _size(self, position: Array) -> float:
+        """Return the size of pictures, by the widest bore and by the robot's reach."""
+        bore = 2 * max(part.fitting.largest_radius for part in self.pipes.assembly.parts)
+        moving = np.unique(self.model.geom_bodyid[list(self._seen())])
+        rows = list(self._extremes())
+        away = self.bodies()[rows][:, moving[moving > 0], :3] - position[rows][:, None]
+        return max(bore / _BORE, float(np.linalg.norm(away, axis=-1).max()) / _REACH)
+
+    def _stage(
+        self, playback: Playback, size: tuple[int, int], camera: str, panels: bool, fine: bool
+    ) -> Stage:
+        """Return the stage of a film; with ``panels`` it has status and map."""
+        drawn: list[Panel] = []
+        if panels:
+            drawn.append(StatusPanel(self._status(), *size, full=_STATUS))
+            if camera != "side" and len(self.pipes.assembly.parts) > 1:
+                drawn.append(MapPanel(playback, Landmarks.none(playback.network), size))
+        contacts = self.contacts
+        begins = np.searchsorted(contacts.sample, np.arange(len(self) + 1))
+
+        def forces(row: int) -> tuple[Array, Array]:
+            these = slice(*begins[row : row + 2])
+            return contacts.position[these], contacts.force[these]
+
+        arrows = ForceArrows(forces, self.force_scale())
+        covered = (LEFT + _STATUS) / 720 if panels else 0.0
+        return Stage(
+            playback, size, camera, panels=drawn, forces=arrows, covered=covered, fine=fine
+        )
+
+    def force_scale(self) -> float:
+        """Return the length of a force's arrow, m/N: nearly the largest is half a bore long."""
+        sizes = np.linalg.norm(self.contacts.force, axis=1)
+        large = float(np.percentile(sizes, 98)) if len(sizes) else 0.0
+        bore = 2 * self.pipes.assembly.parts[0].fitting.radius
+        return _LONGEST * bore / large if large > 0 else 0.0
+
+    def _status(self) -> Any:
+        """Return what tells the text of the status panel at a sample."""
+        places, force = self.places(), self.wall_force()
+        count = np.bincount(self.contacts.sample, minlength=len(self))
+        distance, time = self.progress()[0], self.time
+        speed = np.gradient(distance, time) if len(time) > 1 else np.zeros(len(time))
+        names = [part.name for part in self.pipes.assembly.parts]
+
+        def text(row: int) -> StatusText:
+            part = places.part[row]
+            move = f"{time[row]:.2f} s     {1e3 * distance[row]:.0f} mm"
+            move += f"     {1e3 * speed[row]:.0f} mm/s"
+            touch = f"{count[row]} contacts, {force[row]:.0f} N on the walls"
+            return StatusText(f"in {names[part]}" if part >= 0 else "outside", (move, touch))
+
+        return text
+
+    def film(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        camera: str = "side",
+        width: int = 1280,
+        height: int = 720,
+        fps: int = 25,
+        progress: Progress | None = None,
+        panels: bool = True,
+    ) -> Path:
+        """Film the recording in real time, with the pipes cut away and the walls' forces drawn.
+
+        Args:
+            path: file to write: ``.mp4``, ``.webm`` or ``.gif``. Nothing half-written stays.
+            camera: ``side`` shows the pipes on the way, ``follow`` stays with the robot, and a
+                camera of the model looks from its body, by its own lamp.
+            width, height: pixels; odd numbers grow by one.
+            fps: frames a second, at most 50 of a GIF.
+            progress: called with the fraction done (0 to 1) and a text.
+            panels: draw the state, and in pictures that do not show all pipes a map of them.
+
+        Raises:
+            InputError: unknown camera or format, a size, frame rate or length that is out of range,
+                or a recording without samples.
+            RenderError: no offscreen OpenGL on this machine; the message says what to install.
+            OutputError: the film cannot be written.
+        """
+        check_request(camera, width, height, fps, film_format(Path(path)), cameras=self.cameras)
+        check_file(Path(path))
+        playback = self.playback()
+
+        def frames(times: Sequence[float], size: tuple[int, int]) -> Iterator[Image]:
+            check_amount(len(times), size)
+            with self._stage(playback, size, camera, panels, fine=False) as stage:
+                yield from map(stage.picture, times)
+
+        return write_film(path, frames, playback.time, (width, height), fps, progress)
+
+    def frame(
+        self,
+        time: float,
+        *,
+        camera: str = "side",
+        width: int = 1280,
+        height: int = 720,
+        panels: bool = True,
+    ) -> Image:
+        """Return one picture (height, width, 3) at ``time`` s, uint8, as of ``film``."""
+        check_time("time", time)
+        check_request(camera, width, height, cameras=self.cameras)
+        with self._stage(self.playback(), (width, height), camera, panels, fine=True) as stage:
+            return stage.picture(time)
+
+    def strip(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        count: int = FRAMES,
+        times: Sequence[float] | None = None,
+        camera: str = "side",
+        width: int = 640,
+        height: int = 480,
+    ) -> Path:
+        """Write stills side by side in one picture, each with its letter and time.
+
+        Args:
+            path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
+            count: how many stills, at most 26, evenly in time, if ``times`` are not given.
+            times: of the stills, s.
+            camera: as of ``film``.
+            width, height: of each still, pixels.
+
+        Raises:
+            InputError: unknown camera or format, a size or number that is out of range, or a time
+                outside of the recording.
+            RenderError: no offscreen OpenGL on this machine; the message says what to install.
+            OutputError: the picture cannot be written.
+        """
+        check_request(camera, width, height, cameras=self.cameras)
+        check_strip(path, count, times)
+        playback = self.playback()
+        first, last = playback.time[[0, -1]]
+        even = np.linspace(first, last, count).tolist()
+        times = even if times is None else within(playback.time, times)
+        with self._stage(playback, (width, height), camera, panels=False, fine=True) as stage:
+            return write_strip(path, [stage.picture(time) for time in times], times)
+
+    # Files
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write model, pipes and samples into one file, whole or not at all; equal recordings give
+        equal bytes.
+
+        The model is in MuJoCo's binary form, which the same release reads.
+
+        Raises:
+            InputError: the path does not end in ``.npz``.
+            OutputError: the file cannot be written.
+        """
+        path = Path(path)
+        format_of(path, None, "recording", ("npz",))
+        check_file(path)
+        model = np.zeros(mujoco.mj_sizeModel(self.model), np.uint8)
+        mujoco.mj_saveModel(self.model, None, model)
+        head = {
+            "format": FORMAT,
+            "mujoco": mujoco.__version__,
+            "period": self.period,
+            "body": self.body,
+            "parts": [
+                {"name": part.name} | part.fitting.to_table() for part in self.pipes.assembly.parts
+            ],
+            "joints": self.pipes.assembly.joints,
+        }
+        poses = [part.pose for part in self.pipes.assembly.parts]
+        arrays = {
+            "head": np.frombuffer(json.dumps(head).encode(), np.uint8),
+            "model": model,
+            "part_position": np.array([pose.position for pose in poses]),
+            "part_rotation": np.array([pose.rotation for pose in poses]),
+            **{name: self[name] for name in self._samples},
+            **{f"contact_{name}": values for name, values in self.contacts._asdict().items()},
+        }
+        write_file(path, npz_of(arrays))
+        return path
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a saved recording, whose model and pipes are ready for use again.
+
+        Raises:
+            OutputError: the file is missing or damaged, or another release of MuJoCo wrote it.
+        """
+        with reading(Path(path)) as file:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            head = json.loads(arrays["head"].tobytes())
+            if head["mujoco"] != mujoco.__version__:
+                raise ValueError(f"MuJoCo {head['mujoco']} wrote it, this is {mujoco.__version__}")
+            # The walls have to be known before a binary model with them is used.
+            pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
+            binary = {"model.mjb": arrays["model"].tobytes()}
+            model = mujoco.MjModel.from_binary_path("model.mjb", binary)
+            recording = cls(model, pipes, period=head["period"])
+            recording.body = int(head["body"])
+            recording._fill(arrays)
+        return recording
+
+    def _fill(self, arrays: dict[str, Any]) -> None:
+        """Take over the samples of a file.
+
+        Raises:
+            ValueError: an array has another shape than the model asks for.
+        """
+        samples = len(arrays["time"])
+        for name, values in self._samples.items():
+            if arrays[name].shape != (samples, *self._shape(name)):
+                raise ValueError(f"{name} has the shape {arrays[name].shape}")
+            values.extend(arrays[name])
+        every = WallContacts(*(arrays[f"contact_{name}"] for name in WallContacts._fields))
+        ends = np.searchsorted(every.sample, np.arange(samples + 1))
+        for begin, end in pairwise(ends.tolist()):
+            self._contacts.append(WallContacts(*(column[begin:end] for column in every)))
+
+
+def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assembly:
+    """Return the pipes of a saved recording."""
+    parts = []
+    for row, position, rotation in zip(head["parts"], positions, rotations, strict=True):
+        name = row.pop("name")
+        fitting = table_of(row["kind"], FittingEntry).model_validate(row).fitting()
+        parts.append(Part(name, fitting, Pose(rotation, position)))
+    joints = [tuple((int(part), str(port)) for part, port in joint) for joint in head["joints"]]
+    return Assembly.unchecked(tuple(parts), tuple(joints))  # type: ignore[arg-type]
+
+
+def _checked_period(period: Any) -> float:
+    check_time("period", period)
+    if not 0 <= period < np.inf:
+        raise InputError(Fault("period", f"is {period!r}; a number from 0 on, s, is needed"))
+    return float(period)
+
+
+def _chassis(model: mujoco.MjModel, body: str | None) -> int:
+    """Return the number of the robot's body."""
+    names = tuple(model.body(i).name for i in range(1, model.nbody))
+    if body is not None:
+        if body not in names:
+            raise InputError(Fault("body", f"is {body!r}", names, given=str(body)))
+        return model.body(body).id
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    if not model.njnt:
+        raise InputError(Fault("model", "has no joint, so nothing in it moves"))
+    return int(model.jnt_bodyid[free[0] if len(free) else 0])
+
+
+def _forward(axis: Array, position: Array) -> Array:
+    """Return tangents (T, 3) of the pipes without a jump in their sense, of ``axis`` (T, 3) that is
+    NaN outside the pipes; at first they point to where the body goes."""
+    known = np.isfinite(axis).all(axis=1)
+    if not known.any():
+        return np.tile([0.0, 0.0, 1.0], (len(axis), 1))
+    # Outside: as at the last place inside, or the first one.
+    rows = np.maximum.accumulate(np.where(known, np.arange(len(axis)), np.argmax(known)))
+    forward = axis[rows]
+    turns = np.where((forward[1:] * forward[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+    forward[1:] *= np.cumprod(turns)[:, None]
+    along = np.cumsum((np.diff(position, axis=0) * forward[1:]).sum(axis=1))
+    # The sense of the first half a way: the largest excursion decides.
+    back = len(along) > 0 and along[np.abs(along).argmax()] < 0
+    return -forward if back else forward

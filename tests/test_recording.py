@@ -1,0 +1,302 @@
+"""Recordings of any MuJoCo model in exact pipes: what they hold, their films, figures and files."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.show.film.stage import Stage
+from omnitrack_sim.show.recording import FIELDS
+
+GEOM = mujoco.mjtGeom
+BALL = 0.03
+SIZE = {"width": 320, "height": 180}
+GREEN = [0.0, 0.9, 0.0, 1.0]
+
+
+def bend(position=(0.0, 0.0, 0.0)) -> ot.Network:
+    """A level pipe along y, an elbow that turns within the level plane, and a pipe behind it."""
+    return ot.Network(
+        place={"axis": (0.0, 1.0, 0.0), "position": position},
+        fittings=[
+            {"kind": "straight", "name": "inlet", "length": 0.3},
+            {"kind": "elbow", "name": "knee", "mean_radius": 0.24},
+            {"kind": "straight", "name": "outlet", "length": 0.3},
+        ],
+        joints=[{"ports": ("inlet.end", "knee.start")}, {"ports": ("knee.end", "outlet.start")}],
+    )
+
+
+def ball_model(**walls) -> tuple[mujoco.MjModel, ot.Pipes]:
+    """A green ball that lies in the level pipe, with a camera on it."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = 0.001
+    pipes = ot.add_pipes(spec, bend(), **walls)
+    body = spec.worldbody.add_body(name="ball", pos=[0.0, 0.1, BALL - 0.08])
+    body.add_freejoint()
+    body.add_geom(size=[BALL, 0, 0], mass=0.2, rgba=GREEN, condim=6, friction=[0.8, 0, 1e-4])
+    body.add_camera(name="eye", fovy=90, quat=[0.5, 0.5, 0.0, 0.0])
+    return spec.compile(), pipes
+
+
+def recorded(model, pipes, seconds, velocity=(), **options) -> ot.Recording:
+    """The recording of a model, whose first free joint begins with this velocity."""
+    data = mujoco.MjData(model)
+    data.qvel[: len(velocity)] = velocity
+    recording = ot.Recording(model, pipes, **options)
+    for _ in range(round(seconds / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        recording.append(data)
+    return recording
+
+
+@pytest.fixture(scope="module")
+def rolling() -> ot.Recording:
+    """A ball that rolls through the elbow."""
+    return recorded(*ball_model(), 1.6, (0.0, 0.5, 0.0, -0.5 / BALL, 0.0, 0.0))
+
+
+def test_the_ball_rolls_through_the_elbow(rolling):
+    """It comes into each part in turn, goes on by the way that its centre has made, and stays in
+    the bore."""
+    names = [part.name for part in rolling.pipes.assembly.parts]
+    part = rolling.places().part
+    assert [names[i] for i in part[np.flatnonzero(np.diff(part, prepend=-1))]] == names
+    progress, forward = rolling.progress()
+    assert (np.diff(progress) > 0).all()
+    assert np.linalg.norm(forward, axis=1) == pytest.approx(1.0)
+    moved = np.linalg.norm(np.diff(rolling.qpos[:, :3], axis=0), axis=1).sum()
+    assert 0.9 * moved < progress[-1] < 1.001 * moved
+    assert (rolling.places().clearance > 0.9 * BALL).all()
+
+
+def test_samples_are_a_period_apart():
+    """From the first sample on by whole periods, also of a period that is no whole number of steps;
+    with a period of 0 every state is a sample, and what a sample holds is a copy."""
+    model, pipes = ball_model()
+    assert recorded(model, pipes, 0.1, period=0.02).time == pytest.approx(
+        0.001 + 0.02 * np.arange(5)
+    )
+    uneven = recorded(model, pipes, 0.1, period=0.0125).time
+    assert uneven == pytest.approx(0.001 + 0.0125 * np.arange(8), abs=0.001)
+    each = recorded(model, pipes, 0.02, period=0.0)
+    assert len(each) == 20
+    assert len(np.unique(each["qvel"], axis=0)) == 20
+    assert {name: each[name].shape[0] for name in FIELDS} == dict.fromkeys(FIELDS, 20)
+    with pytest.raises(KeyError, match="xpos"):
+        each["xpos"]
+
+
+def test_walls_carry_the_weight():
+    """At rest the walls' forces add up to the ball's weight, upward, at its lowest point; the
+    sign is the same for a wall and for the flat end of a cap."""
+    model, pipes = ball_model()
+    contacts = recorded(model, pipes, 1.0).contacts
+    last = contacts.sample == contacts.sample[-1]
+    assert contacts.force[last].sum(axis=0) == pytest.approx([0, 0, 0.2 * 9.81], abs=0.01)
+    assert contacts.normal_force[last].sum() == pytest.approx(0.2 * 9.81, rel=0.01)
+    assert contacts.position[last][0] == pytest.approx([0.0, 0.1, -0.08], abs=0.002)
+    assert set(model.geom_bodyid[contacts.geom]) == {model.body("ball").id}
+    spec = mujoco.MjSpec()
+    fittings = [
+        {"kind": "straight", "name": "a", "length": 0.3},
+        {"kind": "cap", "name": "floor", "length": 0.05},
+    ]
+    joints = [{"ports": ("a.start", "floor.start")}]
+    capped = ot.add_pipes(spec, ot.Network(fittings=fittings, joints=joints))
+    body = spec.worldbody.add_body(name="ball", pos=[0.0, 0.0, 0.1])
+    body.add_freejoint()
+    body.add_geom(size=[BALL, 0, 0], mass=0.2)
+    recording = recorded(spec.compile(), capped, 2.0)
+    assert recording.wall_force()[-1] == pytest.approx(0.2 * 9.81, rel=0.01)
+    assert recording.contacts.force[-1] == pytest.approx([0, 0, 0.2 * 9.81], abs=0.02)
+
+
+def test_power_is_what_lifts_the_robot():
+    """A motor that lifts a slide at a constant speed gives weight times speed."""
+    spec = mujoco.MjSpec()
+    pipes = ot.add_pipes(
+        spec, ot.Network(fittings=[{"kind": "straight", "length": 1, "name": "a"}])
+    )
+    body = spec.worldbody.add_body(name="lift", pos=[0.0, 0.0, 0.2])
+    body.add_joint(name="up", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+    body.add_geom(size=[BALL, 0, 0], mass=0.2)
+    motor = spec.add_actuator(name="motor", target="up", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.set_to_velocity(kv=100.0)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model = spec.compile()
+    data, recording = mujoco.MjData(model), ot.Recording(model, pipes)
+    data.ctrl[:] = 0.1
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        recording.append(data)
+    speed = recording["qvel"][-1, 0]
+    assert recording.power()[-1] == pytest.approx(0.2 * 9.81 * speed, rel=0.01)
+    assert recording.progress()[0][-1] == pytest.approx(speed * 1.0, rel=0.03)
+
+
+def coloured(frame: np.ndarray) -> np.ndarray:
+    """Which pixels (h, w) have the ball's colour."""
+    red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
+    return (green > 80) & (green > 2 * red) & (green > 2 * blue)
+
+
+@pytest.mark.parametrize("camera", ["side", "follow"])
+def test_films_show_the_ball_where_it_is(rolling, camera):
+    """In all three parts the middle of the pixels of its colour is where the eye sees its centre,
+    and around them there is the pipe that it is in."""
+    playback = rolling.playback()
+    with Stage(playback, (320, 180), camera, fine=False) as stage:
+        for row in (10, 40, len(rolling) - 5):
+            green = coloured(stage.paint(row))
+            (place,), ahead = stage._eye.pixels(playback.position[row][None], (320, 180))
+            assert ahead.all()
+            rows, columns = np.nonzero(green)
+            assert len(rows) > 20
+            reach = 1.5 + 0.2 * np.sqrt(len(rows))
+            assert np.hypot(columns.mean() - place[0], rows.mean() - place[1]) < reach
+            pipe = stage.paint(row)[rows.min() - 3, int(place[0])].astype(int)
+            assert pipe[2] > pipe[0] > 60, "the pipe is blue-grey, and brighter than the ground"
+
+
+def test_films_draw_contacts_state_and_map(rolling):
+    """The force's colour is on the ball's contact with panels or without; the camera of the model
+    sees the pipe from the ball."""
+    bare = rolling.frame(0.8, panels=False, width=640, height=360)
+    force = (np.abs(bare.astype(int) - [209, 0, 108]).sum(axis=-1) < 90).sum()
+    assert force > 10
+    with_panels = rolling.frame(0.8, camera="follow", **SIZE)
+    without = rolling.frame(0.8, camera="follow", panels=False, **SIZE)
+    changed = (with_panels != without).any(axis=-1)
+    assert changed[140:, :80].any()
+    assert changed[:60, 240:].any()
+    assert not changed[70:120].any()
+    assert rolling.cameras == ("side", "follow", "eye")
+    assert rolling.frame(0.8, camera="eye", panels=False, **SIZE).std() > 5
+
+
+def test_films_and_strips_are_whole_files(rolling, tmp_path):
+    """The same recording gives the same bytes."""
+    films = [rolling.film(tmp_path / f"{n}.gif", width=64, height=36, fps=5) for n in (1, 2)]
+    assert films[0].read_bytes() == films[1].read_bytes()
+    strip = rolling.strip(tmp_path / "strip.png", times=[0.1, 0.9], width=64, height=48)
+    assert strip.stat().st_size > 1000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.gif", "2.gif", "strip.png"]
+
+
+def test_a_saved_recording_is_the_same(rolling, tmp_path):
+    """Bytes, samples, contacts, places and pictures; and it goes on."""
+    path = rolling.save(tmp_path / "run.npz")
+    loaded = ot.Recording.load(path)
+    assert loaded.save(tmp_path / "again.npz").read_bytes() == path.read_bytes()
+    for name in ("time", *FIELDS):
+        np.testing.assert_array_equal(loaded[name], rolling[name])
+    for one, other in zip(loaded.contacts, rolling.contacts, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(loaded.places().arc_length, rolling.places().arc_length)
+    np.testing.assert_array_equal(loaded.frame(0.8, **SIZE), rolling.frame(0.8, **SIZE))
+    data = mujoco.MjData(loaded.model)
+    data.time = 2.0
+    assert loaded.append(data)
+    assert len(loaded) == len(rolling) + 1
+    assert repr(loaded).startswith("Recording(81 samples")
+
+
+def test_damaged_files_are_refused(rolling, tmp_path):
+    """Whatever is cut off or missing, and a file of another release."""
+    whole = rolling.save(tmp_path / "run.npz").read_bytes()
+    for data in (b"", whole[: len(whole) // 2], b"no zip"):
+        (tmp_path / "bad.npz").write_bytes(data)
+        with pytest.raises(ot.OutputError, match=r"bad\.npz"):
+            ot.Recording.load(tmp_path / "bad.npz")
+    arrays = dict(np.load(tmp_path / "run.npz"))
+    for name, value in (
+        ("qpos", arrays["qpos"][:, :3]),
+        ("head", np.frombuffer(arrays["head"].tobytes().replace(b'"4.', b'"3.'), np.uint8)),
+        ("model", arrays["model"][:100]),
+    ):
+        np.savez(tmp_path / "bad.npz", **arrays | {name: value})
+        with pytest.raises(ot.OutputError, match=r"bad\.npz"):
+            ot.Recording.load(tmp_path / "bad.npz")
+    with pytest.raises(ot.OutputError, match="missing"):
+        ot.Recording.load(tmp_path / "nothing.npz")
+
+
+def test_what_cannot_be_recorded_is_refused(tmp_path):
+    """With its reason, before anything is written."""
+    model, pipes = ball_model()
+    with pytest.raises(TypeError, match="MjModel"):
+        ot.Recording(mujoco.MjSpec(), pipes)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="add_pipes"):
+        ot.Recording(model, bend())  # type: ignore[arg-type]
+    with pytest.raises(ot.InputError, match="no wall of the part 'inlet'"):
+        ot.Recording(mujoco.MjModel.from_xml_string("<mujoco/>"), pipes)
+    with pytest.raises(ot.InputError, match="did you mean 'ball'"):
+        ot.Recording(model, pipes, body="bal")
+    for period in (-1.0, float("inf"), float("nan")):
+        with pytest.raises(ot.InputError, match="period"):
+            ot.Recording(model, pipes, period=period)
+    recording, data = ot.Recording(model, pipes), mujoco.MjData(model)
+    with pytest.raises(ot.InputError, match="no samples"):
+        recording.film(tmp_path / "a.gif")
+    data.time = 1.0
+    assert recording.append(data)
+    assert not recording.append(data)
+    data.time = 0.0
+    with pytest.raises(ot.InputError, match="begin a new Recording"):
+        recording.append(data)
+    data.qvel[:] = np.nan
+    mujoco.mj_step(model, data)
+    with pytest.raises(ot.InputError, match="diverged"):
+        recording.append(data)
+    other = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(ot.InputError, match="another model"):
+        recording.append(mujoco.MjData(other))
+    with pytest.raises(ot.InputError, match="no camera 'onboard'"):
+        recording.film(tmp_path / "a.gif", camera="onboard")
+    with pytest.raises(ot.InputError, match=r"times\[0\]"):
+        recording.strip(tmp_path / "a.png", times=[2.0])
+    assert not list(tmp_path.iterdir())
+    spec = mujoco.MjSpec()
+    moving = spec.worldbody.add_body(name="frame")
+    moving.add_freejoint()
+    moving.add_geom(size=[0.01, 0, 0])
+    carried = ot.add_pipes(spec, bend(), body=moving)
+    with pytest.raises(ot.InputError, match="pipes on a body"):
+        ot.Recording(spec.compile(), carried)
+
+
+def test_geoms_of_every_shape_are_drawn():
+    """Also a mesh that is not closed; planes, hidden groups and clear geoms are not."""
+    spec = mujoco.MjSpec()
+    pipes = ot.add_pipes(
+        spec, ot.Network(fittings=[{"kind": "straight", "length": 1, "name": "a"}])
+    )
+    sheet = [[0, 0, 0], [0.04, 0, 0], [0, 0.04, 0], [0, 0, 0.04]]
+    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1]]
+    spec.add_mesh(name="sheet", uservert=np.ravel(sheet), userface=np.ravel(faces))
+    spec.mesh("sheet").inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    spec.worldbody.add_geom(type=GEOM.mjGEOM_PLANE, size=[1, 1, 1])
+    shapes = ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
+    for number, shape in enumerate(shapes):
+        body = spec.worldbody.add_body(name=shape, pos=[0.0, 0.0, 0.1 + 0.12 * number])
+        body.add_freejoint()
+        more = {"meshname": "sheet"} if shape == "MESH" else {"size": [0.03, 0.02, 0.02]}
+        body.add_geom(type=getattr(GEOM, f"mjGEOM_{shape}"), rgba=GREEN, **more)
+        body.add_geom(size=[0.04, 0, 0], group=3, rgba=[1, 0, 0, 1], contype=0)
+        body.add_geom(size=[0.04, 0, 0], rgba=[1, 0, 0, 0], contype=0)
+    model = spec.compile()
+    recording, data = ot.Recording(model, pipes, body="MESH"), mujoco.MjData(model)
+    recording.append(data)
+    playback = recording.playback()
+    assert len(playback.seen) == len(shapes)
+    with Stage(playback, (320, 180), "side", fine=False) as stage:
+        frame = stage.paint(0)
+        places, _ = stage._eye.pixels(recording.bodies()[0, 1:, :3], (320, 180))
+    green = coloured(frame)
+    for shape, (column, row) in zip(shapes, places, strict=True):
+        around = green[int(row) - 3 : int(row) + 4, int(column) - 3 : int(column) + 4]
+        assert around.any(), shape
+    assert not ((frame[..., 0] > 150) & (frame[..., 1] < 60)).any()
