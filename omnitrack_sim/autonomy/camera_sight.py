@@ -39,8 +39,8 @@ class CameraSightSettings:
     Attributes:
         reach: bores, from the lens up to which a fitting is believed: 0.35 m in a bore of 0.16 m,
             to which the recogniser was right in 100 of 100 trials with the depth camera.
-        nearest: bores, from the lens up to which a fitting is ignored: a lens within a bend takes
-            the bend to begin where the lens is.
+        nearest: bores, from the lens up to which a fitting or an end is ignored: a lens within a
+            bend takes the bend to begin where the lens is, and one before a wall sees a plate.
         bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
         least_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
             tell anything.
@@ -105,7 +105,8 @@ class CameraSight:
             mean = numbers_at(port, estimate.position + lens * frame[:, 2], frame)
             bends = isinstance(fitting, Elbow)
             prior = PosePrior(mean, RECOGNISER.bend_std if bends else RECOGNISER.camera_std)
-            nearest = 0.0
+            # What follows directly begins at the port, which a lens that leans may have passed.
+            nearest = min(prior.nearest, 0.0)
         number = CAMERA_SIGHT.first_picture + int(self._looks[robot])
         self._looks[robot] += 1
         nose, every = np.ones(1, int), np.arange(len(self._eyes.mount.rays))
@@ -132,7 +133,7 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         sighting: from the lens.
         bore: m, of the pipe.
         lens: m, from the robot's centre to the lens.
-        nearest: m, from the lens up to which a fitting is ignored.
+        nearest: m, from the lens up to which a fitting or an end is ignored.
     """
     if sighting.confidence < RECOGNISER.confidence:
         return None
@@ -151,11 +152,11 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         return None
     if sighting.kind == "straight" or sighting.distance > reach:
         return ahead
+    if sighting.distance < nearest:
+        return None
     along, about = np.sqrt(np.diag(sighting.covariance)).tolist()
     if sighting.kind in ENDS:
         return replace(ahead, end=ENDS[sighting.kind], distance_std=along)
-    if sighting.distance < nearest:
-        return None
     names = sighting.kind, sighting.enter
     form = next(form for form in forms(bore) if (form.kind, form.enter) == names)
     assert form.make is not None

@@ -47,6 +47,8 @@ class ExplorerSettings:
 
     Attributes:
         creep: m, of free pipe that a robot assumes where it should see on and does not.
+        most_creep: m, that it assumes in all before a look tells it something: what it comes
+            through unseen is not on its map, and soon its pictures are not those of the map.
         look_step: m, travel between two looks along a pipe whose end is not in sight.
         look_before: m, before the end of a leg where a robot looks on.
         least_bend: rad, least angle of an elbow.
@@ -57,9 +59,13 @@ class ExplorerSettings:
             that from a wye's branch back along its run: ports beyond such turns come last.
         detour: m, travel that a robot prefers to such a turn.
         touch: m, before an observed end from which on a robot without progress has come to it.
+        rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
+            bend its far end is hidden, so that the map may have it too short by that much.
+        same_side: rad, between the directions of two bends that may be one.
     """
 
     creep: float = 0.1
+    most_creep: float = 0.2
     look_step: float = 0.1
     look_before: float = 0.015
     least_bend: float = math.radians(5)
@@ -69,6 +75,8 @@ class ExplorerSettings:
     sharp: float = math.radians(100)
     detour: float = 20.0
     touch: float = 0.05
+    rest: float = math.radians(35)
+    same_side: float = math.radians(20)
 
 
 EXPLORER = ExplorerSettings()
@@ -106,8 +114,9 @@ class Explorer(MapPilot):
         self._belief, self.goals, self._explores = belief, list(goals), not goals
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
-        self._complete = False
-        self._sighted: tuple[tuple[str, str], float] | None = None  # out of a fitting, and where
+        self._assumed = 0.0  # m, of free pipe since the last look that told something
+        # Out of a fitting: what was sighted first, where, and from where, m.
+        self._sighted: tuple[tuple[str, str], float, float] | None = None
         self._left: dict[End, str] = {}
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
@@ -128,7 +137,8 @@ class Explorer(MapPilot):
     @property
     def left(self) -> str:
         """See ``Pilot``."""
-        return ", ".join(f"{self.belief.name(end)} ({why})" for end, why in self._left.items())
+        ports = {self.belief.name(end): why for end, why in self._left.items()}
+        return ", ".join(f"{name} ({why})" for name, why in (ports | self._back.doubts).items())
 
     def done_at(self, distance: float) -> float:
         """See ``Pilot``: the part of the ends known so far, and of the way home as one more."""
@@ -160,11 +170,12 @@ class Explorer(MapPilot):
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
             return Decision(self.leg, True, ())
         again = self._closer.doubted(ahead, route, distance)
-        if again is None and not self._is_confirmed(ahead, distance):
+        if again is None and not self._is_confirmed(ahead, look, distance):
             again = distance + LOOKS.doubt
         if again is not None:
             self.look_at = again
             return Decision(self.leg, True, ())
+        self._assumed = 0.0
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
         path = self._reached(distance + ahead.distance - self.route().length)
@@ -191,9 +202,13 @@ class Explorer(MapPilot):
             return self._begin(time, [], self._to_come)
         end = _end_of(self.leg.path)
         if end == self.belief.start:
-            return Decision(None, False, ())
+            return Decision(None, False, self._verdict(time))
         if end not in self.belief.ends:
+            if self._assumed > EXPLORER.most_creep - EXPLORER.creep / 2:
+                self._give_up_port(end, "no look into it tells anything")
+                return self._replan(time, [], self._onward(distance))
             # It should see on and does not: a little free pipe is assumed, and it looks again.
+            self._assumed += EXPLORER.creep
             self._go_on(self._reached(EXPLORER.creep))
             self.look_at = distance
             return Decision(self.leg, True, ())
@@ -226,16 +241,47 @@ class Explorer(MapPilot):
         close = bool(self._closer.index(route)) and distance >= self.look_at
         return close or distance >= self._back.at(route)
 
-    def _is_confirmed(self, ahead: Ahead, distance: float) -> bool:
+    def _is_confirmed(self, ahead: Ahead, look: Look, distance: float) -> bool:
         """Return whether a sighting out of a fitting has been made before, of the same at the same
         place: a bend that is not over looks like another one that begins at the lens."""
-        if ahead.fitting is None or self.belief.fitting(_end_of(self.leg.path)[0]).is_plain:
+        out_of = self._out_of()
+        if ahead.fitting is None or self.belief.fitting(out_of[0]).is_plain:
             self._sighted = None
             return True
-        before, self._sighted = self._sighted, (ahead.kind, distance + ahead.distance)
-        if before is None or before[0] != ahead.kind:
+        if self._is_rest(ahead, look, out_of):
             return False
-        return abs(before[1] - self._sighted[1]) < LOOKS.same_place
+        at = distance + ahead.distance
+        if self._sighted is None or self._sighted[0] != ahead.kind:
+            self._sighted = ahead.kind, at, distance
+            return False
+        _, before, since = self._sighted
+        # What begins at the lens moves with it. Other fittings are not seen where there are none.
+        bends = isinstance(ahead.fitting, Elbow)
+        near = (distance - since) / 2 if bends else BELIEF.least_straight
+        confirmed = abs(at - before) < near
+        if confirmed:
+            self._sighted = None
+        return confirmed
+
+    def _out_of(self) -> Edge:
+        """Return the last passage of the leg; of pipe that is assumed, the one before it."""
+        *before, last = self.leg.path
+        assumed = self._assumed > 0 and self.belief.fitting(last[0]).is_plain
+        return before[-1] if assumed and before else last
+
+    def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
+        """Return whether a bend that is sighted out of a bend may be the rest of that."""
+        part, enter, leave = out_of
+        bend = self.belief.fitting(part)
+        if not (isinstance(bend, Elbow) and isinstance(ahead.fitting, Elbow)):
+            return False
+        if ahead.fitting.angle > EXPLORER.rest:
+            return False
+        on = self.belief.port((part, leave)).rotation[:, 2]
+        # Towards the middle of the bend, which lies behind who comes out of it.
+        middle = self.belief.port((part, enter)).rotation[:, 2]
+        middle = middle - on * (middle @ on)
+        return float(angle_between(_side(ahead, look, on), middle)) < EXPLORER.same_side
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, where that is still far away."""
@@ -283,9 +329,7 @@ class Explorer(MapPilot):
             events = [self._closes(time, end, known)]
             self._go_on(path)
             return self._replan(time, events, self._onward(distance))
-        axis = belief.port(end).rotation[:, 2]
-        side = side_of(look.frame, axis)
-        side = math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
+        side = _side(ahead, look, belief.port(end).rotation[:, 2])
         part = belief.attach(end, fitting, enter, side)
         if isinstance(fitting, Elbow):
             self._bends[part] = look.turned @ ahead.axis
@@ -385,22 +429,24 @@ class Explorer(MapPilot):
         events = list(events)
         legs = self._least(self.belief.unexplored, plan)
         if legs is None:
-            events += self._completed(time)
+            self._leave_the_rest()
             legs = self._least([self.belief.start], plan)
         return self._begin(time, events, legs)
 
-    def _completed(self, time: float) -> list[Event]:
-        """Note the ports that are out of reach, as no other is left; return the event, once."""
-        if self._complete:
-            return []
-        self._complete, belief = True, self.belief
-        hung = ", ".join(belief.name(end) for end in dict.fromkeys(self._closed))
-        for end in belief.unexplored:
+    def _leave_the_rest(self) -> None:
+        """Give up the ports that are out of reach, as no other is left."""
+        hung = ", ".join(self.belief.name(end) for end in dict.fromkeys(self._closed))
+        for end in self.belief.unexplored:
             self._give_up_port(end, f"no way past {hung}" if hung else "no way there is left")
+
+    def _verdict(self, time: float) -> list[Event]:
+        """Return what a robot says of its map when it has come home by it: before that, nothing has
+        shown that it can be driven by."""
+        belief = self.belief
         parts = belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
         ends = len(belief.explored) - len(self._left)
-        if self._left:
+        if self.left:
             return [ExplorationIncomplete(self._number, time, fittings, ends, self.left)]
         return [ExplorationComplete(self._number, time, fittings, ends)]
 
@@ -437,6 +483,7 @@ class Explorer(MapPilot):
         if decision.leg is None:
             return decision
         self.belief.settle()
+        self._sighted = None
         self._back.begin()
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
@@ -467,6 +514,13 @@ def _end_of(path: Sequence[Edge]) -> End:
     """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave
+
+
+def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
+    """Return the x axis (3,) of the port that is seen ahead, through a port with z along ``axis``
+    (3,), world frame."""
+    side = side_of(look.frame, axis)
+    return math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
 
 
 def _is_sharp(fitting: Fitting, enter: str, leave: str) -> bool:

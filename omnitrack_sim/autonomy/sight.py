@@ -220,8 +220,6 @@ class LookSettings:
         closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
-        same_place: m, difference of two looks out of a fitting that show one thing: less than half
-            of the travel between them.
     """
 
     behind: float = 0.1
@@ -234,7 +232,6 @@ class LookSettings:
     closest: float = 0.05
     again: float = 0.003
     doubt: float = 0.01
-    same_place: float = 0.005
 
 
 LOOKS = LookSettings()
@@ -250,10 +247,14 @@ class LookingBack:
         belief: its map.
         half: m, from its centre to its ends.
         least_confidence: probability from which on it believes what it sees.
+
+    Attributes:
+        doubts: names of pipes in which a look back has shown something else than the map, and what.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
         self._belief, self._half, self._confidence = belief, half, least_confidence
+        self.doubts: dict[str, str] = {}
         self._done: set[int] = set()
         self._again, self._shift = 0.0, math.inf
 
@@ -280,9 +281,12 @@ class LookingBack:
         """
         i = route.index_at(distance)
         self._again = distance + LOOKS.behind_again
-        if i == 0 or behind is None or not self._is_passed(route, i, behind):
+        if i == 0 or behind is None or not self._is_clear(route, i, behind):
             return distance
         here = route.passages[i]
+        if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
+            self._doubt(route, i, distance, behind)
+            return distance
         located = here.s_enter + behind.distance
         shift, before = located - distance, self._shift
         self._shift = shift
@@ -292,14 +296,21 @@ class LookingBack:
         self._done.add(here.index)
         return located
 
-    def _is_passed(self, route: Route, i: int, behind: Ahead) -> bool:
-        """A look back from passage ``i`` shows the fitting before it."""
+    def _is_clear(self, route: Route, i: int, behind: Ahead) -> bool:
+        """Return whether a look back from passage ``i`` clearly shows a fitting."""
         if behind.fitting is None or behind.confidence < self._confidence:
             return False
         if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
             return False
-        here, passed = (self._belief.fitting(route.passages[j].index) for j in (i, i - 1))
-        return behind.fitting.kind == passed.kind and here.is_plain
+        return self._belief.fitting(route.passages[i].index).is_plain
+
+    def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
+        """Note that a look back from passage ``i`` shows a fitting that the map has not there."""
+        kind, at = behind.kind[0], distance - behind.distance
+        # A shallow reducer may be overlooked for what is behind it.
+        known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
+        if all(abs(at - s_leave) > LOOKS.most_shift for s_leave in known):
+            self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
 
 
 class LookingCloser:

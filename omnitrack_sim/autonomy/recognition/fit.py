@@ -203,6 +203,19 @@ class Fit:
             + (np.where(weights < RECOGNISER.fixed_weight, weights, 0) * off**2).sum(axis=1),
         )
 
+    def misfit(self, at: Tries, views: Views, level: Level) -> float:
+        """Return the mean cost of the only row's pixels that show its form itself, and not what may
+        follow it."""
+        v, k, rays = len(views.motions), len(level.pixels), self._rays[level.pixels]
+        hits, exits = self._hits(at, 0, views, rays), self._walls_of(at.forms[0], at.sizes[0])[1]
+        place, rotation = cameras(at.numbers, views.motions)
+        beyond = self._beyond(hits, place[0], rotation[0], rays, exits)
+        pictures = views.pictures[:, level.pixels]
+        image = self._scale.of(self._expected(hits, rays, level) * at.gains[0][:, None])
+        own = pictures <= beyond
+        cost = _loss(pictures - image, ~own, level)
+        return float(cost[own].mean()) if own.sum() > RECOGNISER.least_own * v * k else np.inf
+
     def scores(self, at: Tries, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
 

@@ -490,9 +490,9 @@ class Recogniser:
         }
         best = int(np.argmin(score))
         confidence = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
-        if fits.cost[best] > RECOGNISER.misfit_cost * len(level.pixels) * fits.gains.shape[1]:
-            confidence = min(confidence, RECOGNISER.misfit_confidence)
         row, variance = fits.take([best]), None
+        if self._fit.misfit(row, views, level) > RECOGNISER.misfit_cost:
+            confidence = min(confidence, RECOGNISER.misfit_confidence)
         if row.forms[0].ends:
             row, variance = self._placed(row, views, level)
         return _reported(row, names[best], straight, confidence, self._alike, variance)
