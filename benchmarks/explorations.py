@@ -11,6 +11,7 @@ import time
 from driving.by_sensors import SENSES
 
 import omnitrack_sim as ot
+from omnitrack_sim.record.events import ExplorationComplete
 
 MISSIONS = ("missions/explore_onboard", "missions/explore_loop", "missions/explore_house")
 
@@ -23,6 +24,7 @@ def row(name: str, sense: str) -> str:
     spent, metrics = time.process_time() - begin, result.metrics
     difference = result.map_difference()
     assert difference is not None
+    claims = any(isinstance(event, ExplorationComplete) for event in result.events)
     cells = (
         f"`{name}`",
         sense,
@@ -30,6 +32,8 @@ def row(name: str, sense: str) -> str:
         f"{result.duration_s:.0f}",
         f"{metrics['distance_m']:.1f}",
         f"{difference.found} of {difference.parts}",
+        "yes" if difference.same else "no",
+        "yes" if claims else "no",
         f"{1000 * difference.length_error:.0f}",
         f"{spent:.0f}",
     )
@@ -47,6 +51,8 @@ def main() -> None:
         "time, s",
         "driven, m",
         "parts found",
+        "map right",
+        "called complete",
         "lengths wrong, mm",
         "processor time, s",
     )

@@ -217,6 +217,62 @@ def test_a_port_that_was_not_seen_into_is_left_and_not_explored():
     assert incomplete.ends == 3
 
 
+def test_pipe_that_no_look_tells_anything_of_is_left_and_not_explored():
+    """A robot assumes a little free pipe where it should see on, and does not go through what it
+    cannot see."""
+
+    def blind(ahead):
+        return None if isinstance(ahead.fitting, Elbow) else ahead
+
+    ghost = explored("fig14", "inlet", erring=blind)
+    assert not of_kind(ghost, ExplorationComplete)
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    assert "no look into it tells anything" in incomplete.left
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "inlet")
+    assert "elbow" not in {kind for pair in difference.kinds for kind in pair}
+
+
+def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
+    """A tee that was overlooked ahead is seen behind: there is more than the map has."""
+
+    def overlooked(ahead):
+        is_passed = isinstance(ahead.fitting, Tee) and ahead.enter == "run_start"
+        return replace(ahead, fitting=None, enter="", distance=0.5) if is_passed else ahead
+
+    network = validate(
+        {
+            "fittings": [
+                straight("foot", 0.4),
+                {"kind": "tee", "name": "tee"},
+                straight("on", 0.7),
+                {"kind": "elbow", "name": "bend"},
+                straight("arm", 0.7),
+                straight("side", 0.4),
+            ],
+            "joints": [
+                joint("foot.end", "bend.start"),
+                joint("bend.end", "arm.start"),
+                joint("arm.end", "tee.run_start"),
+                joint("tee.run_end", "on.start"),
+                joint("tee.branch", "side.start"),
+            ],
+        }
+    )
+    ghost = Ghost(network, "foot.start", erring=overlooked)
+    ghost.run()
+    assert not compare_maps(ghost.explorer.belief.network, network).same
+    assert not of_kind(ghost, ExplorationComplete)
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    assert "a look back shows a tee" in incomplete.left
+
+
+def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():
+    """Before, nothing has shown that its lengths and turns are right."""
+    ghost = explored("fig14", "inlet")
+    assert isinstance(ghost.events[-1], ExplorationComplete)
+    assert ghost.explorer.leg.path[-1][::2] == ghost.explorer.belief.start
+
+
 def test_what_lies_beyond_a_sharp_turn_comes_last():
     """From a wye's branch the run back is a turn of 135 degrees: the other arm is seen to its end
     before."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.camera_sight import CameraSight
+from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of
+from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.base.rotations import Pose, rotation_about
+from omnitrack_sim.pipes import ARCS, Elbow, Passage
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -83,6 +88,51 @@ def test_a_camera_sees_what_is_there():
         assert seen.distance == pytest.approx(wanted.distance, abs=0.005)
         assert seen.turn == pytest.approx(wanted.turn, abs=np.radians(3))
         assert seen.axis @ wanted.axis > np.cos(np.radians(1.5))
+
+
+def directly(*fittings) -> Scenario:
+    """A pipe with fittings that follow each other directly."""
+    parts = [straight("foot", 0.5), *fittings, straight("on", 0.5)]
+    names = [part["name"] for part in parts]
+    joints = [joint(f"{a}.end", f"{b}.start") for a, b in pairwise(names)]
+    return validate(
+        {
+            "network": {"fittings": parts, "joints": joints},
+            "mission": {"start": "foot.start", "map": "unknown", "task": "explore"},
+            "sensing": {"kind": "onboard"},
+        }
+    )
+
+
+def test_what_follows_a_bend_directly_is_seen_by_a_lens_that_has_passed_the_port():
+    """A lens comes out of a bend leaning, and sees on only when it is past it."""
+    scenario = directly(
+        elbow("bend", mean_radius=0.09), {"kind": "elbow", "name": "other", "mean_radius": 0.24}
+    )
+    senses = ot.Simulation([scenario]).senses
+    assert isinstance(senses, Onboard)
+    sight = CameraSight(senses.eyes, scenario.sensing)
+    parts = scenario.exploration.network.pipes.parts
+    port = parts[1].port("end")
+    passage = Passage.of(scenario.exploration.network.pipes, (1, "start", "end"), ARCS)
+    lens = senses.eyes.mount.ahead
+    for past in (0.01, 0.02):
+        lean = rotation_about(port.rotation[:, 1], np.array(0.25))
+        frame = lean @ port.rotation
+        centre = port.position + past * port.rotation[:, 2] - lens * frame[:, 2]
+        ahead = sight.look(0, Pose(frame, centre), passage, Pose(frame, centre))
+        assert ahead is not None
+        assert isinstance(ahead.fitting, Elbow)
+        assert ahead.distance == pytest.approx(lens * np.cos(0.25) - past, abs=0.01)
+
+
+def test_a_lens_before_a_wall_sees_no_plate():
+    """A flat wall at the lens is no end of the pipe: the robot lies across it."""
+    plate = Sighting(
+        "closed end", "", {}, 0.01, 0.0, 1e-6 * np.eye(2), {}, 1.0, np.zeros(2), np.zeros(2)
+    )
+    assert ahead_of(plate, 0.16, 0.07, 0.024) is None
+    assert ahead_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
 
 
 def test_a_robot_sees_alone_what_it_sees_in_a_batch():

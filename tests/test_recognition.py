@@ -164,6 +164,22 @@ def test_a_fitting_is_not_taken_for_straight_pipe_before_what_follows_it(name):
     assert sighting.distance == pytest.approx(distance, abs=0.01)
 
 
+def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
+    """A picture shows more of the bend than of the reducer, and the reducer explains only its own
+    part of it."""
+    reducer, bend = Reducer(0.1, 0.15), Elbow(0.24, inner_diameter=0.15)
+    parts = [Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))]
+    for fitting in (reducer, bend, Straight(0.4, 0.15)):
+        place = attached(parts[-1].port("end"), fitting, "start", 2.0)
+        parts.append(Part("ahead", fitting, place))
+    for distance in (0.08, 0.1):
+        numbers = np.array([[*ROLLED, distance, 0.0]])
+        sighting = recogniser("depth").single(photographed("depth", (parts, ()), numbers)[0][0])
+        assert sighting.kind == "reducer"
+        assert sighting.confidence > 0.95
+        assert sighting.distance == pytest.approx(distance, abs=0.04)
+
+
 def test_the_angle_of_a_wye_is_told_before_it_sharply():
     """A search from one distance alone takes 45 degrees for 60, as the mouth moves with the
     angle."""

@@ -58,8 +58,8 @@ class Tour:
     Attributes:
         sense, seed: which one. outcome: its name. reason: in words, and the last events.
         map: how the robot's map differs from the network. duration_s: simulated time. wall_s: time
-            that it took. lost: how often the robot did not know where it was. complete: it has said
-        that it explored all.
+            that it took. lost: how often the robot did not know where it was. complete: the robot
+        itself says that it explored all.
     """
 
     sense: str
@@ -190,7 +190,8 @@ def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int
         for run in pool.map(tour, tasks):
             found.append(run)
             right = "same" if run.map.same else run.map
-            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {run.wall_s:.0f} s"
+            claim = "complete by its own word" if run.complete else "not called complete"
+            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {claim}, {run.wall_s:.0f} s"
             print(told, file=sys.stderr, flush=True)
         return found
 
@@ -199,7 +200,7 @@ def table(tours: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
         "| sensing | home, and the map the same as the network | 95 % interval | home | map "
-        "complete | wrong, and called right | wrong in all lengths: median, 90 % | lost on the way "
+        "complete | called complete by the robot, and wrong | wrong in all lengths: median, 90 % | lost on the way "
         "| wall time of one |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
@@ -215,7 +216,8 @@ def table(tours: Sequence[Tour]) -> str:
             f"{100 * low:.1f} to {100 * high:.1f} %",
             f"{sum(run.home for run in own)}",
             f"{sum(run.map.complete for run in own)}",
-            f"{sum(run.home and run.complete and not run.map.same for run in own)}",
+            f"{sum(run.complete and not run.map.same for run in own)} of "
+            f"{sum(run.complete for run in own)}",
             f"{middle:.0f}, {most:.0f} mm",
             f"{sum(run.lost > 0 for run in own)} runs",
             f"{np.median([run.wall_s for run in own]):.0f} s",
