@@ -200,8 +200,8 @@ def table(tours: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
         "| sensing | home, and the map the same as the network | 95 % interval | home | map "
-        "complete | called complete by the robot, and wrong | wrong in all lengths: median, 90 % | lost on the way "
-        "| wall time of one |",
+        "complete | called complete by the robot, and wrong | wrong in all lengths: median, 90 % "
+        "| lost on the way | wall time of one |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for sense in dict.fromkeys(run.sense for run in tours):

@@ -302,9 +302,14 @@ class Belief:
         for (part, *_), change in zip(straights, changes.tolist(), strict=True):
             self.lengthen(part, change)
 
+    def next_name(self, fitting: Fitting) -> str:
+        """Return the name that a new fitting gets."""
+        return f"{fitting.kind}_{self._counts.get(fitting.kind, 0) + 1}"
+
     def _add(self, fitting: Fitting) -> int:
-        number = self._counts[fitting.kind] = self._counts.get(fitting.kind, 0) + 1
-        self._set(f"{fitting.kind}_{number}", fitting)
+        name = self.next_name(fitting)
+        self._counts[fitting.kind] = self._counts.get(fitting.kind, 0) + 1
+        self._set(name, fitting)
         return len(self._fittings) - 1
 
     def _set(self, name: str, fitting: Fitting) -> None:

@@ -24,8 +24,13 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, length
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Part
-from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Part, Reducer, Route
+from omnitrack_sim.pipes.map_difference import (
+    LEAST_LENGTH,
+    LENGTHS,
+    MapDifference,
+    compare_maps,
+)
 from omnitrack_sim.pipes.network import End, Network, both_ways
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
@@ -57,6 +62,7 @@ class ExplorerSettings:
         confidence: probability from which on a robot believes an observation.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
+        looks_at_reducer: looks from close by that the sizes of a reducer are the mean of.
         detour: m, travel that a robot prefers to such a turn.
         touch: m, before an observed end from which on a robot without progress has come to it.
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
@@ -73,6 +79,7 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sharp: float = math.radians(100)
+    looks_at_reducer: int = 3
     detour: float = 20.0
     touch: float = 0.05
     rest: float = math.radians(35)
@@ -115,6 +122,8 @@ class Explorer(MapPilot):
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
+        self._reducers: list[Reducer] = []  # as looks at the same one show it
+        self._doubts: dict[str, str] = {}  # names of parts of the map, and why
         # Out of a fitting: what was sighted first, where, and from where, m.
         self._sighted: tuple[tuple[str, str], float, float] | None = None
         self._left: dict[End, str] = {}
@@ -138,7 +147,8 @@ class Explorer(MapPilot):
     def left(self) -> str:
         """See ``Pilot``."""
         ports = {self.belief.name(end): why for end, why in self._left.items()}
-        return ", ".join(f"{name} ({why})" for name, why in (ports | self._back.doubts).items())
+        doubts = self._doubts | self._back.doubts
+        return ", ".join(f"{name} ({why})" for name, why in (ports | doubts).items())
 
     def done_at(self, distance: float) -> float:
         """See ``Pilot``: the part of the ends known so far, and of the way home as one more."""
@@ -176,6 +186,9 @@ class Explorer(MapPilot):
             self.look_at = again
             return Decision(self.leg, True, ())
         self._assumed = 0.0
+        if self._measures_on(ahead, route, distance):
+            self.look_at = distance + LOOKS.doubt
+            return Decision(self.leg, True, ())
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
         path = self._reached(distance + ahead.distance - self.route().length)
@@ -299,6 +312,30 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
+    def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
+        """Return whether a robot close to a reducer is to look at it once more."""
+        part, provisional = _end_of(self.leg.path)[0], self._closer.index(route) is not None
+        near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
+        if not isinstance(ahead.fitting, Reducer) or (
+            self.belief.fitting(part).is_plain and not (near or provisional)
+        ):
+            self._reducers = []
+            return False
+        self._reducers.append(ahead.fitting)
+        again = distance + LOOKS.doubt
+        late = again > self.leg.end or self._closer.too_late(again, route)
+        return len(self._reducers) < EXPLORER.looks_at_reducer and not late
+
+    def _mean_of_looks(self, name: str) -> Reducer:
+        """Return a reducer, ``name`` on the map, with the mean sizes of the looks at it; where they
+        differ, it is in doubt: its cone is shallow, and what follows it hides its end."""
+        looks, self._reducers = self._reducers, []
+        sizes = np.array([(r.length, r.end_diameter, r.inner_diameter) for r in looks])
+        differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
+        if np.any(differ > [LEAST_LENGTH, *(LENGTHS * mean[1:])]):
+            self._doubts[name] = "looks at it differ in its sizes"
+        return Reducer(*mean.tolist())
+
     # How the map grows
 
     def _reached(self, more: float) -> tuple[Edge, ...]:
@@ -323,6 +360,8 @@ class Explorer(MapPilot):
         """Decide at the sight of a fitting at the end of a path: extend the map and the leg."""
         belief, end, enter = self.belief, _end_of(path), ahead.enter
         time, distance = look.time, look.distance
+        if isinstance(fitting, Reducer) and self._reducers:
+            fitting = self._mean_of_looks(belief.next_name(fitting))
         fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         known = belief.known_at(end, fitting, enter)
         if known is not None:
@@ -483,7 +522,7 @@ class Explorer(MapPilot):
         if decision.leg is None:
             return decision
         self.belief.settle()
-        self._sighted = None
+        self._sighted, self._reducers = None, []
         self._back.begin()
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

@@ -491,7 +491,9 @@ class Recogniser:
         best = int(np.argmin(score))
         confidence = 1 / sum(math.exp((score[best] - other) / 2) for other in least.values())
         row, variance = fits.take([best]), None
-        if self._fit.misfit(row, views, level) > RECOGNISER.misfit_cost:
+        pixels = len(level.pixels) * fits.gains.shape[1]
+        misfit = min(fits.cost[best] / pixels, self._fit.misfit(row, views, level))
+        if misfit > RECOGNISER.misfit_cost:
             confidence = min(confidence, RECOGNISER.misfit_confidence)
         if row.forms[0].ends:
             row, variance = self._placed(row, views, level)

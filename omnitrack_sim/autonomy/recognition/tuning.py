@@ -57,9 +57,9 @@ class RecogniserSettings:
         error_scale: factor of the errors that the normal equations give, as measured: edges that
             fall between pixels have no gradient.
         lamp_alike: pixels that count as one by a lamp: patches of dirt cover several.
-        misfit_cost: mean cost of a pixel from which on no form explains the picture. Pixels of
-            what may follow a form do not count: another fitting there is none of its faults.
-        least_own: least share of pixels that do count.
+        misfit_cost: mean cost of a pixel from which on no form explains the picture, of all and
+            of those that show no more than the form: another fitting behind it is not its fault.
+        least_own: least share of pixels that show no more than the form.
         misfit_confidence: most probability of a form in such a picture.
         confidence: probability from which on a sighting is unambiguous.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
