@@ -13,7 +13,7 @@ from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.base.naming import shipped_networks
 from omnitrack_sim.base.rotations import Pose, frame_along
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
-from omnitrack_sim.pipes.network import load_network, validate
+from omnitrack_sim.pipes.network import Network, load_network, validate
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.pipes.random import random_network
 
@@ -166,6 +166,17 @@ def test_duplicate_names_and_bad_joints_are_told_together():
     faults = faults_of(data)
     assert "earlier" in faults["fittings.2.name"]
     assert {"joints.1.ports.1", "joints.2.ports.1"} <= set(faults)
+
+
+def test_a_network_made_in_python_tells_its_faults_as_a_file_does():
+    """All at once, by their places, as the project's own error."""
+    data = {
+        "fittings": [straight("a", 0.3) | {"lenght": 2}, elbow("b") | {"mean_radius": "wide"}],
+        "joints": [joint("a.end", "b.start") | {"turn": 3}],
+    }
+    with pytest.raises(NetworkError) as caught:
+        Network(**data)
+    assert {fault.where for fault in caught.value.faults} == set(faults_of(data))
 
 
 def test_bores_that_differ_name_both_parts_and_ports():

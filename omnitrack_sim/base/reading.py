@@ -301,21 +301,31 @@ def checked(
         # "0.5" for 0.5.
         made = model.model_validate_json(json.dumps(plain, default=plain_value), strict=True)
     except ValidationError as reason:
-        items = reason.errors(include_url=False)
-        # pydantic does not count a table with a fault as an item, and then calls the list too
-        # short, too.
-        lists = {item["loc"][:1] for item in items if len(item["loc"]) > 1}
-        # The caller's own words come first, the common translation serves all other faults.
-        faults = [
-            own_fault(item) or _fault_of(item, choices)
-            for item in items
-            if item["loc"] not in lists or item["type"] != "too_short"
-        ]
-        places = {one.where for one in odd}
-        raise error([*odd, *(f for f in dict.fromkeys(faults) if f.where not in places)]) from None
+        faults, places = faults_of(reason, choices, own_fault), {one.where for one in odd}
+        raise error([*odd, *(fault for fault in faults if fault.where not in places)]) from None
     if odd:
         raise error(odd)
     return made
+
+
+def faults_of(
+    reason: ValidationError,
+    choices: Callable[[list[str]], tuple[str, ...]],
+    own_fault: Callable[[Mapping[str, Any]], Fault | None],
+) -> list[Fault]:
+    """Return the faults that pydantic found, once each; ``choices`` and ``own_fault`` as in
+    ``checked``."""
+    items = reason.errors(include_url=False)
+    # pydantic does not count a table with a fault as an item, and then calls the list too short,
+    # too.
+    lists = {item["loc"][:1] for item in items if len(item["loc"]) > 1}
+    # The caller's own words come first, the common translation serves all other faults.
+    faults = [
+        own_fault(item) or _fault_of(item, choices)
+        for item in items
+        if item["loc"] not in lists or item["type"] != "too_short"
+    ]
+    return list(dict.fromkeys(faults))
 
 
 def _tidied(data: Any) -> tuple[Any, list[Fault]]:

@@ -12,11 +12,18 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.base.reading import NAME_PATTERN, NETWORK, checked, read_file
+from omnitrack_sim.base.reading import (
+    NAME_PATTERN,
+    NETWORK,
+    checked,
+    faults_of,
+    keys_at,
+    read_file,
+)
 from omnitrack_sim.base.rotations import Pose, frame_along
 from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
@@ -206,6 +213,16 @@ class Network(Table):
     ]
     joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_PARTS)] = ()
     ports: dict[str, str] = Field(default_factory=dict)
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as reason:
+            keys = partial(keys_at, Network, data)
+            raise NetworkError(faults_of(reason, keys, _fault)) from None
+
+    # Files are read by pydantic's strict rules, which it leaves where a class has its own __init__.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -426,7 +443,8 @@ class Network(Table):
         if of_part:
             return Fault(where, f"there is no port {port!r}", of_part, given=port)
         problem = f"there is no fitting {name!r} (given: {port!r})"
-        return Fault(where, problem, tuple(part.name for part in self.fittings), given=name)
+        names = dict.fromkeys(part.name for part in self.fittings)
+        return Fault(where, problem, tuple(names), given=name)
 
 
 def load_network(source: str | Path) -> Network:

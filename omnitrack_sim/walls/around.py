@@ -316,9 +316,15 @@ class Pipes:
             camera: name; its ``fovy`` counts.
             size: width and height, pixels.
             far: m, length of a ray beyond which nothing is seen.
+
+        Raises:
+            InputError: the cameras are not in place yet.
         """
         width, height = size
         number = data.model.camera(camera).id
+        if not data.cam_xmat[number].any():
+            problem = "its cameras are not in place yet; call mujoco.mj_forward(model, data) before"
+            raise InputError(Fault("data", problem))
         # Pixel centres on the plane at distance 1; a camera of MuJoCo looks along -z, y is up.
         pixel = 2 * math.tan(math.radians(data.model.cam_fovy[number]) / 2) / height
         x = (np.arange(width) - (width - 1) / 2) * pixel

@@ -102,11 +102,14 @@ MODEL_FIELDS = (
     POLYGON_NORMALS,
 ) = range(GEOM_COUNT + 1, GEOM_COUNT + 1 + len(MODEL_FIELDS))
 POSITIONS = POLYGON_NORMALS + 1
-MATRICES, BLOCK_SIZE = POSITIONS + 1, POSITIONS + 2
+MATRICES = POSITIONS + 1
+RAISE, MESSAGES = MATRICES + 1, MATRICES + 2
+BLOCK_SIZE = MESSAGES + 3
 """Indices in the block, and its size: functions that were there before, by the type of geom, and
 before that of lines; address of the table of kinds; words of MuJoCo's mjModel that hold the length
 of user data, the number of geoms and the fields; those of mjData that hold positions and
-orientations of geoms."""
+orientations of geoms; addresses of MuJoCo's function that raises an error, and of the messages of
+``guard``."""
 _CHUNK, _MOST_CHUNKS = 256, 240
 """Words that are searched at a time, so as to read little past a structure's end; and how often,
 before the search gives up. The fields come long before that."""
@@ -256,7 +259,7 @@ def enter(function: Callable[..., int], geom: int, before: int) -> None:
     Raises:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
-    block = _block()
+    block = block_of_process()
     table = (ctypes.c_void_p * (_TYPES * _TYPES)).in_dll(library(), "mjCOLLISIONFUNC")
     # The height field comes first: the table is filled for pairs of ascending geom types only.
     pair = _FIELD * _TYPES + int(geom)
@@ -278,11 +281,11 @@ def install() -> None:
 
 
 @cache
-def _block() -> Any:
+def block_of_process() -> Any:
     """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
     block[KINDS] = kinds.table.ctypes.data
-    block[USER_SIZE:BLOCK_SIZE] = _fields()
+    block[USER_SIZE:RAISE] = _fields()
     # Before any code that refers to it is loaded.
     binding.add_symbol(BLOCK, ctypes.addressof(block))
     return block

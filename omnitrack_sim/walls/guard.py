@@ -12,14 +12,19 @@ import ctypes
 from functools import cache
 
 import mujoco
+from llvmlite import ir
 from numba import types
 
-from omnitrack_sim.pipes.native import WORDS, c_function
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import WORD, WORDS, c_function, intrinsic
 from omnitrack_sim.walls.collider import (
     GEOM_COUNT,
+    MESSAGES,
+    RAISE,
     TYPE,
     USER,
     USER_SIZE,
+    block_of_process,
     doubles,
     functions_of,
     install,
@@ -31,6 +36,16 @@ from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE
 from omnitrack_sim.walls.rims import RIM
 
 PLUGIN = "omnitrack_sim.walls"
+FIELD_OF_DISTANCES, UNKNOWN, NO_WALLS = range(3)
+_MESSAGES = (
+    "exact walls: the model has a geom of a signed distance field, which would pass through them",
+    "exact walls: the model has a fitting of a kind that this process does not know; before it is "
+    "loaded, ot.Pipes(network) has to be made with the network that it was saved with",
+    "exact walls: the model has none at the ends of its user data; give nuser_geom its length "
+    "before ot.add_pipes",
+)
+"""What is wrong with a model that is refused."""
+_TEXTS = [ctypes.create_string_buffer(message.encode()) for message in _MESSAGES]
 _FIELD, _SDF = int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF)
 _CALLBACKS = (
     "nstate nsensordata init destroy copy reset compute advance visualize actuator_act_dot "
@@ -56,21 +71,40 @@ def nothing(model, data, instance):
     return 0
 
 
+@intrinsic
+def call_raise(context, address, message):
+    """Call ``mju_error`` at an address."""
+
+    def code(context, builder, signature, arguments):
+        # It takes what its message has marks for, too: a call by another type may crash.
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)], var_arg=True)
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+        return ir.Constant(ir.IntType(32), -1)
+
+    return types.int32(WORD, WORD), code
+
+
+@compiled
+def _refuse(message):
+    """Raise MuJoCo's error with a message, which does not return."""
+    return call_raise(word(RAISE), word(MESSAGES + message))
+
+
 def check_walls(model, data, instance):
-    """Return 0 if all walls of a model are known, and are in their place, else -1."""
+    """Return 0 if all walls of a model are known, and are in their place; else refuse it."""
     count, walls = model[word(USER_SIZE)], 0
     records, kinds = doubles(model[word(USER)]), integers(model[word(TYPE)])
     for geom in range(model[word(GEOM_COUNT)]):
         if kinds[geom] == _SDF:
-            return -1
+            return _refuse(FIELD_OF_DISTANCES)
         w = count * (geom + 1) - RECORD_SIZE
         if kinds[geom] == _FIELD and count >= RECORD_SIZE and records[w] == MARK:
             walls += 1
             kind = records[w + KIND]
             if kind != RIM and functions_of(kind)[0] == 0:
-                return -1
+                return _refuse(UNKNOWN)
     # Rows that became longer since the walls were added have no record at their end.
-    return 0 if walls > 0 else -1
+    return 0 if walls > 0 else _refuse(NO_WALLS)
 
 
 @cache
@@ -81,8 +115,10 @@ def register() -> None:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
     install()
-    plugin = _Plugin()
-    mujoco_ = library()
+    plugin, mujoco_, block = _Plugin(), library(), block_of_process()
+    block[RAISE] = ctypes.cast(mujoco_.mju_error, ctypes.c_void_p).value
+    # The texts are kept for good by the constant.
+    block[MESSAGES : MESSAGES + len(_TEXTS)] = [ctypes.addressof(text) for text in _TEXTS]
     mujoco_.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()
     plugin.nstate = c_function(nothing, types.int32(WORDS, WORDS, types.int32)).address
