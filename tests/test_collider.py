@@ -1,5 +1,6 @@
 """The exact collider: its surfaces, its contacts, and the same runs as with walls of primitives."""
 
+import importlib
 import math
 import subprocess
 import sys
@@ -13,7 +14,15 @@ from omnitrack_sim.base.rotations import Pose, frame_along, quaternion_from_matr
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.pipes.fittings import reducer
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
-from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, _digest, c_function, pointers
+from omnitrack_sim.pipes.native import (
+    NUMBER,
+    NUMBERS,
+    WORD,
+    _digest,
+    announce,
+    c_function,
+    pointers,
+)
 from omnitrack_sim.robots.omnitrack import track
 from omnitrack_sim.robots.omnitrack.track import (
     collide_line,
@@ -483,3 +492,14 @@ def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
     monkeypatch.setattr(reducer, "POSITION", 1e-6)
     after = [_digest(function) for function in functions]
     assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]
+
+
+def test_a_long_compilation_is_announced(tmp_path, monkeypatch, capsys):
+    """A line on standard error where code is compiled, none where it comes from disk."""
+    (tmp_path / "twice_module.py").write_text("def twice(x):\n    return 2.0 * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    twice = importlib.import_module("twice_module").twice
+    for compiles in (True, False):
+        announce.cache_clear()
+        assert c_function.__wrapped__(twice, NUMBER(NUMBER), is_long=True).ctypes(3.0) == 6.0
+        assert ("compiling exact walls" in capsys.readouterr().err) == compiles

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -21,6 +22,7 @@ from llvmlite import ir
 from numba import cfunc, types
 from numba.core import cgutils, extending
 from numba.core.caching import FunctionCache
+from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 
 from omnitrack_sim.base.rotations import Array
@@ -41,13 +43,34 @@ SCRATCH = 16
 
 
 @cache
-def c_function(function: Callable[..., Any], signature: Any) -> Any:
+def announce() -> None:
+    """Tell on standard error, once a process, that walls are being compiled."""
+    print(
+        "omnitrack_sim: compiling exact walls, once; takes some 10 s", file=sys.stderr, flush=True
+    )
+
+
+class _Announced(Compiler):
+    """A compiler that tells when it sets to work, as it does not where code is loaded from disk."""
+
+    def define_pipelines(self) -> Any:
+        """See numba's ``CompilerBase``."""
+        announce()
+        return super().define_pipelines()
+
+
+@cache
+def c_function(function: Callable[..., Any], signature: Any, is_long: bool = False) -> Any:
     """Compile a function, or load its code from disk; returns the numba ``CFunc``, kept for good.
 
     Args:
         function: plain, or already marked by ``compiled``; it may call marked ones.
         signature: C types of its arguments and of what it returns.
+        is_long: whether its compilation takes seconds and is announced.
     """
+    options: dict[str, Any] = {"error_model": "numpy"}
+    if is_long:
+        options["pipeline_class"] = _Announced
     # A copy, since its module and name are changed below for numba's key of the code on disk.
     python = getattr(function, "py_func", function)
     copy = FunctionType(
@@ -58,12 +81,12 @@ def c_function(function: Callable[..., Any], signature: Any) -> Any:
     # helper or a constant elsewhere has changed. The name is part of the key of the code on disk.
     copy.__qualname__ = f"{python.__qualname__}_{_digest(python)}"
     try:
-        return cfunc(signature, cache=True, error_model="numpy")(copy)
+        return cfunc(signature, cache=True, **options)(copy)
     except Exception:  # no folder to keep it in, no file (a prompt), damage, or a fault of its own
         with suppress(Exception):
             FunctionCache(copy).flush()
-            return cfunc(signature, cache=True, error_model="numpy")(copy)
-        return cfunc(signature, error_model="numpy")(copy)
+            return cfunc(signature, cache=True, **options)(copy)
+        return cfunc(signature, **options)(copy)
 
 
 def _digest(function: Any) -> str:

@@ -75,7 +75,7 @@ def add_pipes(
 
     Spheres, capsules, cylinders, ellipsoids, boxes and meshes (their convex hulls) of the model
     touch the exact surface of every fitting. ``mj_step``, rollouts, batches, copies and pickles
-    work as ever. The first process on a machine compiles the walls, which takes some seconds.
+    work as ever. The first process on a machine compiles the walls, which takes some 10 s.
 
     Args:
         spec: of the robot, before or after its bodies are added; its geoms and their user data

@@ -266,7 +266,7 @@ def enter(function: Callable[..., int], geom: int, before: int) -> None:
     if not table[pair]:
         raise RuntimeError(f"MuJoCo's collision table has no function for height field and {geom}")
     block[before] = table[pair]
-    table[pair] = c_function(function, _COLLIDE).address
+    table[pair] = c_function(function, _COLLIDE, is_long=True).address
 
 
 @cache
