@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.rotations import Pose, frame_along, rotation_about
+from omnitrack_sim.base.rotations import Pose, frame_along, matrix_from_quaternion, rotation_about
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, Wye, route
 
 MIDDLES = {
@@ -50,10 +50,10 @@ class Drive:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.course, self.s, self.samples = course, s, []
-        line, at = course.centreline, np.array([s])
-        self.data.qpos[:3] = line.at(at)[0][0]
+        line, at, pose = course.centreline, np.array([s]), self.data.qpos[:7]
         frame = line.frame(at)[0] @ rotation_about([0, 0, 1], math.radians(roll))
-        mujoco.mju_mat2Quat(self.data.qpos[3:7], frame.ravel())
+        pose[:3] = line.at(at)[0][0] + frame @ pose[:3]
+        mujoco.mju_mat2Quat(pose[3:], (frame @ matrix_from_quaternion(pose[3:])).ravel())
         self.chassis = self.data.body(robot.chassis)
         self.controller = robot.controller()
         self.controller.reset(np.zeros(1, int))
