@@ -217,6 +217,21 @@ def test_sizes_are_told_with_their_spread():
     assert all(0 < spread < 0.5 for spread in sighting.size_spread.values())
 
 
+def test_a_bend_whose_far_end_is_hidden_is_taken_for_a_quarter():
+    """Its angle hardly shows, and the best fit alone is off by up to 15 degrees; what shows of a
+    bend of 45 degrees tells it apart."""
+    for angle in (math.pi / 2, math.pi / 4):
+        bend = Elbow(0.24, angle)
+        lead = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))
+        part = Part("ahead", bend, attached(lead.port("end"), bend, "start", 0.0))
+        on = Part("on", Straight(0.6), attached(part.port("end"), Straight(0.6), "start", 0.0))
+        for turn in (2.0, 4.5):
+            numbers = np.array([[*ROLLED, 0.1, turn]])
+            taken = photographed("depth", ([lead, part, on], ()), numbers)[0]
+            sighting = recogniser("depth").single(taken[0])
+            assert sighting.sizes["angle"] == pytest.approx(angle, abs=math.radians(4))
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("name", ["open end", "closed end"])
 def test_how_far_an_end_is_is_told_with_its_spread(camera, name):

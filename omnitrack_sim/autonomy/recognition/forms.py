@@ -55,6 +55,8 @@ class Sighting:
 
 SIZES = 2
 """Most sizes of a form."""
+ANGLE = 1
+"""Place of the angle in the sizes of an elbow."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -225,8 +227,7 @@ def forms(bore: float) -> tuple[Form, ...]:
     """Every form for pipes of a bore, m."""
     whole, half = 2 * math.pi, math.pi
     radius = Size("mean_radius", 0.505 * bore, 3.0 * bore, 0.02 * bore, 1.2 * bore, bore)
-    # Before a wide bend its far end is hidden: then it is taken for the usual quarter bend.
-    angle = Size("angle", math.radians(10), math.radians(120), 0.03, half / 2, 0.3)
+    angle = Size("angle", math.radians(10), math.radians(120), 0.03, half / 2, 0.5)
     lean = Size("angle", math.radians(45), math.radians(75), 0.03, math.radians(52), 0.15)
     length = Size("length", 0.2 * bore, 2.5 * bore, 0.03 * bore, 0.7 * bore, 0.3 * bore)
     narrow = Size("end_diameter", 0.5 * bore, 0.97 * bore, 0.01 * bore, 0.8 * bore, 0.2 * bore)

@@ -23,6 +23,7 @@ from omnitrack_sim.autonomy.recognition.fit import (
     tries,
 )
 from omnitrack_sim.autonomy.recognition.forms import (
+    ANGLE,
     ASIDE,
     CENTRED,
     DISTANCE,
@@ -480,6 +481,23 @@ class Recogniser:
             RECOGNISER.end_offsets[1] - RECOGNISER.end_offsets[0]
         ) ** 2 / 12
 
+    def _bent(self, fits: Tries, views: Views, level: Level) -> Tries:
+        """Return a row of an elbow at its posterior mean angle."""
+        # Where its far end is hidden a picture hardly tells the angle, and noise has many minima.
+        usual, width = RECOGNISER.usual_bend, RECOGNISER.usual_bend_std
+        size = fits.forms[0].sizes[ANGLE]
+        angles = np.clip(fits.sizes[0, ANGLE] + RECOGNISER.angle_offsets, size.low, size.high)
+        rows = fits.take([0] * len(angles))
+        rows.sizes[:, ANGLE] = angles
+        cost = self._fit.costs(rows, views, level).cost / (
+            2 * RECOGNISER.error_scale**2 * self._alike
+        )
+        # A bend is a usual one or, as often, any.
+        near = np.exp(-0.5 * ((angles - usual) / width) ** 2) / (width * math.sqrt(2 * math.pi))
+        chance = np.exp(cost.min() - cost) * (near + 1 / (size.high - size.low))
+        fits.sizes[0, ANGLE] = float(chance @ angles / chance.sum())
+        return fits
+
     def _sighting(self, fits: Tries, straight: float, views: Views) -> Sighting:
         """Return the most probable of the forms, with its confidence."""
         level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
@@ -497,6 +515,8 @@ class Recogniser:
             confidence = min(confidence, RECOGNISER.misfit_confidence)
         if row.forms[0].ends:
             row, variance = self._placed(row, views, level)
+        elif row.forms[0].kind == "elbow":
+            row = self._bent(row, views, level)
         return _reported(row, names[best], straight, confidence, self._alike, variance)
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:

@@ -48,6 +48,9 @@ class RecogniserSettings:
         dim_starts: starting sizes from which on a form has no such search.
         end_offsets: (41,) m, positions of an end that are compared beside the fitted one: gradients
             do not see its edge.
+        angle_offsets: (19,) rad, angles of a bend that are compared beside the fitted one.
+        usual_bend: rad, the angle that most elbows have.
+        usual_bend_std: rad, its spread.
         beyond_rough: factor of the residual from which on a pixel's cost is bounded, where its ray
             leaves the fitting of a form by another port: more fittings may follow there.
         beyond_bias: cost that makes the mean of such pixels by noise alone that of the others.
@@ -115,6 +118,9 @@ class RecogniserSettings:
     dim_turns: int = 16
     dim_starts: int = 9
     end_offsets: Array = field(default_factory=lambda: np.arange(-0.04, 0.0401, 0.002))
+    angle_offsets: Array = field(default_factory=lambda: np.arange(-0.45, 0.451, 0.05))
+    usual_bend: float = np.pi / 2
+    usual_bend_std: float = 0.05
     # Decision
     beyond_rough: float = 0.5
     beyond_bias: float = 0.23
