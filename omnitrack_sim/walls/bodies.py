@@ -15,7 +15,7 @@ import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
-from omnitrack_sim.walls.contacts import touch
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, MOST_OF_PAIR, touch
 from omnitrack_sim.walls.curves import (
     along_circle,
     along_line,
@@ -139,13 +139,30 @@ def capsule(con, n, wall, frame, radius, half, out):
 
 
 @compiled
+def _corner(a, b, c, i):
+    """Corner number ``i`` of a box: the bits are the signs of x, y and z."""
+    return a * (1.0 - 2.0 * (i & 1)), b * (1.0 - 2.0 * (i >> 1 & 1)), c * (1.0 - 2.0 * (i >> 2))
+
+
+@compiled
 def box(con, n, wall, frame, a, b, c, out):
     """Add the contacts of a box: along its edges, those along x with the vertices."""
-    for i in range(4):
-        s, t = 1.0 - 2.0 * (i & 1), 1.0 - 2.0 * (i >> 1)
-        n = _edge(con, n, wall, frame, -a, s * b, t * c, a, s * b, t * c, 1.0, 0.0, out)
-        n = _edge(con, n, wall, frame, s * a, -b, t * c, s * a, b, t * c, 0.0, 0.0, out)
-        n = _edge(con, n, wall, frame, s * a, t * b, -c, s * a, t * b, c, 0.0, 0.0, out)
+    distances = scratch()
+    for i in range(8):
+        px, py, pz = _corner(a, b, c, i)
+        x, y, z = point_at(frame, px, py, pz)
+        distances[i] = call_surface(wall[0], wall[2], x, y, z, out)
+    for axis in range(3):
+        half = a if axis == 0 else (b if axis == 1 else c)
+        bit = 1 << axis
+        for i in range(8):
+            # The distance changes by no more than one metre a metre.
+            if i & bit or 0.5 * (distances[i] + distances[i | bit]) - half >= wall[5]:
+                continue
+            px, py, pz = _corner(a, b, c, i)
+            qx, qy, qz = _corner(a, b, c, i | bit)
+            ends = 1.0 if axis == 0 else 0.0
+            n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, ends, 0.0, out)
     return n
 
 
@@ -158,11 +175,17 @@ def mesh(con, n, wall, frame, hull, out):
             where the vertices of each begin, how many they are, and their numbers.
     """
     vertices, vertex_count, polygons_at, count, begins, sizes, numbers = hull
+    # The distances of the vertices stand where MuJoCo has room for contacts that are never kept.
+    is_known = vertex_count <= CONTACT_SIZE * (MOST_OF_PAIR - MOST_KEPT - 1)
+    distances = at(con, CONTACT_SIZE * (MOST_KEPT + 1))
     for v in range(vertex_count):
         # Of the vertices of the mesh those of its hull alone belong to a polygon.
         if polygons_at[v] > 0:
             x, y, z = _vertex(frame, vertices, v)
-            if holds(wall, x, y, z, out):
+            d = call_surface(wall[0], wall[2], x, y, z, out)
+            if is_known:
+                distances[v] = d
+            if d < wall[5] and holds(wall, x, y, z, out):
                 n = touch(con, n, wall, x, y, z, 0.0, out)
     for polygon in range(count):
         first, size = begins[polygon], sizes[polygon]
@@ -171,31 +194,26 @@ def mesh(con, n, wall, frame, hull, out):
             b = numbers[first + i]
             # Each edge stands in two polygons, once in either direction.
             if a < b:
-                n = _edge(
-                    con,
-                    n,
-                    wall,
-                    frame,
-                    float(vertices[3 * a]),
-                    float(vertices[3 * a + 1]),
-                    float(vertices[3 * a + 2]),
-                    float(vertices[3 * b]),
-                    float(vertices[3 * b + 1]),
-                    float(vertices[3 * b + 2]),
-                    0.0,
-                    0.0,
-                    out,
-                )
+                px, py, pz = _coordinates(vertices, a)
+                qx, qy, qz = _coordinates(vertices, b)
+                length = math.sqrt((qx - px) ** 2 + (qy - py) ** 2 + (qz - pz) ** 2)
+                if not is_known or 0.5 * (distances[a] + distances[b] - length) < wall[5]:
+                    n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, 0.0, 0.0, out)
             a = b
     return n
 
 
 @compiled
+def _coordinates(vertices, v):
+    """Vertex of a mesh."""
+    return float(vertices[3 * v]), float(vertices[3 * v + 1]), float(vertices[3 * v + 2])
+
+
+@compiled
 def _vertex(frame, vertices, v):
     """Vertex of a mesh in the fitting's frame."""
-    return point_at(
-        frame, float(vertices[3 * v]), float(vertices[3 * v + 1]), float(vertices[3 * v + 2])
-    )
+    x, y, z = _coordinates(vertices, v)
+    return point_at(frame, x, y, z)
 
 
 @compiled
@@ -213,38 +231,36 @@ def cylinder(con, n, wall, frame, radius, half, out):
 def _mantle_line(wall, frame, radius, half, angle, out):
     """Least distance along the mantle's line at an angle, where it lies between the ends.
 
-    Returns whether there is one (over 0; below 0: this fitting has none anywhere), its place along
-    the line, m, and the derivative of the distance round the cylinder there. At a bend there may be
-    one though the wall falls away beyond it before the ends.
+    Returns whether there is one (over 0), its place along the line, m, and the derivative of the
+    distance round the cylinder there. At a bend there may be one though the wall falls away beyond
+    it before the ends.
     """
     c, s = math.cos(angle), math.sin(angle)
     px, py, pz = point_at(frame, radius * c, radius * s, 0.0)
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     line = (px, py, pz, xz, yz, zz, 0.0, 0.0, 0.0, 0.0)
-    out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 0.0, 0.0
     surface, sizes = wall[0], wall[2]
-    if call_span(wall[1], sizes, wall[3], px, py, pz, xz, yz, zz, out) == 0.0:
-        return -1.0, 0.0, 0.0
+    # Most lines of a mantle are farther from the wall than they are long.
+    if call_surface(surface, sizes, px, py, pz, out) - half >= wall[5]:
+        return 0.0, 0.0, 0.0
+    out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 0.0, 0.0
+    call_span(wall[1], sizes, wall[3], px, py, pz, xz, yz, zz, out)
     low, high = out[LOW], out[HIGH]
     if high <= low:
         return 0.0, 0.0, 0.0
-    d, _, _ = slope_at(surface, sizes, line, 0.5 * (low + high), out)
-    # Most lines of a mantle are farther from the wall than they are long.
-    if d - 0.5 * (high - low) >= wall[5]:
-        return 0.0, 0.0, 0.0
     least, place, round_it, a = math.inf, 0.0, 0.0, low
     step = (high - low) / math.ceil((high - low) / (MANTLE_SPACING * wall[7]))
-    _, slope_a, _ = slope_at(surface, sizes, line, low, out)
+    d_a, slope_a, _ = slope_at(surface, sizes, line, low, out)
     while a < high - 0.5 * step:
         b = a + step
-        _, slope_b, _ = slope_at(surface, sizes, line, b, out)
-        if slope_a < 0.0 <= slope_b:
+        d_b, slope_b, _ = slope_at(surface, sizes, line, b, out)
+        if slope_a < 0.0 <= slope_b and 0.5 * (d_a + d_b - step) < wall[5]:
             t = minimum(surface, sizes, line, a, slope_a, b, slope_b, out)
             d, _, _ = slope_at(surface, sizes, line, t, out)
             if d < least:
                 tx, ty, tz = c * xy - s * xx, c * yy - s * yx, c * zy - s * zx
                 least, place, round_it = d, t, out[0] * tx + out[1] * ty + out[2] * tz
-        a, slope_a = b, slope_b
+        a, d_a, slope_a = b, d_b, slope_b
     return (1.0 if least < math.inf else 0.0), place, round_it
 
 
@@ -252,12 +268,15 @@ def _mantle_line(wall, frame, radius, half, angle, out):
 def _mantle(con, n, wall, frame, radius, half, out):
     """Add the contacts on a cylinder's mantle: minima, round it, of the least distance along its
     lines. A wall that does not bend along itself has none."""
+    # Where a line touches at its ends only there is nothing between the rims.
+    x, y, z = frame[0], frame[1], frame[2]
+    out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = 0.0, 0.0, 0.0, 0.0
+    if call_span(wall[1], wall[2], wall[3], x, y, z, 0.57735, 0.57735, 0.57735, out) == 0.0:
+        return n
     step = 2.0 * math.pi / MANTLE_LINES
     first = _mantle_line(wall, frame, radius, half, 0.0, out)
     there, _, slope = first
     for i in range(MANTLE_LINES):
-        if there < 0.0:
-            return n
         b = (i + 1) * step
         # Where it closes rounding must not hide a minimum.
         at_b = _mantle_line(wall, frame, radius, half, b, out) if i + 1 < MANTLE_LINES else first

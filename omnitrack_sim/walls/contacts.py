@@ -10,8 +10,8 @@ from omnitrack_sim.walls.record import BOX
 CONTACT_SIZE = 10
 """Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
 (3)."""
-MOST_KEPT = 16
-"""Contacts of one geom and one fitting that are handed on; MuJoCo has room for 50 a pair."""
+MOST_KEPT, MOST_OF_PAIR = 16, 50
+"""Contacts of one geom and one fitting that are handed on, and those that MuJoCo has room for."""
 
 
 @compiled

@@ -150,14 +150,13 @@ def along_line(con, n, wall, line, half, low_counts, high_counts, reach, out):
     """
     px, py, pz, ax, ay, az, _, _, _, _ = line
     surface, span, sizes, ends = wall[0], wall[1], wall[2], wall[3]
+    # Most edges of a body are farther from the wall than they are long.
+    if call_surface(surface, sizes, px, py, pz, out) - half >= reach + wall[5]:
+        return n
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, low_counts, high_counts
     within = call_span(span, sizes, ends, px, py, pz, ax, ay, az, out)
     low, high, low_ends, high_ends = out[LOW], out[HIGH], out[LOW_ENDS] > 0, out[HIGH_ENDS] > 0
     if high < low or (within == 0.0 and not low_ends and not high_ends):
-        return n
-    # Most edges of a body are farther from the wall than they are long.
-    d, _, _ = slope_at(surface, sizes, line, 0.5 * (low + high), out)
-    if d - 0.5 * (high - low) >= reach + wall[5]:
         return n
     at_low = slope_at(surface, sizes, line, low, out)
     if low_ends:
@@ -189,29 +188,37 @@ def along_circle(con, n, wall, circle, out):
     plane that place is a sample, so that the next fitting goes on from it.
     """
     surface, sizes, end = wall[0], wall[2], 2.0 * math.pi * circle[9]
-    x, y, z, _, _, _ = place(circle, 0.0)
-    first_inside = inside = holds(wall, x, y, z, out)
+    if call_surface(surface, sizes, circle[0], circle[1], circle[2], out) - circle[9] >= wall[5]:
+        return n
     first = at_a = slope_at(surface, sizes, circle, 0.0, out)
     a = 0.0
     while a < end:
-        stride = _stride(wall, at_a[0], 0.0) if inside else wall[7]
         # An eighth of the circle at most: over more of it a minimum and a maximum cancel.
-        b = min(a + min(stride, end / 8), end)
+        b = min(a + min(_stride(wall, at_a[0], 0.0), end / 8), end)
         # Where it closes rounding must not hide a minimum.
-        inside_b, at_b = first_inside, first
-        if b < end:
-            x, y, z, _, _, _ = place(circle, b)
-            inside_b = holds(wall, x, y, z, out)
-            at_b = slope_at(surface, sizes, circle, b, out)
-        if inside and inside_b:
-            n = _between(con, n, wall, circle, a, at_a, b, at_b, 0.0, out)
-        elif inside:
-            s = _leaves(wall, circle, a, b, out)
-            at_s = slope_at(surface, sizes, circle, s, out)
-            n = _between(con, n, wall, circle, a, at_a, s, at_s, 0.0, out)
-        elif inside_b:
-            s = _leaves(wall, circle, b, a, out)
-            at_s = slope_at(surface, sizes, circle, s, out)
-            n = _between(con, n, wall, circle, s, at_s, b, at_b, 0.0, out)
-        a, at_a, inside = b, at_b, inside_b
+        at_b = slope_at(surface, sizes, circle, b, out) if b < end else first
+        if 0.5 * (at_a[0] + at_b[0] - (b - a)) < wall[5]:
+            n = _within(con, n, wall, circle, a, at_a, b, at_b, out)
+        a, at_a = b, at_b
+    return n
+
+
+@compiled
+def _within(con, n, wall, circle, a, at_a, b, at_b, out):
+    """Add the contact of what the fitting holds of a circle between two samples, see
+    ``_between``."""
+    x, y, z, _, _, _ = place(circle, a)
+    inside_a = holds(wall, x, y, z, out)
+    x, y, z, _, _, _ = place(circle, b)
+    inside_b = holds(wall, x, y, z, out)
+    if inside_a and inside_b:
+        return _between(con, n, wall, circle, a, at_a, b, at_b, 0.0, out)
+    if inside_a:
+        s = _leaves(wall, circle, a, b, out)
+        at_s = slope_at(wall[0], wall[2], circle, s, out)
+        return _between(con, n, wall, circle, a, at_a, s, at_s, 0.0, out)
+    if inside_b:
+        s = _leaves(wall, circle, b, a, out)
+        at_s = slope_at(wall[0], wall[2], circle, s, out)
+        return _between(con, n, wall, circle, s, at_s, b, at_b, 0.0, out)
     return n
