@@ -1,9 +1,12 @@
 """The exact collider: its surfaces, its contacts, and the same runs as with walls of primitives."""
 
 import importlib
+import json
 import math
 import subprocess
 import sys
+from ctypes import CFUNCTYPE
+from hashlib import sha256
 
 import mujoco
 import numpy as np
@@ -11,9 +14,18 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, frame_along, quaternion_from_matrix, unit
-from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
+from omnitrack_sim.pipes import (
+    Assembly,
+    Elbow,
+    Part,
+    Reducer,
+    Step,
+    Straight,
+    Tee,
+    machine_code,
+    route,
+)
 from omnitrack_sim.pipes.fittings import reducer
-from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.pipes.native import (
     NUMBER,
     NUMBERS,
@@ -53,8 +65,8 @@ FITTINGS = {
     "tee_sharper": Tee(fillet_radius=0.002),
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
-LINE_CONTACTS = WORD(
-    NUMBERS, WORD, WORD, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3
+LINE_CONTACTS = CFUNCTYPE(
+    WORD, NUMBERS, WORD, WORD, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3
 )
 DEPTH = 0.03
 install_lines()
@@ -466,31 +478,56 @@ def test_records_have_their_size():
 
 
 def test_a_later_process_loads_the_collider_from_disk():
-    """Once compiled, every function is loaded: nothing is compiled in a fresh process."""
+    """Once compiled, every function is loaded: a fresh process that runs a robot has no numba."""
     program = """
-from omnitrack_sim.walls.collider import _COLLIDE
-from omnitrack_sim.robots.omnitrack.track import collide_line, install_lines
-from omnitrack_sim.pipes.native import SIGNATURES, c_function
+import sys
+import omnitrack_sim as ot
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
-install_lines()
-walls = [fitting.wall for fitting in shipped_fittings().values()]
-every = [(getattr(wall, name), kind) for wall in walls for name, kind in SIGNATURES.items()]
-print([c_function(*each).cache_hits for each in [(collide_line, _COLLIDE), *every]])
+ot.Simulation([ot.load_scenario("straight")]).step()
+for fitting in shipped_fittings().values():
+    for name in ("surface", "span", "clear"):
+        fitting.wall_address(name)
+print("numba" in sys.modules)
 """
     for _ in range(2):
         run = [sys.executable, "-c", program]
         told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
-    assert told.strip() == str([1] * (1 + 3 * len(shipped_fittings())))
+    assert told.strip() == "False"
+
+
+def _third(x):
+    return x / 3.0
+
+
+def test_code_that_is_damaged_or_lacks_something_is_compiled_again(tmp_path, monkeypatch):
+    """It is not loaded, which would end the process, and its file is made anew."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    call = c_function.__wrapped__
+    signature = CFUNCTYPE(NUMBER, NUMBER)
+    assert call(_third, signature).ctypes(1.0) == 1 / 3
+    (file,) = tmp_path.glob("*.o")
+    whole = file.read_bytes()
+    address = machine_code.load(file)
+    assert address
+    assert signature(address)(1.0) == 1 / 3
+    head, _, code = whole[32:].partition(b"\n")
+    body = json.dumps([json.loads(head)[0], ["of_nobody"]]).encode() + b"\n" + code
+    for octets in (b"", whole[:-9], whole[:99] + b"x" + whole[100:], sha256(body).digest() + body):
+        file.write_bytes(octets)
+        assert machine_code.load(file) is None
+        assert call(_third, signature).ctypes(1.0) == 1 / 3
+        assert machine_code.load(file)
 
 
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
     """Another value of a constant, of the function itself or of one that it calls, is other
     code."""
     functions = collide_line, Reducer.wall.span.py_func, Straight.wall.span.py_func
-    before = [_digest(function) for function in functions]
+    signature = CFUNCTYPE(NUMBER, NUMBER)
+    before = [_digest(function, signature) for function in functions]
     monkeypatch.setattr(track, "SPACING", 0.004)
     monkeypatch.setattr(reducer, "POSITION", 1e-6)
-    after = [_digest(function) for function in functions]
+    after = [_digest(function, signature) for function in functions]
     assert [a == b for a, b in zip(before, after, strict=True)] == [False, False, True]
 
 
@@ -501,5 +538,8 @@ def test_a_long_compilation_is_announced(tmp_path, monkeypatch, capsys):
     twice = importlib.import_module("twice_module").twice
     for compiles in (True, False):
         announce.cache_clear()
-        assert c_function.__wrapped__(twice, NUMBER(NUMBER), is_long=True).ctypes(3.0) == 6.0
+        assert (
+            c_function.__wrapped__(twice, CFUNCTYPE(NUMBER, NUMBER), is_long=True).ctypes(3.0)
+            == 6.0
+        )
         assert ("compiling exact walls" in capsys.readouterr().err) == compiles

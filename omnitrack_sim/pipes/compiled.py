@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, types
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.native import (
+    INTEGER,
     NUMBERS,
     WORD,
     at,
     c_function,
     call_surface,
+    compiled,
     pointers,
 )
 
@@ -29,10 +31,6 @@ cone."""
 LOW, HIGH, LOW_ENDS, HIGH_ENDS = 0, 1, 2, 3
 """Indices of a span in ``out``: the part of a line [low, high], m, and whether contact ends there
 (over 0)."""
-# A division by zero gives an infinite number, as in NumPy: checks for it would cost time in the
-# innermost loops, and a raised error has no way out of a C function.
-compiled = njit(error_model="numpy")
-"""Decorator of the functions of a ``Wall`` and of their helpers."""
 
 
 @compiled
@@ -156,4 +154,4 @@ def _at_points(surface, sizes, points, count, rows):
     return 0
 
 
-_AT_POINTS = types.int32(WORD, NUMBERS, NUMBERS, WORD, NUMBERS)
+_AT_POINTS = CFUNCTYPE(INTEGER, WORD, NUMBERS, NUMBERS, WORD, NUMBERS)

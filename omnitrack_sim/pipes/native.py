@@ -3,7 +3,7 @@
 MuJoCo, and compiled code that meets fittings of any kind, call functions through pointers. Nothing
 that changes from process to process stands in such a function, so that its code is kept on disk
 and serves every process: the first one compiles it, which takes some tenths of a second to
-seconds, later ones load it.
+seconds and loads numba; later ones load the code alone.
 """
 
 from __future__ import annotations
@@ -12,34 +12,118 @@ import ctypes
 import hashlib
 import sys
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cache
+from ctypes import CFUNCTYPE
+from dataclasses import dataclass
+from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 from llvmlite import ir
-from numba import cfunc, types
-from numba.core import cgutils, extending
-from numba.core.caching import FunctionCache
-from numba.core.compiler import Compiler
-from numba.core.dispatcher import Dispatcher
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import machine_code
 
-intrinsic: Any = extending.intrinsic
-"""Decorator of functions whose code is made here, of instructions; their first parameter is
-numba's."""
-NUMBER, WORD = types.float64, types.int64
-NUMBERS, WORDS = types.CPointer(NUMBER), types.CPointer(WORD)
+
+class CompilationError(Exception):
+    """A function does not compile; the text is numba's."""
+
+
+NUMBER, WORD = ctypes.c_double, ctypes.c_int64
+FLOAT, INTEGER = ctypes.c_float, ctypes.c_int32
+NUMBERS, WORDS = ctypes.POINTER(NUMBER), ctypes.POINTER(WORD)
 SIGNATURES = {
-    "surface": NUMBER(NUMBERS, *[NUMBER] * 3, NUMBERS),
-    "span": NUMBER(NUMBERS, NUMBERS, *[NUMBER] * 6, NUMBERS),
-    "clear": NUMBER(NUMBERS, *[NUMBER] * 6),
+    "surface": CFUNCTYPE(NUMBER, NUMBERS, *[NUMBER] * 3, NUMBERS),
+    "span": CFUNCTYPE(NUMBER, NUMBERS, NUMBERS, *[NUMBER] * 6, NUMBERS),
+    "clear": CFUNCTYPE(NUMBER, NUMBERS, *[NUMBER] * 6),
 }
 """C types of the functions of ``compiled.Wall``."""
 SCRATCH = 16
 """Numbers that ``scratch`` has room for."""
+
+
+def in_numba(signature: Any) -> Any:
+    """Return the C types of a function as numba has them."""
+    from numba.core.typing.ctypes_utils import from_ctypes
+
+    return from_ctypes(signature._restype_)(*map(from_ctypes, signature._argtypes_))
+
+
+class Marked:
+    """A function that compiled ones may call, as numba knows it: made when numba asks for it, so
+    that numba is loaded by a process that compiles and by no other.
+
+    Args:
+        python: the function.
+        make: returns what numba makes of it.
+    """
+
+    def __init__(self, python: Callable[..., Any], make: Callable[..., Any]) -> None:
+        update_wrapper(self, python)
+        self.py_func, self._make = python, make
+
+    @cached_property
+    def _made(self) -> Any:
+        return self._make(self.py_func)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type by which numba knows this object among the names of a function's module."""
+        from numba.core.registry import cpu_target
+
+        made, context = self._made, cpu_target.typing_context
+        context.refresh()
+        return context.resolve_value_type(made)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._made(*arguments)
+
+
+def compiled(python: Callable[..., Any]) -> Marked:
+    """Mark a function of a ``Wall``, or a helper of one."""
+    return Marked(python, _dispatcher)
+
+
+def _dispatcher(python: Callable[..., Any]) -> Any:
+    from numba import njit
+
+    # A division by zero gives an infinite number, as in NumPy: checks for it would cost time in the
+    # innermost loops, and a raised error has no way out of a C function.
+    return njit(error_model="numpy")(python)
+
+
+def intrinsic(definition: Callable[..., Any]) -> Any:
+    """Mark a function that returns the signature and the code of a function, made of instructions;
+    its first parameter is numba's."""
+    return Marked(definition, _intrinsic)
+
+
+def _intrinsic(definition: Callable[..., Any]) -> Any:
+    from numba.core import extending
+
+    @wraps(definition)
+    def typed(*arguments: Any) -> Any:
+        signature, code = definition(*arguments)
+        return in_numba(signature), code
+
+    return extending.intrinsic(typed)
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """A compiled function, kept for good.
+
+    Attributes:
+        address: of its code.
+        ctypes: calls it from Python.
+    """
+
+    address: int
+    ctypes: Callable[..., Any]
+
+
+_kept: list[Any] = []
+"""What numba has compiled in this process, whose code goes with it."""
 
 
 @cache
@@ -50,47 +134,48 @@ def announce() -> None:
     )
 
 
-class _Announced(Compiler):
-    """A compiler that tells when it sets to work, as it does not where code is loaded from disk."""
-
-    def define_pipelines(self) -> Any:
-        """See numba's ``CompilerBase``."""
-        announce()
-        return super().define_pipelines()
-
-
 @cache
-def c_function(function: Callable[..., Any], signature: Any, is_long: bool = False) -> Any:
-    """Compile a function, or load its code from disk; returns the numba ``CFunc``, kept for good.
+def c_function(function: Callable[..., Any], signature: Any, is_long: bool = False) -> CFunction:
+    """Compile a function, or load its code from disk.
 
     Args:
         function: plain, or already marked by ``compiled``; it may call marked ones.
-        signature: C types of its arguments and of what it returns.
+        signature: C types of what it returns and of its arguments, made by ``CFUNCTYPE``.
         is_long: whether its compilation takes seconds and is announced.
+
+    Raises:
+        CompilationError: it does not compile.
     """
-    options: dict[str, Any] = {"error_model": "numpy"}
-    if is_long:
-        options["pipeline_class"] = _Announced
-    # A copy, since its module and name are changed below for numba's key of the code on disk.
     python = getattr(function, "py_func", function)
-    copy = FunctionType(
-        python.__code__, python.__globals__, python.__name__, None, python.__closure__
-    )
-    copy.__module__ = python.__module__
-    # numba looks for changes in the file of the function alone, and would load stale code where a
-    # helper or a constant elsewhere has changed. The name is part of the key of the code on disk.
-    copy.__qualname__ = f"{python.__qualname__}_{_digest(python)}"
+    code, name = python.__code__, python.__qualname__.rpartition(".")[2]
+    file = machine_code.file_of(code.co_filename, name, _digest(python, signature))
     try:
-        return cfunc(signature, cache=True, **options)(copy)
-    except Exception:  # no folder to keep it in, no file (a prompt), damage, or a fault of its own
-        with suppress(Exception):
-            FunctionCache(copy).flush()
-            return cfunc(signature, cache=True, **options)(copy)
-        return cfunc(signature, **options)(copy)
+        address = machine_code.load(file)
+    except Exception:  # numba or LLVM are not as they are known: every process compiles
+        address = None
+    if address is None:
+        if is_long:
+            announce()
+        made = _made(python, signature)
+        machine_code.store(file, made)
+        _kept.append(made)
+        address = made.address
+    return CFunction(address, signature(address))
 
 
-def _digest(function: Any) -> str:
-    """Digest of the code of a function, of all compiled functions that it calls, of the constants
+def _made(python: Callable[..., Any], signature: Any) -> Any:
+    """Return the ``CFunc`` that numba compiles."""
+    from numba import cfunc
+    from numba.core.errors import NumbaError
+
+    try:
+        return cfunc(in_numba(signature), error_model="numpy")(python)
+    except NumbaError as error:
+        raise CompilationError(str(error)) from error
+
+
+def _digest(function: Any, signature: Any) -> str:
+    """Digest of the code of a function, of all marked functions that it calls, of the constants
     that these use, and of this file, whose intrinsics they call."""
     reached, pending = [], [function]
     while pending:
@@ -98,16 +183,27 @@ def _digest(function: Any) -> str:
         if python not in reached:
             reached.append(python)
             called = (python.__globals__.get(name) for name in python.__code__.co_names)
-            pending += [value.py_func for value in called if isinstance(value, Dispatcher)]
-    parts = [Path(__file__).read_bytes()]
+            # Functions that are numba's own already are marked ones, too.
+            below = (getattr(value, "py_func", None) for value in called)
+            pending += [value for value in below if isinstance(value, FunctionType)]
+    types = signature._restype_, signature._argtypes_
+    parts = [Path(__file__).read_bytes(), repr(types).encode(), machine_code.machine().encode()]
     for python in reached:
         code = python.__code__
         # The first constant is the docstring, which does not change the code.
-        parts += [code.co_code, repr(code.co_consts[1:]).encode()]
+        parts += [code.co_code, repr(list(map(_lasting, code.co_consts[1:]))).encode()]
         values = {name: python.__globals__.get(name) for name in code.co_names}
         numbers = {name: v for name, v in values.items() if isinstance(v, int | float)}
         parts.append(repr(numbers).encode())
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:32]
+
+
+def _lasting(constant: Any) -> Any:
+    """Return a constant of a function in a form that is the same in each process, also where it is
+    the code of a function within it."""
+    if isinstance(constant, CodeType):
+        return constant.co_code, list(map(_lasting, constant.co_consts))
+    return constant
 
 
 def pointers(*arrays: Array) -> list[Any]:
@@ -119,12 +215,16 @@ def calling(signature: Any) -> tuple[Any, Any]:
     """Signature and code of an intrinsic that calls the C function at an address, its first
     argument, with the other ones."""
 
+    returned, kinds = signature._restype_, signature._argtypes_
+
     def code(context, builder, own_signature, arguments):
-        kinds = [context.get_value_type(kind) for kind in signature.args]
-        function = ir.FunctionType(context.get_value_type(signature.return_type), kinds)
+        numba = in_numba(signature)
+        function = ir.FunctionType(
+            context.get_value_type(numba.return_type), map(context.get_value_type, numba.args)
+        )
         return builder.call(builder.inttoptr(arguments[0], function.as_pointer()), arguments[1:])
 
-    return signature.return_type(WORD, *signature.args), code
+    return CFUNCTYPE(returned, WORD, *kinds), code
 
 
 @intrinsic
@@ -152,7 +252,7 @@ def at(context, array, index):
     def code(context, builder, signature, arguments):
         return builder.gep(arguments[0], [arguments[1]])
 
-    return NUMBERS(NUMBERS, WORD), code
+    return CFUNCTYPE(NUMBERS, NUMBERS, WORD), code
 
 
 @intrinsic
@@ -160,7 +260,9 @@ def scratch(context):
     """Room for SCRATCH numbers, on the stack of the calling function."""
 
     def code(context, builder, signature, arguments):
+        from numba.core import cgutils
+
         room = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), SCRATCH))
         return builder.bitcast(room, context.get_value_type(signature.return_type))
 
-    return NUMBERS(), code
+    return CFUNCTYPE(NUMBERS), code

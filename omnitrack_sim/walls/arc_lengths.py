@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from ctypes import CFUNCTYPE
 
 import numpy as np
-from numba import types
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.compiled import compiled
-from omnitrack_sim.pipes.native import NUMBERS, WORD, c_function, pointers
+from omnitrack_sim.pipes.native import INTEGER, NUMBERS, WORD, c_function, pointers
 
 LINE, BEGIN, LENGTH, CURVATURE, POINT, TANGENT, NORMAL, ROW = 0, 1, 2, 3, 4, 7, 10, 13
 """Indices in the row of a segment, and its size: number of the line among those of its part, arc
@@ -19,7 +19,7 @@ length at which it begins, m, length, m, curvature, 1/m, and first point (3), ta
 (3), world frame."""
 ANSWER = 5
 """Numbers of an answer: arc length, m, tangent (3), number of the line."""
-_ALONG = types.int32(NUMBERS, NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS)
+_ALONG = CFUNCTYPE(INTEGER, NUMBERS, NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS)
 
 
 class Axes:

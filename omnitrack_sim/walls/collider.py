@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from ctypes import CFUNCTYPE
 from functools import cache
 from typing import Any
 
 import mujoco
 import numpy as np
 from llvmlite import binding, ir
-from numba import types
 from numpy.typing import NDArray
 
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import (
+    FLOAT,
+    INTEGER,
     NUMBER,
     NUMBERS,
     WORD,
@@ -57,10 +59,10 @@ from omnitrack_sim.walls.rims import (
 
 GEOM = mujoco.mjtGeom
 _FIELD, _TYPES = int(GEOM.mjGEOM_HFIELD), int(GEOM.mjNGEOMTYPES)
-_COLLIDE = types.int32(WORDS, WORDS, NUMBERS, types.int32, types.int32, NUMBER)
+_COLLIDE = CFUNCTYPE(INTEGER, WORDS, WORDS, NUMBERS, INTEGER, INTEGER, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
-_FLOATS, _INTEGERS = types.CPointer(types.float32), types.CPointer(types.int32)
+_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
@@ -127,7 +129,7 @@ def word(context, index):
             block = ir.GlobalVariable(module, ir.ArrayType(kind, BLOCK_SIZE), BLOCK)
         return builder.load(builder.gep(block, [kind(0), arguments[0]], inbounds=True))
 
-    return WORD(WORD), code
+    return CFUNCTYPE(WORD, WORD), code
 
 
 def _pointer(kind: Any) -> Any:
@@ -138,7 +140,7 @@ def _pointer(kind: Any) -> Any:
         def code(context, builder, signature, arguments):
             return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
-        return kind(WORD), code
+        return CFUNCTYPE(kind, WORD), code
 
     return pointer
 

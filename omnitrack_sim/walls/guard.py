@@ -9,14 +9,14 @@ nothing.
 from __future__ import annotations
 
 import ctypes
+from ctypes import CFUNCTYPE
 from functools import cache
 
 import mujoco
 from llvmlite import ir
-from numba import types
 
 from omnitrack_sim.pipes.compiled import compiled
-from omnitrack_sim.pipes.native import WORD, WORDS, c_function, intrinsic
+from omnitrack_sim.pipes.native import INTEGER, WORD, WORDS, c_function, intrinsic
 from omnitrack_sim.walls.collider import (
     GEOM_COUNT,
     MESSAGES,
@@ -81,7 +81,7 @@ def call_raise(context, address, message):
         builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
         return ir.Constant(ir.IntType(32), -1)
 
-    return types.int32(WORD, WORD), code
+    return CFUNCTYPE(INTEGER, WORD, WORD), code
 
 
 @compiled
@@ -121,9 +121,9 @@ def register() -> None:
     block[MESSAGES : MESSAGES + len(_TEXTS)] = [ctypes.addressof(text) for text in _TEXTS]
     mujoco_.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()
-    plugin.nstate = c_function(nothing, types.int32(WORDS, WORDS, types.int32)).address
+    plugin.nstate = c_function(nothing, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
     plugin.reset = plugin.compute = plugin.nstate
-    plugin.init = c_function(check_walls, types.int32(WORDS, WORDS, types.int32)).address
+    plugin.init = c_function(check_walls, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
     mujoco_.mjp_registerPlugin(ctypes.byref(plugin))
 
 

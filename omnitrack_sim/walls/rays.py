@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from ctypes import CFUNCTYPE
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.pipes.native import NUMBER, NUMBERS, WORD, c_function, pointers
+from omnitrack_sim.pipes.native import INTEGER, NUMBER, NUMBERS, WORD, c_function, pointers
 from omnitrack_sim.walls import tracing
 from omnitrack_sim.walls.tracing import nearest, trace
 
 Port = tuple[int, str]
 """A part's index in its map, and the name of a port of it."""
-_TRACE = types.int32(
-    *(NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS, WORD, NUMBERS, NUMBER, NUMBERS, NUMBERS)
+_TRACE = CFUNCTYPE(
+    INTEGER, *(NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS, WORD, NUMBERS, NUMBER, NUMBERS, NUMBERS)
 )
-_NEAREST = types.int32(NUMBERS, NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS)
+_NEAREST = CFUNCTYPE(INTEGER, NUMBERS, NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS)
 """C types of the compiled functions, in the order of their arguments."""
 _WORK = 2 * tracing.NEAR * tracing.MOST_NEAR + tracing.PORTS_ROOM
 

@@ -19,13 +19,12 @@ from itertools import permutations
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from numba.core.errors import NumbaError
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, cross, unit
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
-from omnitrack_sim.pipes.native import SIGNATURES, c_function
+from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid, stave_count
 
 BORE = 0.16
@@ -265,7 +264,7 @@ class Fitting(ABC):
         """
         try:
             return c_function(getattr(cls.wall, name), SIGNATURES[name]).address
-        except NumbaError as error:
+        except CompilationError as error:
             problem = f"{name} of its wall does not compile: {error}"
             raise GeometryError(Fault(cls.file_kind(), problem)) from error
 
