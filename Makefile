@@ -11,6 +11,9 @@ READY := .venv/.ready
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
+# Tests start some hundred processes; without bytecode each of them would compile the package.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test quick check docs figures models bench tutorial egl screen clean
 
 demo: $(READY) egl

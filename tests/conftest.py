@@ -13,6 +13,15 @@ from sweep_samples import (
 )
 
 from omnitrack_sim import run_sweep
+from omnitrack_sim.robots.omnitrack.track import install_lines
+from omnitrack_sim.walls.collider import install
+
+
+@pytest.fixture(scope="session", autouse=True)
+def walls() -> None:
+    """Exact walls are compiled before a test starts a process, which would tell of it."""
+    install()
+    install_lines()
 
 
 @pytest.fixture(scope="session")

@@ -122,8 +122,10 @@ def tee(**changes: Any) -> ot.Scenario:
 
 
 @functools.cache
-def alone(make: Any) -> ot.Result:
-    (result,) = ot.run_batch([make()], threads=1, no_load=False)
+def alone(make: Any, path: str | None = None) -> ot.Result:
+    """The result of a scenario, or of that with the other value at a path, on its own."""
+    changes = {} if path is None else {path: OTHER[path]}
+    (result,) = ot.run_batch([make(**changes)], threads=1, no_load=False)
     return result
 
 
@@ -144,8 +146,7 @@ def test_robots_that_differ_share_a_batch_and_not_their_numbers(make: Any, path:
     simulation.advance()
     results = simulation.results()
     assert same_result(results[0], alone(make))
-    (other,) = ot.run_batch([there], threads=1, no_load=False)
-    assert same_result(results[1], other)
+    assert same_result(results[1], alone(make, path))
 
 
 NO_MATTER = {
@@ -159,6 +160,5 @@ NO_MATTER = {
 @pytest.mark.parametrize("make", [straight, tee])
 def test_what_is_taken_of_each_robot_matters(make: Any, path: str) -> None:
     """The other value leads to another record, so that the comparison in a batch can fail."""
-    (other,) = ot.run_batch([make(**{path: OTHER[path]})], threads=1, no_load=False)
     expected = path in NO_MATTER[make.__name__]
-    assert same_record(alone(make), other) is expected
+    assert same_record(alone(make), alone(make, path)) is expected

@@ -221,33 +221,27 @@ def test_columns_that_no_run_has_are_refused(run, column, values, told):
     assert refused(run, "trajectory.parquet", told)
 
 
-def zipped(**arrays: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
 TIME = np.linspace(0.0, 4.0, 201)
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("arrays", "told"),
     [
-        (zipped(time=TIME), "qpos"),
-        (zipped(time=TIME, qpos=np.zeros((201, 21))), "shape"),
-        (zipped(time=TIME, qpos=np.zeros((200, JOINT_POSITIONS))), "200 samples, not 201"),
-        (zipped(time=TIME, qpos=np.zeros((201, JOINT_POSITIONS), int)), "holds int64"),
+        (lambda: {"time": TIME}, "qpos"),
+        (lambda: {"time": TIME, "qpos": np.zeros((201, 21))}, "shape"),
+        (lambda: {"time": TIME, "qpos": np.zeros((200, JOINT_POSITIONS))}, "200 samples, not 201"),
+        (lambda: {"time": TIME, "qpos": np.zeros((201, JOINT_POSITIONS), int)}, "holds int64"),
         (
-            zipped(time=TIME, qpos=np.zeros((2_000_000, JOINT_POSITIONS))),
+            lambda: {"time": TIME, "qpos": np.zeros((2_000_000, JOINT_POSITIONS))},
             "not of the same run as trajectory.parquet: more",
         ),
-        (zipped(time=TIME, qpos=np.array([{}] * 201, object)), "replay.npz"),
-        (zipped(time=TIME + 1.0, qpos=np.zeros((201, JOINT_POSITIONS))), "times"),
+        (lambda: {"time": TIME, "qpos": np.array([{}] * 201, object)}, "replay.npz"),
+        (lambda: {"time": TIME + 1.0, "qpos": np.zeros((201, JOINT_POSITIONS))}, "times"),
     ],
 )
-def test_a_replay_of_other_arrays_is_refused(run, data, told):
+def test_a_replay_of_other_arrays_is_refused(run, arrays, told):
     """Missing, too narrow, too short, of another type, a bomb, pickled, at other times."""
-    (run / "replay.npz").write_bytes(data)
+    np.savez_compressed(run / "replay.npz", **arrays())
     assert refused(run, "replay.npz", told)
 
 
