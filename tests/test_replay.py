@@ -23,7 +23,7 @@ from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.replay.contents import STEPS, Pack, arrow_scales
+from omnitrack_sim.show.replay.contents import STEPS, Pack
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
 from omnitrack_sim.show.surfaces import geoms_surface
 
@@ -165,11 +165,12 @@ def test_edges_stay_sharp_and_round_things_round():
 
 def test_arrows_are_as_long_as_half_a_bore_at_most():
     """98 % of the forces are at most 80 mm long; the scale is 1, 2 or 5 times a power of ten."""
-    trajectory = sample_trajectory()
-    for name, scale in arrow_scales(trajectory, 1.0).items():
-        longest = scale * np.percentile(np.abs(trajectory[name]), 98)
+    data, trajectory = replay_data([sample_result()]), sample_trajectory()
+    assert list(data["arrows"]) == ["normal_force", "traction"]
+    for name, kind in data["arrows"].items():
+        longest = kind["scale"] * np.percentile(np.abs(trajectory[name]), 98)
         assert 0.03 < longest <= 0.08
-        assert f"{scale:.0e}"[0] in "125"
+        assert f"{kind['scale']:.0e}"[0] in "125"
 
 
 def test_differences_of_scenarios_are_told_by_path():

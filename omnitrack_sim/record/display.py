@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -61,6 +61,77 @@ class Mount(NamedTuple):
     angle_deg: float
 
 
+class ForceArrow(NamedTuple):
+    """An arrow of one force over time, world frame.
+
+    Attributes:
+        kind: which of ``FORCES`` it is.
+        point: (T, 3) m, where it acts.
+        force: (T, 3) N.
+    """
+
+    kind: str
+    point: Array
+    force: Array
+
+
+class Track(NamedTuple):
+    """A body that pages carry along with another one, as far along its joint as it has run.
+
+    Attributes:
+        carrier: name of the body that it lies on.
+        joint: name of its slide joint.
+        column: of ``PageDisplay.travel``, and of channels with a value a carrier.
+        side: which of the tracks of its carrier.
+    """
+
+    carrier: str
+    joint: str
+    column: int
+    side: int
+
+
+FORCES = {
+    "normal_force": ("normal force", "#1c2430", True),
+    "traction": ("traction", "#d1006c", False),
+}
+"""Kinds of forces: words, colour, and whether the arrow ends where the force acts."""
+
+
+@dataclass(frozen=True)
+class PageDisplay:
+    """What a replay page shows of one kind of robot.
+
+    Attributes:
+        first: channels whose plots are shown before the reader chooses.
+        plotted: all channels of the package that have plots.
+        kept: further channels that the picture needs.
+        columns: name and colour of each column of a channel with so many.
+        badges: bodies that a number in the colour of its column stands on.
+        tracks: by the names of the bodies.
+        travel: returns the way (T, k) m that tracks have run, of a trajectory.
+        pitch: returns the way after which a track looks the same, m, of the robot's parameters.
+        arrows: returns the arrows of forces, of a trajectory and of positions, m, and quaternions
+            (T, 7) of the ``badges``.
+        state: channel, words before its value, scale, digits and words behind it, below the phase.
+        headline: metrics in the head, with words for them.
+        onboard: returns the camera on board, as of ``RobotDisplay``.
+    """
+
+    first: tuple[str, ...]
+    plotted: tuple[str, ...]
+    kept: tuple[str, ...]
+    columns: tuple[tuple[str, Colour], ...]
+    badges: tuple[str, ...]
+    tracks: Mapping[str, Track]
+    travel: Callable[[Trajectory], Array]
+    pitch: Callable[[Any], float]
+    arrows: Callable[[Trajectory, Sequence[Array]], list[ForceArrow]]
+    state: tuple[tuple[str, str, float, int, str], ...]
+    headline: Mapping[str, str]
+    onboard: Callable[[Any], Mount]
+
+
 @dataclass(frozen=True)
 class RobotDisplay:
     """What films show of one kind of robot, beside the pipes.
@@ -75,6 +146,7 @@ class RobotDisplay:
         status: returns the panel's text, of a trajectory, a sample and the part's name.
         onboard: returns the camera ``onboard`` of a robot with these parameters.
         finite: channels that a sample which is shown has to have finite values of.
+        page: of the replay page.
     """
 
     chassis: str
@@ -84,3 +156,4 @@ class RobotDisplay:
     status: Callable[[Trajectory, int, str], StatusText]
     onboard: Callable[[Any], Mount]
     finite: tuple[str, ...]
+    page: PageDisplay

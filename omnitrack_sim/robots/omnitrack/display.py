@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
-from omnitrack_sim.record.display import Bar, Mount, RobotDisplay, StatusText
+from omnitrack_sim.record.display import (
+    FORCES,
+    Bar,
+    ForceArrow,
+    Mount,
+    PageDisplay,
+    RobotDisplay,
+    StatusText,
+    Track,
+)
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import MODULES, Robot
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 
@@ -76,6 +88,63 @@ def _onboard(robot: Robot) -> Mount:
     return Mount("chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0)
 
 
+def _page_onboard(robot: Robot) -> Mount:
+    # Pages show the robot, so the camera stands before its eye.
+    return _onboard(robot)._replace(position=(0.0, 0.0, robot.scale * 0.086))
+
+
+def force_arrows(trajectory: Trajectory, modules: Sequence[Array]) -> list[ForceArrow]:
+    """Arrows of the normal force and the traction of each module, of the modules' positions, m, and
+    quaternions (T, 7)."""
+    arrows = []
+    for kind in FORCES:
+        for number, poses in enumerate(modules):
+            point = trajectory["contact_position"][:, number]
+            ahead = matrix_from_quaternion(poses[:, 3:])[:, :, 2]
+            inward = poses[:, :3] - point
+            inward = inward - (inward * ahead).sum(axis=-1, keepdims=True) * ahead
+            length = np.linalg.norm(inward, axis=-1, keepdims=True)
+            across = inward / np.where(length > 0, length, 1.0)
+            along = across if kind == "normal_force" else ahead
+            arrows.append(ForceArrow(kind, point, trajectory[kind][:, number, None] * along))
+    return arrows
+
+
+_MODULES = tuple(f"module_{i + 1}" for i in range(MODULES))
+_FIRST = ("belt_speed", "slip_ratio", "traction", "normal_force", "tilt", "theta5")
+_PAGE = PageDisplay(
+    first=_FIRST,
+    plotted=(
+        *_FIRST,
+        "motor_torque",
+        "slip_velocity",
+        "roll",
+        "slide",
+        "pitch",
+        "distance",
+        "offset",
+    ),
+    kept=("gear", "contact_count"),
+    columns=tuple((f"module {i + 1}", colour) for i, colour in enumerate(MODULE_COLOURS)),
+    badges=_MODULES,
+    tracks={
+        f"track_{track}_{i + 1}": Track(_MODULES[i], f"belt_{track}_{i + 1}", i, side)
+        for side, track in enumerate(TRACKS)
+        for i in range(MODULES)
+    },
+    travel=belt_travel,
+    pitch=look_pitch,
+    arrows=force_arrows,
+    state=(("distance", "", 1e3, 0, " mm"), ("tilt", "tilt ", 180 / math.pi, 1, "\u00b0")),
+    headline={
+        "distance_m": "distance",
+        "mean_speed_m_s": "mean speed",
+        "tilt_max_deg": "largest tilt",
+        "slip_ratio_mean": "mean slip ratio, modules 1, 2, 3",
+        "energy_j": "energy",
+    },
+    onboard=_page_onboard,
+)
 DISPLAY = RobotDisplay(
     chassis="chassis",
     looks=build_looks,
@@ -84,4 +153,5 @@ DISPLAY = RobotDisplay(
     status=status_text,
     onboard=_onboard,
     finite=("position", "distance", "tilt", "belt_speed"),
+    page=_PAGE,
 )

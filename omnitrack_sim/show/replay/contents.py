@@ -7,7 +7,8 @@ import base64
 import io
 import math
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -16,22 +17,19 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.record.channels import TRACKS
+from omnitrack_sim.record.display import FORCES, ForceArrow, Mount, PageDisplay, Track
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.robots.omnitrack.display import belt_travel
-from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
-from omnitrack_sim.show.projection import clearest, needs_map
+from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
-from omnitrack_sim.show.whereabouts import Discovery, stays
-from omnitrack_sim.walls.looks import FIELD_OF_VIEW, ROBOT_GROUP, follow_direction, view_direction
+from omnitrack_sim.show.whereabouts import Landmarks, stays
+from omnitrack_sim.walls.looks import FIELD_OF_VIEW, PIPE_LOOK, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 
 STEPS = 65534
@@ -93,21 +91,8 @@ def rounded(values: ArrayLike, digits: int) -> Any:
     return (np.round(np.asarray(values, float), digits) + 0.0).tolist()  # 0.0, not -0.0
 
 
-FIRST = ("belt_speed", "slip_ratio", "traction", "normal_force", "tilt", "theta5")
-"""Channels whose plots are shown before the reader chooses."""
-PLOTTED = (
-    *FIRST,
-    "motor_torque",
-    "slip_velocity",
-    "roll",
-    "slide",
-    "pitch",
-    "distance",
-    "offset",
-)
 MOST_COLUMNS = 6
 """A channel of a user's own sensor with more numbers than this has no plot."""
-_NOT_PLOTTED = ("gear", "contact_position", "contact_count")  # needed by the picture
 PICTURE_PERIOD = 0.5
 """Time between two pictures of a page, s."""
 MOST_PICTURES = 600
@@ -116,22 +101,76 @@ TILE, TILES_ACROSS = 48, 25
 """Largest side of a picture's tile, pixels, and tiles beside each other."""
 
 
-def plotted(trajectory: Trajectory) -> list[str]:
-    """Channels that have a plot: ``PLOTTED``, and those of a user's own sensors."""
+@dataclass(frozen=True, eq=False)
+class PageRun:
+    """What a page plays of one run.
+
+    Attributes:
+        heading: name, outcome and figures.
+        playback: with surfaces for a viewer who comes near.
+        curves: values (T, n) over time by name.
+        phases, fittings: bands of the time line, with times in s.
+        events: events and remarks.
+        arrows: of forces.
+        badges: bodies with numbers on them.
+        tracks: bodies that lie on others.
+        travel: (T, k) m, that the tracks have run.
+        pitch: m, after which a track looks the same.
+        onboard: camera on board; None without one.
+        scale: size of arrows and of what is near to the camera.
+    """
+
+    heading: dict[str, Any]
+    playback: Playback
+    curves: Mapping[str, Array]
+    phases: list[dict[str, Any]]
+    fittings: list[dict[str, Any]]
+    events: dict[str, Any]
+    arrows: list[ForceArrow]
+    onboard: Mount | None
+    scale: float
+    badges: tuple[str, ...] = ()
+    tracks: Mapping[str, Track] = field(default_factory=dict)
+    travel: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    pitch: float = 1.0
+
+    def table(self, pack: Pack, shapes: Shapes) -> dict[str, Any]:
+        """Return the run as the page reads it."""
+        return {
+            "heading": self.heading,
+            "time": pack.steps(self.playback.time, TIME_STEP),
+            "robot": robot_table(self, pack, shapes),
+            "curves": {name: pack.ranged(values) for name, values in self.curves.items()},
+            "arrows": [
+                {
+                    "kind": arrow.kind,
+                    "at": pack.ranged(arrow.point),
+                    "force": pack.ranged(arrow.force),
+                }
+                for arrow in self.arrows
+            ],
+            "phases": self.phases,
+            "fittings": self.fittings,
+            **self.events,
+        }
+
+
+def plotted(trajectory: Trajectory, display: PageDisplay) -> list[str]:
+    """Channels that have a plot: the robot's, and those of a user's own sensors."""
     own = [
         name
         for name, channel in trajectory.schema.items()
         if name not in RECORDED and len(channel.columns) <= MOST_COLUMNS
     ]
-    return [*PLOTTED, *own]
+    return [*display.plotted, *own]
 
 
-def curves_table(trajectory: Trajectory, pack: Pack) -> dict[str, Any]:
+def curves_of(trajectory: Trajectory, display: PageDisplay) -> dict[str, Array]:
     """The channels that are shown, by name."""
-    names = plotted(trajectory)
+    names = plotted(trajectory, display)
     commands = [trajectory.schema[name].display.command for name in names]
-    names += [*filter(None, commands), *_NOT_PLOTTED]
-    return {name: pack.ranged(trajectory[name]) for name in names}
+    names += [*filter(None, commands), *display.kept]
+    return {name: trajectory[name] for name in names}
 
 
 def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
@@ -178,15 +217,19 @@ def events_table(result: Result) -> dict[str, Any]:
     }
 
 
-def arrow_scales(trajectory: Trajectory, scale: float) -> dict[str, float]:
-    """Length of the arrows of forces, m/N: nearly the largest one is about half a bore long."""
-    found = {}
-    for name in ("normal_force", "traction"):
-        sizes = np.abs(trajectory[name])
+def force_kinds(arrows: Sequence[ForceArrow], scale: float) -> dict[str, Any]:
+    """Kinds of the arrows of forces, each with the length of its arrows, m/N: nearly the largest
+    one is about half a bore long."""
+    kinds = {}
+    for kind in dict.fromkeys(arrow.kind for arrow in arrows):
+        words, colour, ends = FORCES[kind]
+        of_kind = [arrow.force for arrow in arrows if arrow.kind == kind]
+        sizes = np.linalg.norm(np.concatenate(of_kind), axis=-1)
         sizes = sizes[np.isfinite(sizes)]
         large = float(np.percentile(sizes, 98)) if len(sizes) else 0.0
-        found[name] = _nice(0.08 * scale / large) if large > 0 else 1e-3
-    return found
+        length = _nice(0.08 * scale / large) if large > 0 else 1e-3
+        kinds[kind] = {"words": words, "colour": colour, "ends": ends, "scale": length}
+    return kinds
 
 
 def _nice(value: float) -> float:
@@ -195,14 +238,12 @@ def _nice(value: float) -> float:
     return max(step * power for step in (1, 2, 5) if step * power <= value * (1 + 1e-9))
 
 
-def map_table(result: Result, trajectory: Trajectory) -> dict[str, Any] | None:
+def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str, Any]:
     """Pieces of the pipes' axes from the farthest to the nearest, goals and plates, in m to the
-    right and up, each with the sample from which on it is on the map; None where the route is too
-    short to need a map."""
-    if not needs_map(result):
-        return None
-    parts, view, end = result.pipes.parts, clearest(result.pipes), len(trajectory.time)
-    discovery = Discovery.of(result, trajectory)
+    right and up, each with the sample from which on it is on the map; where the robot goes, and
+    when backward."""
+    network, end = playback.network, len(playback.time)
+    parts, view, discovery = network.parts, clearest(network), landmarks.discovery
     pieces = view.segments(parts)
 
     def shown(key: str, shapes: Iterable[Array], first: Iterable[int]) -> list[dict[str, Any]]:
@@ -212,14 +253,16 @@ def map_table(result: Result, trajectory: Trajectory) -> dict[str, Any] | None:
 
     return {
         "beside": BESIDE,
+        "ahead": pack.steps(playback.ahead, 1e-4),
+        "backward": pack.whole(playback.backward.astype(int)),
         "view": rounded(view.axes[:, :2].T, 7),
         "pieces": [
             {"radius": round(parts[number].fitting.radius, 4)} | piece
             for number, ends in pieces
             for piece in shown("ends", [ends], [discovery.parts[number]])
         ],
-        "goals": shown("point", view.flat(result.goal_points()), discovery.goals),
-        "plates": shown("rim", map(view.flat, result.plate_rims()), discovery.plates),
+        "goals": shown("point", view.flat(landmarks.goals), discovery.goals),
+        "plates": shown("rim", map(view.flat, landmarks.rims), discovery.plates),
     }
 
 
@@ -257,6 +300,8 @@ def _leading(pictures: Pictures, trajectory: Trajectory) -> list[int]:
     return ahead[np.diff(slot, prepend=-1.0) > 0].tolist()
 
 
+LAMP_AHEAD = 0.004
+"""Of the lamp before the camera on board, m."""
 SECTIONS = 96
 """Corners of a pipe's cross-section: a reader may come as near as he likes."""
 NORMAL_STEPS = 127
@@ -295,48 +340,47 @@ class Shapes:
         return self._known[key]
 
 
-def robot_table(
-    result: Result, trajectory: Trajectory, model: mujoco.MjModel, pack: Pack, shapes: Shapes
-) -> dict[str, Any]:
-    """The robot of a run and how it moves.
+def robot_table(run: PageRun, pack: Pack, shapes: Shapes) -> dict[str, Any]:
+    """The robot of a run and how it moves, the body that cameras keep with first.
 
-    Bodies but for the tracks have poses over time; a track lies on its module, as far along its
-    axis as its belt has run within half a visible pitch.
+    Bodies but for tracks have poses over time; a track lies on its carrier, as far along its axis
+    as it has run within half a visible pitch.
     """
-    robot = result.scenario.robot
-    tracks = [(track, i) for i in range(1, MODULES + 1) for track in TRACKS]
-    carried = {f"track_{track}_{i}": (track, i) for track, i in tracks}
-    names = [model.body(i).name for i in range(1, model.nbody)]
-    moved = [name for name in names if name not in carried]
-    poses = body_poses(model, trajectory, moved)
-    samples = len(poses)
+    playback, tracks = run.playback, run.tracks
+    model, first = playback.model, playback.body
+    numbers = [first, *(i for i in range(1, model.nbody) if i != first)]
+    names = {i: model.body(i).name or f"body_{i}" for i in numbers}
+    moved = [i for i in numbers if names[i] not in tracks]
+    poses = body_poses(playback, moved)
+    place = {names[i]: index for index, i in enumerate(moved)}
     bodies = []
-    for name in names:
-        table = _body(model, name, shapes)
-        if name in carried:
-            track, module = carried[name]
-            axis = np.array(model.joint(f"belt_{track}_{module}").axis)
-            table |= {"on": moved.index(f"module_{module}"), "axis": rounded(axis, 6)}
-            table |= {"module": module - 1, "track": TRACKS.index(track)}
+    for i in numbers:
+        table = _body(playback, i, names[i], shapes)
+        if names[i] in tracks:
+            track = tracks[names[i]]
+            axis = np.array(model.joint(track.joint).axis)
+            table |= {"on": place[track.carrier], "axis": rounded(axis, 6)}
+            table |= {"column": track.column, "side": track.side}
         bodies.append(table)
+    samples = len(poses)
     return {
         "bodies": bodies,
-        "moved": moved,
+        "moved": [names[i] for i in moved],
+        "badges": [place[name] for name in run.badges],
         "positions": pack.steps(poses[..., :3].reshape(samples, -1), POSITION_STEP),
         "turns": pack.steps(poses[..., 3:].reshape(samples, -1), TURN_STEP),
-        "travel": pack.steps(belt_travel(trajectory), POSITION_STEP),
-        "pitch": look_pitch(robot),
-        "scale": robot.scale,
+        "travel": pack.steps(run.travel, POSITION_STEP),
+        "pitch": run.pitch,
+        "scale": run.scale,
     }
 
 
-def _body(model: mujoco.MjModel, name: str, shapes: Shapes) -> dict[str, Any]:
+def _body(playback: Playback, body: int, name: str, shapes: Shapes) -> dict[str, Any]:
     """Return the surface of a body, and how many of its vertices have which colour."""
-    body = model.body(name).id
-    geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group == ROBOT_GROUP))
-    if not len(geoms):
+    geoms = [geom for geom in playback.seen if playback.model.geom_bodyid[geom] == body]
+    if not geoms:
         return {"name": name}
-    surface = geoms_surface(model, geoms, fine=True)
+    surface = geoms_surface(playback.model, geoms, fine=True)
     paint = surface.colour[:, :3]
     first = np.flatnonzero((np.diff(paint, axis=0, prepend=-1.0) != 0).any(axis=1))
     counts = np.diff(np.append(first, len(paint))).tolist()
@@ -344,14 +388,12 @@ def _body(model: mujoco.MjModel, name: str, shapes: Shapes) -> dict[str, Any]:
     return {"name": name, "shape": shapes.add(surface), "colours": colours}
 
 
-def body_poses(model: mujoco.MjModel, trajectory: Trajectory, names: list[str]) -> Array:
-    """Position, m, and quaternion of bodies (T, B, 7) by MuJoCo's kinematics, world frame; no
-    quaternion turns its sign from one sample to the next."""
-    data, rows = mujoco.MjData(model), [model.body(name).id for name in names]
-    poses = np.empty((len(trajectory.time), len(rows), 7))
-    for pose, qpos in zip(poses, trajectory.qpos, strict=True):
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
+def body_poses(playback: Playback, bodies: Sequence[int]) -> Array:
+    """Positions and quaternions (T, len(bodies), 7) of bodies over time, without jumps in sign."""
+    data, rows = mujoco.MjData(playback.model), list(bodies)
+    poses = np.zeros((len(playback.time), len(rows), 7))
+    for row, pose in enumerate(poses):
+        playback.place(data, row)
         pose[:, :3], pose[:, 3:] = data.xpos[rows], data.xquat[rows]
     turns = poses[..., 3:]
     # q and -q are the same turn, but the page interpolates between neighbours.
@@ -360,9 +402,26 @@ def body_poses(model: mujoco.MjModel, trajectory: Trajectory, names: list[str]) 
     return poses
 
 
-def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dict[str, Any]:
+def onboard_table(run: PageRun) -> dict[str, Any] | None:
+    """Camera on board, its lamp, and the number of the body that carries both; None without one."""
+    mount, model = run.onboard, run.playback.model
+    if mount is None or model.body(mount.body).id == 0:
+        return None
+    first, body = run.playback.body, model.body(mount.body).id
+    frame, place = np.array(mount.frame), np.array(mount.position)
+    return {
+        "body": 0 if body == first else body + 1 if body < first else body,
+        "position": rounded(place, 6),
+        "frame": rounded(frame, 7),
+        "fov": mount.angle_deg,
+        "lamp": rounded(place - LAMP_AHEAD * run.scale * frame[:, 2], 6),
+    }
+
+
+def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
     """Each part's half that stays when it is cut open towards the film's viewer, its half cut
     away, its inside, and where it lies; the plates; the directions of the camera that sees all."""
+    network, model = playback.network, playback.model
     towards = view_direction(network)
 
     def piece(surface: Surface, pose: Pose) -> dict[str, Any]:
@@ -383,12 +442,11 @@ def pipes_table(network: Assembly, model: mujoco.MjModel, shapes: Shapes) -> dic
             "high": rounded(samples.max(axis=0) + THICKNESS, 4),
         }
         parts.append(table)
-    world = np.flatnonzero((model.geom_bodyid == 0) & (model.geom_group == ROBOT_GROUP))
-    plates = [geoms_surface(model, [geom], fine=True) for geom in world.tolist()]
+    plates = [geoms_surface(model, [geom], fine=True) for geom in playback.still]
     return {
         "parts": parts,
         "plates": [piece(p, Pose()) | {"colour": rounded(p.colour[0, :3], 4)} for p in plates],
-        "pipe": rounded(model.mat("pipe").rgba[:3], 4),
+        "pipe": rounded(PIPE_LOOK[0], 4),
         "towards": rounded(towards, 6),
         "back": rounded(follow_direction(network), 6),
         "fov": FIELD_OF_VIEW,

@@ -11,34 +11,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, finite, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
-from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.playback import playback_of, sound
+from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.replay import contents
+from omnitrack_sim.show.whereabouts import Landmarks
 from omnitrack_sim.walls.looks import follow_direction
 
 FORMATS = ("html",)
 SAME_POSE = 1e-6
 """Difference of positions, m, and of rotation matrices, within which two parts lie alike."""
-HEADLINE = {
-    "distance_m": "distance",
-    "mean_speed_m_s": "mean speed",
-    "tilt_max_deg": "largest tilt",
-    "slip_ratio_mean": "mean slip ratio, modules 1, 2, 3",
-    "energy_j": "energy",
-}
-"""Metrics in the head of a page, with the words for them."""
 MOST_DIFFERENCES = 60
 """Differences of two scenarios that are listed; of further ones only the number."""
 LIBRARY = Path(__file__).parent / "vendor" / "three"
@@ -121,7 +112,7 @@ def render_replay(
         if problem := pipes_mismatch(*runs):
             hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
             raise InputError(Fault("compare", f"{problem}; {hint}"))
-    page = ReplayPage(_document(replay_data(runs)))
+    page = ReplayPage(document(replay_data(runs)))
     if path is not None:
         write_file(path, page.html.encode("utf-8"))
     return page
@@ -150,54 +141,70 @@ def _part_mismatch(one: Result, other: Result) -> str:
 
 
 def replay_data(runs: list[Result]) -> dict[str, Any]:
-    """Collect the data of the page's runs, of which the first one brings the pipes."""
-    first, pack = runs[0], contents.Pack()
-    network, trajectory = first.pipes, sound(first)
-    shapes, schema = contents.Shapes(pack), first.trajectory.schema
-    back = view_directions(playback_of(first), follow_direction(network))
-    models = [
-        build_looks(run.pipes, run.scenario.robot, run.scenario.plates, coarse=False).compile()
-        for run in runs
-    ]
-    return {
-        "runs": [
-            _run_table(run, model, pack, shapes) for run, model in zip(runs, models, strict=True)
-        ],
-        "pipes": contents.pipes_table(network, models[0], shapes),
-        "follow": {
-            "distance": contents.FARTHER * DISTANCE * first.scenario.robot.scale,
-            "directions": pack.steps(back, 1e-4),
-        },
-        "map": contents.map_table(first, trajectory),
+    """Collect the data of the page of one or two runs, of which the first one brings the pipes."""
+    first, pack, display = runs[0], contents.Pack(), runs[0].scenario.display.page
+    trajectory, schema = sound(first), first.trajectory.schema
+    with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
+        pages = [_page_run(run) for run in runs]
+        data = page_data(pages, pack)
+    landmarks = Landmarks.of(first, trajectory) if needs_map(first) else None
+    return data | {
+        "map": None
+        if landmarks is None
+        else contents.map_table(pages[0].playback, landmarks, pack),
         "pictures": contents.pictures_table(first.album, trajectory),
         "panels": [
-            {"channel": name, "first": name in contents.FIRST, **asdict(schema[name].display)}
-            for name in contents.plotted(first.trajectory)
+            {"channel": name, "first": name in display.first, **asdict(schema[name].display)}
+            for name in contents.plotted(first.trajectory, display)
         ],
-        "colours": [[round(255 * part) for part in colour] for colour in MODULE_COLOURS],
-        "headline": HEADLINE,
-        "arrows": contents.arrow_scales(trajectory, first.scenario.robot.scale),
+        "columns": [
+            [name, [round(255 * part) for part in colour]] for name, colour in display.columns
+        ],
+        "state": display.state,
+        "headline": display.headline,
         "differences": differences(*runs) if len(runs) > 1 else [],
-        "shapes": shapes.tables,
         "data": pack.text(),
     }
 
 
-def _run_table(
-    result: Result, model: mujoco.MjModel, pack: contents.Pack, shapes: contents.Shapes
-) -> dict[str, Any]:
-    """Collect the data of one run, its robot included."""
-    trajectory = sound(result)
-    with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
-        return {
-            "heading": heading_table(result),
-            "time": pack.steps(trajectory.time, contents.TIME_STEP),
-            "robot": contents.robot_table(result, trajectory, model, pack, shapes),
-            "curves": contents.curves_table(trajectory, pack),
-            "phases": contents.phases_table(trajectory),
-            "fittings": contents.fittings_table(result, trajectory),
-            **contents.events_table(result),
-        }
+def page_data(runs: list[contents.PageRun], pack: contents.Pack) -> dict[str, Any]:
+    """Collect what every page has of its runs: robots, pipes and cameras."""
+    first, shapes = runs[0], contents.Shapes(pack)
+    back = view_directions(first.playback, follow_direction(first.playback.network))
+    return {
+        "runs": [run.table(pack, shapes) for run in runs],
+        "pipes": contents.pipes_table(first.playback, shapes),
+        "follow": {
+            "distance": contents.FARTHER * DISTANCE * first.scale,
+            "directions": pack.steps(back, 1e-4),
+        },
+        "onboard": contents.onboard_table(first),
+        "arrows": contents.force_kinds(first.arrows, first.scale),
+        "shapes": shapes.tables,
+    }
+
+
+def _page_run(result: Result) -> contents.PageRun:
+    """Collect what a page plays of one run, its robot included."""
+    trajectory, robot = sound(result), result.scenario.robot
+    playback, display = playback_of(result, coarse=False), result.scenario.display.page
+    bodies = [playback.model.body(name).id for name in display.badges]
+    badges = contents.body_poses(playback, bodies)
+    return contents.PageRun(
+        heading=heading_table(result),
+        playback=playback,
+        curves=contents.curves_of(trajectory, display),
+        phases=contents.phases_table(trajectory),
+        fittings=contents.fittings_table(result, trajectory),
+        events=contents.events_table(result),
+        arrows=display.arrows(trajectory, list(np.moveaxis(badges, 1, 0))),
+        onboard=display.onboard(robot),
+        scale=robot.scale,
+        badges=display.badges,
+        tracks=display.tracks,
+        travel=display.travel(trajectory),
+        pitch=display.pitch(robot),
+    )
 
 
 def heading_table(result: Result) -> dict[str, Any]:
@@ -253,7 +260,7 @@ def differences(one: Result, other: Result) -> list[list[str]]:
     return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows
 
 
-def _document(data: dict[str, Any]) -> str:
+def document(data: dict[str, Any]) -> str:
     """Put markup, style, scripts and data together. The same data give the same text."""
     folder = LIBRARY.parents[1] / "page"
     library = {

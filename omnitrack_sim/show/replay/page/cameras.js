@@ -4,8 +4,6 @@ import { OrbitControls } from "orbit-controls";
 import { columnsOf } from "replay/unpack";
 
 export const CAMERAS = ["orbit", "follow", "onboard"];
-const ONBOARD_FOV = 88;
-const ONBOARD_PLACE = 0.086; // m ahead of the robot's centre, which is in the picture here
 const STEEPEST = 1.45; // rad, highest view of the camera that follows
 
 export class Cameras {
@@ -21,9 +19,12 @@ export class Cameras {
     const far = 20 * this.low.distanceTo(this.high);
     this.outside = new PerspectiveCamera(pipes.fov, 1, 0.01 * this.scale, far);
     this.outside.up.set(0, 0, 1);
-    this.onboard = new PerspectiveCamera(ONBOARD_FOV, 1, 0.004 * this.scale, far);
-    const axes = new Matrix4().set(0, 1, 0, 0, 1, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1);
-    this.nose = axes.setPosition(0, 0, ONBOARD_PLACE * this.scale);
+    this.onboard = new PerspectiveCamera(data.onboard?.fov ?? pipes.fov, 1, 0.004 * this.scale, far);
+    if (data.onboard) {
+      const [a, b, c] = data.onboard.frame;
+      const axes = new Matrix4().set(...a, 0, ...b, 0, ...c, 0, 0, 0, 0, 1);
+      this.mount = axes.setPosition(...data.onboard.position);
+    }
     this.onboard.matrixAutoUpdate = false;
     this.controls = new OrbitControls(this.outside, element);
     this.controls.addEventListener("change", () => this.remember());
@@ -77,12 +78,12 @@ export class Cameras {
     this.touched = false;
   }
 
-  /** Keep with the robot, whose first body is `chassis`. */
-  update(chassis) {
+  /** Keep with the robot, whose first body is `chassis`, and with the carrier of the camera. */
+  update(chassis, carrier) {
     this.robot.copy(chassis.position);
     if (this.mode === "onboard") {
-      chassis.updateMatrixWorld();
-      this.onboard.matrix.multiplyMatrices(chassis.matrixWorld, this.nose);
+      carrier.updateMatrixWorld();
+      this.onboard.matrix.multiplyMatrices(carrier.matrixWorld, this.mount);
       this.onboard.matrix.decompose(
         this.onboard.position, this.onboard.quaternion, this.onboard.scale,
       );

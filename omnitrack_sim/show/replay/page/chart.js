@@ -1,12 +1,15 @@
 // The map of the pipes that the robot knows so far: its way, the robot and its goals.
 import { Quaternion, Vector3 } from "three";
+import { columnsOf } from "replay/unpack";
 import { sized } from "replay/words";
 
 const PAD = 10; // px around the pipes
 
 export class Chart {
-  constructor(map, motion) {
+  constructor(map, motion, bytes) {
     this.map = map;
+    this.aheads = columnsOf(bytes, map.ahead);
+    [this.backward] = columnsOf(bytes, map.backward);
     this.motion = motion;
     this.canvas = document.getElementById("map");
     this.picture = document.createElement("canvas");
@@ -111,7 +114,7 @@ export class Chart {
     this.trail(pen);
     motion.pose(0, place, turn);
     const [x, y] = this.pixel(this.flat(place.toArray()));
-    nose.set(0, 0, 1).applyQuaternion(turn);
+    nose.fromArray(this.aheads.map((column) => motion.between(column))).normalize();
     const ahead = this.flat(nose.toArray());
     pen.fillStyle = "#22262b";
     pen.strokeStyle = "#fff";
@@ -144,17 +147,16 @@ export class Chart {
   }
 
   trail(pen) {
-    const { motion, way, map } = this;
-    const [gear] = motion.curves.gear;
+    const { motion, way, backward } = this;
     pen.lineWidth = 2.4;
     pen.lineJoin = "round";
     let begun = null;
     const step = Math.max(1, Math.floor(way.length / 1500));
     for (let row = 0; row <= motion.row; row += step) {
-      if (gear[row] !== begun) {
+      if (backward[row] !== begun) {
         if (begun !== null) pen.stroke();
-        begun = gear[row];
-        pen.strokeStyle = WAYS[begun < 0 ? 1 : 0];
+        begun = backward[row];
+        pen.strokeStyle = WAYS[begun];
         pen.beginPath();
       }
       pen.lineTo(...this.pixel(way[row]));

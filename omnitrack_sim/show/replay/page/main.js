@@ -1,11 +1,11 @@
 // The page: state, loop, keys, and window.replay for whoever drives it by script.
 import { Quaternion, Vector3, WebGLRenderer } from "three";
-import { Arrows, FORCES } from "replay/arrows";
+import { Arrows } from "replay/arrows";
 import { CAMERAS, Cameras } from "replay/cameras";
 import { Chart } from "replay/chart";
 import { Motion } from "replay/motion";
 import { RobotPictures } from "replay/pictures";
-import { moduleColours, Plots } from "replay/plots";
+import { columnColours, Plots } from "replay/plots";
 import { PIPES, SLIP_FULL, Stage, slipColour } from "replay/stage";
 import { listEvents, Strip } from "replay/strip";
 import { unpacked } from "replay/unpack";
@@ -18,13 +18,13 @@ const KEYS = [
   ["home, end", "to the beginning or the end"],
   ["1 2 3", "camera: orbit, follow, onboard"],
   ["p", "pipes: cut away, translucent, whole"],
-  ["t", "tracks: coloured by slip, or by module"],
+  ["t", "tracks: coloured by slip, or as they are"],
   ["f", "arrows of the forces on or off"],
   ["+ \u2212", "faster, slower"],
   ["?", "this list on or off"],
 ];
 const at = (id) => document.getElementById(id);
-const SMALL = 60; // px that the modules lie apart, below which their numbers would overlap
+const SMALL = 60; // px that numbered bodies lie apart, below which their numbers would overlap
 const TABS = ["plots", "events", "figures"];
 
 class Replay {
@@ -42,11 +42,13 @@ class Replay {
     const seek = (time) => this.seek(time);
     tellHead(data);
     tellFigures(data);
-    tellHelp(data, KEYS);
+    this.views = CAMERAS.filter((name) => name !== "onboard" || data.onboard);
+    this.tracks = data.runs[0].robot.bodies.some((body) => body.on !== undefined);
+    tellHelp(data, KEYS.filter(([key]) => key !== "t" || this.tracks));
     listEvents(data.runs[0], seek);
     this.plots = new Plots(data, this.motions, this.span, seek);
     this.strip = new Strip(this.motions[0], this.span, seek);
-    if (data.map) this.chart = new Chart(data.map, this.motions[0]);
+    if (data.map) this.chart = new Chart(data.map, this.motions[0], bytes);
     if (data.pictures) {
       this.pictures = new RobotPictures(data.pictures, () => (this.stale = true));
     }
@@ -76,16 +78,17 @@ class Replay {
     this.stage.lightFor(this.cameras.onboard, 0.2);
     this.arrows = new Arrows(this.stage.scene, motions[0], data.arrows);
     this.cameras.controls.addEventListener("change", () => (this.stale = true));
-    this.badges = moduleColours(data).map((colour, i) => {
+    const colours = columnColours(data);
+    this.badges = motions[0].table.robot.badges.map((_, i) => {
       const badge = element("span", {}, String(i + 1));
-      badge.style.background = colour;
+      badge.style.background = colours[i];
       at("badges").append(badge);
       return badge;
     });
   }
 
   addControls() {
-    this.markCamera = chooser("cameras", CAMERAS.map((name, i) => [name, `camera (${i + 1})`]),
+    this.markCamera = chooser("cameras", this.views.map((name, i) => [name, `camera (${i + 1})`]),
       (name) => this.setCamera(name));
     this.markPipes = chooser("pipes", PIPES.map((name) => [name, "pipes (p)"]),
       (name) => this.setPipes(name));
@@ -94,7 +97,7 @@ class Replay {
       at("extras").append(button);
       return button;
     };
-    this.slipButton = extra("slip", "colour the tracks by slip (t)", () => this.setSlip(!this.stage.slip));
+    this.slipButton = !this.tracks ? null : extra("slip", "colour the tracks by slip (t)", () => this.setSlip(!this.stage.slip));
     this.forceButton = extra("forces", "arrows of forces (f)", () => this.setForces(!this.arrows.visible));
   }
 
@@ -122,7 +125,7 @@ class Replay {
   fromAddress() {
     const asked = new URLSearchParams(location.hash.slice(1));
     const camera = asked.get("camera");
-    this.setCamera(CAMERAS.includes(camera) ? camera : this.data.map ? "follow" : "orbit");
+    this.setCamera(this.views.includes(camera) ? camera : this.data.map ? "follow" : "orbit");
     this.setPipes(PIPES.includes(asked.get("pipes")) ? asked.get("pipes") : PIPES[0]);
     this.setSlip(asked.get("slip") !== "off");
     this.setForces(asked.get("forces") !== "off");
@@ -146,7 +149,7 @@ class Replay {
   }
 
   setCamera(name) {
-    if (!this.stage) return;
+    if (!this.stage || !this.views.includes(name)) return;
     this.cameras.choose(name);
     this.markCamera(name);
     this.stale = true;
@@ -160,7 +163,7 @@ class Replay {
   }
 
   setSlip(on) {
-    if (!this.stage) return;
+    if (!this.stage || !this.tracks) return;
     this.stage.slip = on;
     this.slipButton.ariaPressed = String(on);
     this.tellLegend();
@@ -177,7 +180,7 @@ class Replay {
     this.stale = true;
     const legend = at("legend");
     legend.replaceChildren();
-    if (this.stage.slip) {
+    if (this.tracks && this.stage.slip) {
       const bar = element("i", { className: "bar" });
       const stops = [0, 0.25, 0.5, 0.75, 1].map((s) => `#${slipColour(s * SLIP_FULL).getHexString()}`);
       bar.style.background = `linear-gradient(90deg, ${stops.join(", ")})`;
@@ -189,10 +192,11 @@ class Replay {
       const veil = element("i", { className: "veil" });
       legend.append(element("div", {}, veil, " second run, translucent"));
     }
-    for (const [name, { words, colour }] of this.arrows.visible ? Object.entries(FORCES) : []) {
+    const kinds = this.arrows.visible ? Object.values(this.data.arrows) : [];
+    for (const { words, colour, scale } of kinds) {
       const sign = element("i", { className: "arrow" });
       sign.style.color = colour;
-      const long = 0.01 / this.data.arrows[name];
+      const long = 0.01 / scale;
       legend.append(element("div", {}, sign, ` ${words}, ${Number(long.toPrecision(3))} N for 10 mm`));
     }
   }
@@ -268,10 +272,11 @@ class Replay {
   }
 
   drawStage() {
-    const { stage, cameras } = this;
-    const [chassis] = stage.robots[0].objects;
+    const { stage, cameras, data } = this;
+    const { objects } = stage.robots[0];
+    const [chassis] = objects;
     stage.move();
-    cameras.update(chassis);
+    cameras.update(chassis, objects[data.onboard?.body ?? 0]);
     stage.openPipes(cameras.camera, cameras.mode, chassis.position);
     this.arrows.update();
     this.renderer.render(stage.scene, cameras.camera);
@@ -282,15 +287,15 @@ class Replay {
   placeBadges() {
     const { clientWidth: width, clientHeight: height } = at("stage");
     const { camera, mode } = this.cameras;
-    const places = this.arrows.modules.map((body) => {
+    const places = this.motions[0].table.robot.badges.map((body) => {
       this.motions[0].pose(body, point, turn);
       point.project(camera);
       return [((point.x + 1) / 2) * width, ((1 - point.y) / 2) * height, point.z];
     });
     const [xs, ys] = [0, 1].map((i) => places.map((place) => place[i]));
     const spread = Math.max(...xs) - Math.min(...xs) + Math.max(...ys) - Math.min(...ys);
-    places.forEach(([x, y, depth], module) => {
-      const badge = this.badges[module];
+    places.forEach(([x, y, depth], i) => {
+      const badge = this.badges[i];
       badge.hidden = mode === "onboard" || Math.abs(depth) > 1;
       badge.className = spread < SMALL ? "dot" : "";
       badge.style.left = `${x}px`;
@@ -306,10 +311,10 @@ class Replay {
     at("clock").textContent = `${this.time.toFixed(2)} / ${this.span[1].toFixed(2)} s`;
     at("scrub").value = this.time;
     at("state").replaceChildren(
-      element("b", {}, Motion.spanAt(phases, this.time).name),
+      element("b", {}, Motion.spanAt(phases, this.time)?.name ?? ""),
       element("span", {}, `in ${fitting.name}${leg}${fitting.tail ? ", tail first" : ""}`),
-      element("span", {}, `${(1000 * motion.value("distance")).toFixed(0)} mm, tilt ` +
-        `${((180 / Math.PI) * motion.value("tilt")).toFixed(1)}\u00b0`),
+      element("span", {}, this.data.state.map(([name, words, scale, digits, unit]) =>
+        `${words}${(scale * motion.value(name)).toFixed(digits)}${unit}`).join(", ")),
     );
   }
 

@@ -11,6 +11,8 @@ export class Motion {
     this.positions = columnsOf(bytes, table.robot.positions);
     this.turns = columnsOf(bytes, table.robot.turns);
     this.travel = columnsOf(bytes, table.robot.travel);
+    this.arrows = table.arrows.map(({ kind, at, force }) =>
+      ({ kind, at: columnsOf(bytes, at), force: columnsOf(bytes, force) }));
     this.curves = {};
     for (const [name, place] of Object.entries(table.curves)) {
       this.curves[name] = columnsOf(bytes, place);
@@ -58,7 +60,7 @@ export class Motion {
       if (bodies[i].on === undefined) this.pose(moved++, objects[i].position, objects[i].quaternion);
       else {
         this.pose(bodies[i].on, objects[i].position, objects[i].quaternion);
-        const run = this.between(this.travel[bodies[i].module]);
+        const run = this.between(this.travel[bodies[i].column]);
         const shown = run + pitch / 2 - pitch * Math.floor((run + pitch / 2) / pitch) - pitch / 2;
         along.fromArray(bodies[i].axis).applyQuaternion(objects[i].quaternion);
         objects[i].position.addScaledVector(along, shown);

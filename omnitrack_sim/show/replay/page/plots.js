@@ -10,7 +10,7 @@ const ANGLES = [1, 2, 5, 10, 15, 30, 45, 90, 180];
 export class Plots {
   constructor(data, motions, span, seek) {
     this.motions = motions;
-    this.colours = moduleColours(data);
+    this.colours = columnColours(data);
     this.span = span;
     this.seek = seek;
     this.box = document.getElementById("plots");
@@ -32,9 +32,11 @@ export class Plots {
   addKeys(data) {
     const keys = document.getElementById("keys");
     this.colours.forEach((colour, i) => {
-      keys.append(element("span", {}, dash(colour), `module ${i + 1}`));
+      keys.append(element("span", {}, dash(colour), data.columns[i][0]));
     });
-    keys.append(element("span", {}, dash(SINGLE, "dashed"), "command"));
+    if (data.panels.some((panel) => panel.command)) {
+      keys.append(element("span", {}, dash(SINGLE, "dashed"), "command"));
+    }
     if (data.runs.length > 1) keys.append(element("span", {}, dash("#8c93a0", "pale"), "second run"));
   }
 
@@ -69,7 +71,7 @@ export class Plots {
     const add = (motion, name, look, told) => {
       const columns = motion.curves[name] ?? [];
       columns.forEach((values, i) => {
-        const colour = columns.length === 3 ? this.colours[i] : SINGLE;
+        const colour = columns.length === this.colours.length ? this.colours[i] : SINGLE;
         curves.push({ motion, values, colour, told, ...look });
       });
     };
@@ -161,9 +163,9 @@ export class Plots {
   }
 }
 
-/** CSS colours of modules 1, 2, 3. */
-export function moduleColours(data) {
-  return data.colours.map((rgb) => `rgb(${rgb})`);
+/** CSS colours of the columns of channels with so many. */
+export function columnColours(data) {
+  return data.columns.map(([, rgb]) => `rgb(${rgb})`);
 }
 
 function unit(panel) {

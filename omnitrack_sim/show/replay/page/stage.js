@@ -24,8 +24,10 @@ export class Stage {
     this.sky = new HemisphereLight(0xffffff, 0x8f99a8, DAY);
     this.lamp = new PointLight(0xfff6e6, 0, 0, 1);
     this.scene.add(this.sky);
-    this.robots[0].objects[0].add(this.lamp);
-    this.lamp.position.set(0, 0, 0.09 * motions[0].table.robot.scale);
+    if (data.onboard) {
+      this.robots[0].objects[data.onboard.body].add(this.lamp);
+      this.lamp.position.fromArray(data.onboard.lamp);
+    }
     this.pipes = PIPES[0];
     this.slip = true;
   }
@@ -123,9 +125,9 @@ export class Stage {
         material.needsUpdate = true;
       }
       if (!this.slip) material.color.set(0xffffff);
-      else if (!(motion.nearest(motion.curves.contact_count[2 * body.module + body.track]) > 0)) {
+      else if (!(motion.nearest(motion.curves.contact_count[2 * body.column + body.side]) > 0)) {
         material.color.copy(AIR);
-      } else slipColour(motion.value("slip_ratio", body.module), material.color);
+      } else slipColour(motion.value("slip_ratio", body.column), material.color);
     }
   }
 

@@ -60,7 +60,7 @@ export function tellHead(data) {
   document.getElementById("name").textContent = first.name;
   const chip = document.getElementById("outcome");
   chip.textContent = `${first.outcome} after ${first.duration.toFixed(2)} s`;
-  chip.classList.add(first.success ? "good" : "bad");
+  if (first.success !== null) chip.classList.add(first.success ? "good" : "bad");
   chip.title = first.advice;
   document.getElementById("reason").textContent = first.reason;
   if (second) {
@@ -108,7 +108,8 @@ export function tellFigures(data) {
     const which = headings.length > 1 ? (i ? "second run" : "this run") : "the run";
     box.append(element("h2", {}, `Figures of ${which}`));
     box.append(element("p", {}, `${heading.name}: ${heading.outcome}, ${heading.reason}`));
-    const table = tableOf(["figure", "unit", "module 1", "2", "3"], heading.figures.map((one) => {
+    const names = data.columns.map(([name], column) => (column ? name.split(" ").pop() : name));
+    const table = tableOf(["figure", "unit", ...names], heading.figures.map((one) => {
       const what = element("small", {}, one.meaning.split(/[;:]/)[0]);
       return [element("span", {}, one.name, what), said(one.unit), ...figure(one.value)];
     }));
@@ -117,8 +118,7 @@ export function tellFigures(data) {
     box.append(table);
   });
   box.append(element("p", { className: "note" },
-    "Three values are those of modules 1, 2 and 3, a single one is of the whole robot. Hold the " +
-    "pointer over a figure for its full definition."));
+    "A single value is of the whole robot. Hold the pointer over a figure for its full definition."));
 }
 
 function tableOf(heads, rows) {
