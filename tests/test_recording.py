@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
+from pages import TOLERANCE, chromium, needs_browser, opened, picture
 
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.recording import FIELDS
 
 GEOM = mujoco.mjtGeom
+PAGE = Path(__file__).parents[1] / "docs/how-to/any-robot.md"
 BALL = 0.03
 SIZE = {"width": 320, "height": 180}
 GREEN = [0.0, 0.9, 0.0, 1.0]
@@ -62,14 +67,14 @@ def test_the_ball_rolls_through_the_elbow(rolling):
     """It comes into each part in turn, goes on by the way that its centre has made, and stays in
     the bore."""
     names = [part.name for part in rolling.pipes.assembly.parts]
-    part = rolling.places().part
+    part = rolling.places.part
     assert [names[i] for i in part[np.flatnonzero(np.diff(part, prepend=-1))]] == names
     progress, forward = rolling.progress()
     assert (np.diff(progress) > 0).all()
     assert np.linalg.norm(forward, axis=1) == pytest.approx(1.0)
     moved = np.linalg.norm(np.diff(rolling.qpos[:, :3], axis=0), axis=1).sum()
     assert 0.9 * moved < progress[-1] < 1.001 * moved
-    assert (rolling.places().clearance > 0.9 * BALL).all()
+    assert (rolling.places.clearance > 0.9 * BALL).all()
 
 
 def test_samples_are_a_period_apart():
@@ -186,6 +191,56 @@ def test_films_and_strips_are_whole_files(rolling, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["1.gif", "2.gif", "strip.png"]
 
 
+@needs_browser
+def test_pages_hold_the_true_positions(rolling, tmp_path):
+    """Position and orientation of the body at samples and between them, the part that it is in, and
+    its way; the arrows add up to the wall's force."""
+    path = tmp_path / "run.html"
+    assert rolling.page(path).html == path.read_text(encoding="utf-8")
+    assert rolling.page().html == path.read_text(encoding="utf-8")
+    bodies, (way, _) = rolling.bodies[:, 1], rolling.progress()
+    with chromium() as browser, opened(browser, path, hash="#camera=onboard") as page:
+        assert page.evaluate("replay.cameras.mode") == "onboard"
+        for row in (0, 20, 55, 79):
+            page.evaluate(f"replay.seek({rolling.time[row]})")
+            pose = page.evaluate("replay.pose('ball')")
+            assert pose["position"] == pytest.approx(bodies[row, :3], abs=TOLERANCE)
+            assert abs(np.dot(pose["quaternion"], bodies[row, 3:])) == pytest.approx(1, abs=1e-6)
+            shown = page.evaluate("replay.draw(), document.getElementById('state').textContent")
+            assert shown.startswith(
+                "in " + rolling.pipes.assembly.parts[rolling.places.part[row]].name
+            )
+            assert f"{1e3 * way[row]:.0f} mm" in shown
+            arrows = page.evaluate(
+                "replay.motions[0].arrows.map(a => a.force.map(c => replay.motions[0].between(c)))"
+            )
+            force = rolling.contacts.force[rolling.contacts.sample == row].sum(axis=0)
+            assert np.sum(arrows, axis=0) == pytest.approx(force, abs=0.01)
+        half = (rolling.time[20] + rolling.time[21]) / 2
+        page.evaluate(f"replay.seek({half})")
+        middle = (bodies[20, :3] + bodies[21, :3]) / 2
+        assert page.evaluate("replay.pose('ball').position") == pytest.approx(middle, abs=TOLERANCE)
+        page.get_by_role("button", name="follow", exact=True).click()
+        assert picture(page).std() > 10
+
+
+def test_figures_show_the_way_and_what_was_measured(rolling, tmp_path):
+    """Two views of the pipes with the way, and a panel for each curve; the same bytes again."""
+    figure = rolling.plot(tmp_path / "a.png")
+    rolling.plot(tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    titles = [axis.get_ylabel() for axis in figure.axes[2:]]
+    assert titles[:3] == [
+        "Way along the pipes [m]",
+        "Speed along the pipes [mm/s]",
+        "Clearance of the body [mm]",
+    ]
+    plan = next(axis for axis in figure.axes[:2] if "plan" in axis.get_title(loc="left"))
+    line = max(plan.get_lines(), key=lambda line: len(line.get_xdata()))
+    drawn = np.sort(np.abs(np.transpose(line.get_data())), axis=None)
+    assert drawn == pytest.approx(np.sort(np.abs(rolling.qpos[:, :2]), axis=None))
+
+
 def test_a_saved_recording_is_the_same(rolling, tmp_path):
     """Bytes, samples, contacts, places and pictures; and it goes on."""
     path = rolling.save(tmp_path / "run.npz")
@@ -195,7 +250,7 @@ def test_a_saved_recording_is_the_same(rolling, tmp_path):
         np.testing.assert_array_equal(loaded[name], rolling[name])
     for one, other in zip(loaded.contacts, rolling.contacts, strict=True):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(loaded.places().arc_length, rolling.places().arc_length)
+    np.testing.assert_array_equal(loaded.places.arc_length, rolling.places.arc_length)
     np.testing.assert_array_equal(loaded.frame(0.8, **SIZE), rolling.frame(0.8, **SIZE))
     data = mujoco.MjData(loaded.model)
     data.time = 2.0
@@ -241,6 +296,10 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
     recording, data = ot.Recording(model, pipes), mujoco.MjData(model)
     with pytest.raises(ot.InputError, match="no samples"):
         recording.film(tmp_path / "a.gif")
+    with pytest.raises(ot.InputError, match="no samples"):
+        recording.page(tmp_path / "a.html")
+    with pytest.raises(ot.InputError, match="no samples"):
+        recording.plot(tmp_path / "a.png")
     data.time = 1.0
     assert recording.append(data)
     assert not recording.append(data)
@@ -256,6 +315,9 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
         recording.append(mujoco.MjData(other))
     with pytest.raises(ot.InputError, match="no camera 'onboard'"):
         recording.film(tmp_path / "a.gif", camera="onboard")
+    for write, name in (("page", "a.png"), ("plot", "a.gif"), ("save", "a.zip"), ("film", "a.png")):
+        with pytest.raises(ot.InputError, match="format"):
+            getattr(recording, write)(tmp_path / name)
     with pytest.raises(ot.InputError, match=r"times\[0\]"):
         recording.strip(tmp_path / "a.png", times=[2.0])
     assert not list(tmp_path.iterdir())
@@ -294,9 +356,23 @@ def test_geoms_of_every_shape_are_drawn():
     assert len(playback.seen) == len(shapes)
     with Stage(playback, (320, 180), "side", fine=False) as stage:
         frame = stage.paint(0)
-        places, _ = stage._eye.pixels(recording.bodies()[0, 1:, :3], (320, 180))
+        places, _ = stage._eye.pixels(recording.bodies[0, 1:, :3], (320, 180))
     green = coloured(frame)
     for shape, (column, row) in zip(shapes, places, strict=True):
         around = green[int(row) - 3 : int(row) + 4, int(column) - 3 : int(column) + 4]
         assert around.any(), shape
     assert not ((frame[..., 0] > 150) & (frame[..., 1] < 60)).any()
+
+
+def test_the_section_of_the_page_runs(tmp_path, monkeypatch, capsys):
+    """Its lines make all of their files, of the robot of the page; of a tenth of a second here."""
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    lines = re.search(r"```text\n(recording = .*?)```", text, flags=re.DOTALL)
+    assert lines is not None
+    short = lines[1].replace("data.time < 8", "data.time < 4.1")
+    exec(compile(f"{code}\n{short}", "any-robot.md", "exec"), {"__name__": "page"})
+    made = ["figure.png", "run.html", "run.mp4", "run.npz", "run.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == made
+    assert len(ot.Recording.load("run.npz")) == 5

@@ -6,6 +6,7 @@ import io
 import json
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -18,10 +19,13 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.arguments import check_is, check_time
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion
+from omnitrack_sim.base.text import finite
 from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
-from omnitrack_sim.record.display import Mount, StatusText
+from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.display import ForceArrow, Mount, StatusText
+from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.show.film.overlay import LEFT, ForceArrows, MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import (
@@ -38,11 +42,17 @@ from omnitrack_sim.show.film.render import (
 )
 from omnitrack_sim.show.film.stage import STANDARD, Stage
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
+from omnitrack_sim.show.plots.mission_figure import SHADES
+from omnitrack_sim.show.plots.style import CURVE_COLOURS
+from omnitrack_sim.show.replay.contents import Pack, PageRun, map_table
+from omnitrack_sim.show.replay.document import ReplayPage, check_page, page_data, write_page
 from omnitrack_sim.show.surfaces import DRAWN
 from omnitrack_sim.show.whereabouts import Landmarks
 from omnitrack_sim.walls.around import InPipe, Pipes
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from omnitrack_sim.show.film.stage import Panel
 
 FIELDS = (
@@ -62,6 +72,8 @@ DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 """Warnings after which MuJoCo sets its data back to the beginning."""
+MOST_CURVES = 6
+"""Lines of one plot."""
 FORMAT = 1
 """Number of the form of a saved recording."""
 SOONER = 1e-9
@@ -82,6 +94,7 @@ class WallContacts(NamedTuple):
         geom: (C,) number of the robot's geom.
         position: (C, 3) m, world frame.
         force: (C, 3) N, of the wall on the geom, world frame.
+        normal: (C, 3) unit vectors from the wall into the bore, world frame.
         normal_force: (C,) N.
         distance: (C,) m, negative where the geom is within the wall.
     """
@@ -90,8 +103,29 @@ class WallContacts(NamedTuple):
     geom: NDArray[Any]
     position: NDArray[Any]
     force: NDArray[Any]
+    normal: NDArray[Any]
     normal_force: NDArray[Any]
     distance: NDArray[Any]
+
+
+class Curve(NamedTuple):
+    """Values over time with their appearance.
+
+    Attributes:
+        display: title, unit and limits.
+        values: (T, n).
+        names: of the columns; empty for a single one.
+    """
+
+    display: Display
+    values: Array
+    names: tuple[str, ...] = ()
+
+    def panel(self, channel: str) -> dict[str, Any]:
+        """Return the plot of a page."""
+        colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
+        more = {"names": self.names, "colours": colours} if self.names else {}
+        return {"channel": channel, "first": not self.names} | more | asdict(self.display)
 
 
 class Recording:
@@ -191,7 +225,8 @@ class Recording:
         self._samples["time"].append(np.array(time))
         for name in FIELDS:
             self._samples[name].append(np.array(getattr(data, name)))
-        self.__dict__.pop("contacts", None)
+        for name in ("contacts", "bodies", "places"):  # of the samples so far
+            self.__dict__.pop(name, None)
         return True
 
     def _wall_contacts(self, data: mujoco.MjData) -> WallContacts:
@@ -206,13 +241,15 @@ class Recording:
         first = walls[rows, 0]  # the robot's geom is the second one
         # Rows of the frame are normal and tangents; the normal points to the second geom.
         frame = contact.frame[rows].reshape(-1, 3, 3)
-        world = np.where(first, 1.0, -1.0)[:, None] * np.einsum("nij,ni->nj", frame, force)
+        sign = np.where(first, 1.0, -1.0)[:, None]
+        world = sign * np.einsum("nij,ni->nj", frame, force)
         geom = np.where(first, contact.geom[rows, 1], contact.geom[rows, 0])
         return WallContacts(
             np.full(len(rows), len(self), np.intp),
             geom.astype(np.intp),
             np.array(contact.pos[rows]),
             world,
+            sign * frame[:, 0],
             force[:, 0].copy(),
             np.array(contact.dist[rows]),
         )
@@ -247,7 +284,7 @@ class Recording:
     def contacts(self) -> WallContacts:
         """Contacts with the walls in all samples."""
         nothing = np.zeros(0, np.intp)
-        none = WallContacts(nothing, nothing, *np.zeros((2, 0, 3)), *np.zeros((2, 0)))
+        none = WallContacts(nothing, nothing, *np.zeros((3, 0, 3)), *np.zeros((2, 0)))
         columns = zip(*[none, *self._contacts], strict=True)
         return WallContacts(*(np.concatenate(column) for column in columns))
 
@@ -260,8 +297,9 @@ class Recording:
         """Return the mechanical power of all actuators, (T,) W: force times velocity."""
         return (self["actuator_force"] * self["actuator_velocity"]).sum(axis=1)
 
+    @cached_property
     def bodies(self) -> Array:
-        """Return positions, m, and quaternions of all bodies, (T, nbody, 7), world frame."""
+        """Positions, m, and quaternions of all bodies, (T, nbody, 7), world frame."""
         data, poses = mujoco.MjData(self.model), np.zeros((len(self), self.model.nbody, 7))
         rows = zip(self["qpos"], self["mocap_pos"], self["mocap_quat"], strict=True)
         for pose, (qpos, place, turn) in zip(poses, rows, strict=True):
@@ -270,18 +308,65 @@ class Recording:
             pose[:, :3], pose[:, 3:] = data.xpos, data.xquat
         return poses
 
+    @cached_property
     def places(self) -> InPipe:
-        """Return where the body is in the pipes, (T,); see ``Pipes.locate``."""
-        return self.pipes.locate(self.bodies()[:, self.body, :3])
+        """Where the body is in the pipes, (T,); see ``Pipes.locate``."""
+        return self.pipes.locate(self.bodies[:, self.body, :3])
 
     def progress(self) -> tuple[Array, Array]:
         """Return the way of the body along the pipes' axes since the first sample, (T,) m, positive
         as it set out; and the direction along the axis that counts as forward, (T, 3)."""
-        position = self.bodies()[:, self.body, :3]
+        position = self.bodies[:, self.body, :3]
         forward = _forward(self.pipes.locate(position).axis, position)
         step = np.diff(position, axis=0)
         along = (step * (forward[1:] + forward[:-1]) / 2).sum(axis=1)
         return np.append(0.0, np.cumsum(along)), forward
+
+    def curves(self) -> dict[str, Curve]:
+        """Return what figures and pages show over time, by name."""
+        places, (distance, _) = self.places, self.progress()
+        speed = np.gradient(distance, self.time) if len(self) > 1 else np.zeros(len(self))
+        count = np.bincount(self.contacts.sample, minlength=len(self)).astype(float)
+        position = self.bodies[:, self.body, :3]
+        single = {
+            "distance": (Display("Way along the pipes", "m"), distance),
+            "speed": (Display("Speed along the pipes", "mm/s", 1e3, span=10.0), speed),
+            "clearance": (Display("Clearance of the body", "mm", 1e3, span=1.0), places.clearance),
+            "wall_force": (Display("Normal force on the walls", "N", low=0.0), self.wall_force()),
+            "contact_count": (Display("Contacts with the walls", "1", low=0.0), count),
+            "power": (Display("Power of the actuators", "W"), self.power()),
+        }
+        curves = {
+            name: Curve(display, values[:, None]) for name, (display, values) in single.items()
+        }
+        curves["position"] = Curve(Display("Position of the body", "m"), position, ("x", "y", "z"))
+        return curves | self._many()
+
+    def _many(self) -> dict[str, Curve]:
+        """Return the curves of actuators and joints, where there are not too many."""
+        model, curves = self.model, {}
+        names = tuple(model.actuator(i).name or str(i) for i in range(model.nu))
+        curves["actuator_force"] = Curve(
+            Display("Actuator forces", "N, N m"), self["actuator_force"], names
+        )
+        slides = Display("Slides", "mm", 1e3, span=1.0)
+        hinges = Display("Hinges", "deg", float(np.degrees(1.0)), span=1.0)
+        for name, kind, display in (
+            ("slides", mujoco.mjtJoint.mjJNT_SLIDE, slides),
+            ("hinges", mujoco.mjtJoint.mjJNT_HINGE, hinges),
+        ):
+            joints = np.flatnonzero(model.jnt_type == kind).tolist()
+            names = tuple(model.joint(i).name or str(i) for i in joints)
+            curves[name] = Curve(display, self.qpos[:, model.jnt_qposadr[joints]], names)
+        return {
+            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
+        }
+
+    def stays(self) -> list[tuple[Part, int, int]]:
+        """Return the parts that the body was in, in order of time, each with its first sample and
+        the first one after it, or the last."""
+        part, parts = self.places.part, self.pipes.assembly.parts
+        return [(parts[part[a]], a, b) for a, b in spans(part) if part[a] >= 0]
 
     # Films, stills, pages and figures
 
@@ -300,14 +385,17 @@ class Recording:
             mounts[model.camera(i).name] = Mount(body, place, tuple(map(tuple, frame)), angle)
         return {name: mount for name, mount in mounts.items() if name}
 
-    def playback(self) -> Playback:
-        """Return what films and pages show."""
+    def _check_samples(self) -> None:
         if not len(self):
             raise InputError(Fault("recording", "has no samples; append states first"))
+
+    def playback(self) -> Playback:
+        """Return what films and pages show."""
+        self._check_samples()
         model = self.model
         mocap = np.concatenate([self["mocap_pos"], self["mocap_quat"]], axis=-1)
         rows = sound_rows([self.qpos, mocap])
-        position = self.bodies()[rows, self.body, :3]
+        position = self.bodies[rows, self.body, :3]
         _, forward = self.progress()
         moved = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1) + 1e-9))
         size = self._size(position)
@@ -351,7 +439,7 @@ class Recording:
         bore = 2 * max(part.fitting.largest_radius for part in self.pipes.assembly.parts)
         moving = np.unique(self.model.geom_bodyid[list(self._seen())])
         rows = list(self._extremes())
-        away = self.bodies()[rows][:, moving[moving > 0], :3] - position[rows][:, None]
+        away = self.bodies[rows][:, moving[moving > 0], :3] - position[rows][:, None]
         return max(bore / _BORE, float(np.linalg.norm(away, axis=-1).max()) / _REACH)
 
     def _stage(
@@ -385,7 +473,7 @@ class Recording:
 
     def _status(self) -> Any:
         """Return what tells the text of the status panel at a sample."""
-        places, force = self.places(), self.wall_force()
+        places, force = self.places, self.wall_force()
         count = np.bincount(self.contacts.sample, minlength=len(self))
         distance, time = self.progress()[0], self.time
         speed = np.gradient(distance, time) if len(time) > 1 else np.zeros(len(time))
@@ -487,6 +575,141 @@ class Recording:
         times = even if times is None else within(playback.time, times)
         with self._stage(playback, (width, height), camera, panels=False, fine=True) as stage:
             return write_strip(path, [stage.picture(time) for time in times], times)
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw a figure as wide as a page (7.16 inches): the way in elevation and plan, and over
+        time way, speed and clearance of the body, forces on the walls, power and joints.
+
+        Args:
+            path: ``.png``, ``.svg`` or ``.pdf`` file to write; none: the figure is returned and
+                nothing is written.
+
+        Raises:
+            InputError: no such format, or a recording without samples.
+            OutputError: the file cannot be written.
+        """
+        from omnitrack_sim.show.plots.recording_figure import plot_recording
+
+        self._check_samples()
+        return plot_recording(
+            path=None if path is None else Path(path),
+            title=self._title(),
+            network=self.pipes.assembly,
+            time=self.time,
+            curves=self.curves(),
+            stays=self.stays(),
+        )
+
+    def page(self, path: str | os.PathLike[str] | None = None) -> ReplayPage:
+        """Return a page that plays the recording in a browser: one file, which needs no network.
+
+        Args:
+            path: ``.html`` file to write; none: nothing is written, and a notebook shows the page.
+
+        Raises:
+            InputError: another ending, or a recording without samples.
+            OutputError: the file cannot be written.
+        """
+        if path is not None:
+            check_page(path)
+        pack, playback = Pack(), self.playback()
+        mounts = [mount for mount in self._mounts().values() if mount.body]
+        run = PageRun(
+            heading=self._heading(),
+            playback=playback,
+            curves={name: curve.values for name, curve in self.curves().items()},
+            phases=[],
+            fittings=self._bands(),
+            events={"events": [], "notes": []},
+            arrows=self._arrows(),
+            onboard=mounts[0] if mounts else None,
+            scale=playback.size,
+        )
+        landmarks = Landmarks.none(self.pipes.assembly)
+        several = len(self.pipes.assembly.parts) > 1
+        data = page_data([run], pack) | {
+            "map": map_table(run.playback, landmarks, pack) if several else None,
+            "pictures": None,
+            "panels": [curve.panel(name) for name, curve in self.curves().items()],
+            "columns": [],
+            "state": [("distance", "", 1e3, 0, " mm"), ("speed", "", 1e3, 0, " mm/s")],
+            "headline": {row["name"]: row["name"] for row in run.heading["figures"]},
+            "differences": [],
+        }
+        return write_page(data | {"data": pack.text()}, path)
+
+    def _title(self) -> str:
+        return f"recording of {self.model.body(self.body).name or 'a robot'}"
+
+    def _heading(self) -> dict[str, Any]:
+        """Return name and figures for the head of a page."""
+        self._check_samples()
+        curves, duration = self.curves(), float(np.ptp(self.time))
+        rows = [
+            ("way", "m", curves["distance"].values[-1], "along the pipes' axes"),
+            ("largest force", "N", curves["wall_force"].values.max(), "sum on the walls"),
+            (
+                "least clearance",
+                "mm",
+                1e3 * curves["clearance"].values.min(),
+                "of the body's origin",
+            ),
+            ("energy", "J", np.trapezoid(self.power(), self.time), "of all actuators"),
+        ]
+        figures = [
+            {"name": name, "unit": unit, "value": float(np.squeeze(value)), "meaning": meaning}
+            for name, unit, value, meaning in rows
+        ]
+        first, last = self.time[[0, -1]]
+        heading = {
+            "name": self._title(),
+            "outcome": "ends",
+            "success": None,
+            "advice": "",
+            "reason": f"{len(self)} samples from {first:.6g} to {last:.6g} s",
+            "duration": duration,
+            "figures": figures,
+            "provenance": [["mujoco", mujoco.__version__]],
+        }
+        return finite(heading)
+
+    def _bands(self) -> list[dict[str, Any]]:
+        """Return the parts that the body was in as bands of a page's time line."""
+        time = self.time
+        return [
+            {
+                "name": part.name,
+                "manoeuvre": part.fitting.kind,
+                "colour": SHADES.get(part.fitting.kind, SHADES["straight"]),
+                "leg": None,
+                "tail": False,
+                "start": float(time[first]),
+                "end": float(time[last]),
+            }
+            for part, first, last in self.stays()
+        ]
+
+    def _arrows(self) -> list[ForceArrow]:
+        """Return the walls' forces on each body that touches them, where they act in the mean."""
+        contacts, samples, arrows = self.contacts, len(self), []
+        bodies = self.model.geom_bodyid[contacts.geom]
+        for body in np.unique(bodies).tolist():
+            mine = bodies == body
+            sample, weight = contacts.sample[mine], contacts.normal_force[mine] + 1e-12
+            total = np.bincount(sample, weight, samples)
+            there = total > 0
+            # Without contact an arrow has no length and stays where it was last.
+            last = np.maximum.accumulate(np.where(there, np.arange(samples), np.argmax(there)))
+
+            def summed(values: Array, sample: Any = sample) -> Array:
+                columns = [np.bincount(sample, v, samples) for v in values.T]
+                return np.stack(columns, axis=-1).astype(float)
+
+            push = contacts.normal[mine] * contacts.normal_force[mine, None]
+            point = summed(contacts.position[mine] * weight[:, None])[last] / total[last, None]
+            arrows.append(ForceArrow("normal_force", point, summed(push)))
+            arrows.append(ForceArrow("traction", point, summed(contacts.force[mine] - push)))
+        return arrows
 
     # Files
 

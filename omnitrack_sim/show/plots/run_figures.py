@@ -195,22 +195,22 @@ def shade_of(code: int) -> str:
 
 class PanelGrid:
     """A figure as wide as a page with rows and columns of panels, each at a known place: to find
-    a layout takes longer than to draw."""
+    a layout takes longer than to draw. ``above`` inches are left above them."""
 
-    def __init__(self, rows: int, columns: int) -> None:
+    def __init__(self, rows: int, columns: int, above: float = _ABOVE) -> None:
         self.rows, self.columns = rows, columns
-        self.height = _ABOVE + rows * _HEIGHT + (rows - 1) * _BETWEEN + _BELOW  # inches
+        self.height = above + rows * _HEIGHT + (rows - 1) * _BETWEEN + _BELOW  # inches
         self.figure = new_figure((PAGE, self.height))
 
-    def add(self, row: int, column: int, label: str) -> Axes:
+    def add(self, row: int, column: int, label: str, last: bool = False) -> Axes:
         """An empty panel with its label level above its axis, which reads better than upright
-        beside it. The last row has the numbers of the times."""
+        beside it. Those of the last row, and ``last`` ones, have the numbers of the times."""
         width = (PAGE - LEFT - RIGHT - (self.columns - 1) * _BESIDE) / self.columns
         left = LEFT + column * (width + _BESIDE)
         bottom = _BELOW + (self.rows - 1 - row) * (_HEIGHT + _BETWEEN)
         box = (left / PAGE, bottom / self.height, width / PAGE, _HEIGHT / self.height)
         axis = self.figure.add_axes(box)
-        last = row == self.rows - 1
+        last = last or row == self.rows - 1
         axis.tick_params(**TICKS)
         axis.tick_params(axis="x", labelbottom=last)
         axis.locator_params(axis="x", nbins=5, steps=(1, 2, 5, 10))

@@ -22,6 +22,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GREY, INK, ALARM = "#7a7f87", "#22262b", "#c8322b"
+CURVE_COLOURS = (
+    (0.10, 0.45, 0.80),
+    (0.95, 0.55, 0.05),
+    (0.05, 0.62, 0.42),
+    (0.80, 0.32, 0.55),
+    (0.45, 0.40, 0.75),
+    (0.35, 0.35, 0.35),
+)
+"""Red, green, blue of curves in one panel, told apart with any colour vision."""
 PAGE, COLUMN = 7.16, 3.5
 """Widths of what fills a page and of what fills one of two columns of a paper, inches."""
 DPI = 220

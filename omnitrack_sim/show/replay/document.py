@@ -104,17 +104,27 @@ def render_replay(
         True
     """
     if path is not None:
-        format_of(path, None, "page", FORMATS)
-        check_file(path)
+        check_page(path)
     runs = [as_result(result)]
     if compare is not None:
         runs.append(as_result(compare))
         if problem := pipes_mismatch(*runs):
             hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
             raise InputError(Fault("compare", f"{problem}; {hint}"))
-    page = ReplayPage(document(replay_data(runs)))
+    return write_page(replay_data(runs), path)
+
+
+def check_page(path: str | os.PathLike[str]) -> None:
+    """Raise the errors of a path that no page can be written to, before any work."""
+    format_of(path, None, "page", FORMATS)
+    check_file(Path(path))
+
+
+def write_page(data: dict[str, Any], path: str | os.PathLike[str] | None) -> ReplayPage:
+    """Return the page with some data, written where there is a path."""
+    page = ReplayPage(_document(data))
     if path is not None:
-        write_file(path, page.html.encode("utf-8"))
+        write_file(Path(path), page.html.encode("utf-8"))
     return page
 
 
@@ -260,7 +270,7 @@ def differences(one: Result, other: Result) -> list[list[str]]:
     return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows
 
 
-def document(data: dict[str, Any]) -> str:
+def _document(data: dict[str, Any]) -> str:
     """Put markup, style, scripts and data together. The same data give the same text."""
     folder = LIBRARY.parents[1] / "page"
     library = {

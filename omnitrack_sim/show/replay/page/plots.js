@@ -51,8 +51,8 @@ export class Plots {
     plot.curves = this.curvesOf(panel);
     plot.bounds = boundsOf(panel, plot.curves);
     const shown = plot.curves.filter((curve) => curve.told);
-    plot.readouts = shown.map((curve) => {
-      const readout = element("span", {});
+    plot.readouts = shown.map((curve, i) => {
+      const readout = element("span", { title: panel.names?.[i] ?? "" });
       readout.style.color = curve.colour;
       values.append(readout);
       return { readout, curve };
@@ -71,7 +71,8 @@ export class Plots {
     const add = (motion, name, look, told) => {
       const columns = motion.curves[name] ?? [];
       columns.forEach((values, i) => {
-        const colour = columns.length === this.colours.length ? this.colours[i] : SINGLE;
+        const own = columns.length === this.colours.length ? this.colours[i] : SINGLE;
+        const colour = panel.colours?.[i] ?? own;
         curves.push({ motion, values, colour, told, ...look });
       });
     };
