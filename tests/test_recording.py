@@ -375,4 +375,4 @@ def test_the_section_of_the_page_runs(tmp_path, monkeypatch, capsys):
     exec(compile(f"{code}\n{short}", "any-robot.md", "exec"), {"__name__": "page"})
     made = ["figure.png", "run.html", "run.mp4", "run.npz", "run.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == made
-    assert len(ot.Recording.load("run.npz")) == 5
+    assert len(ot.Recording.load("run.npz")) == 6
