@@ -63,6 +63,8 @@ class ExplorerSettings:
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
         looks_at_reducer: looks from close by that the sizes of a reducer are the mean of.
+        most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
+            hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         detour: m, travel that a robot prefers to such a turn.
         touch: m, before an observed end from which on a robot without progress has come to it.
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
@@ -80,6 +82,7 @@ class ExplorerSettings:
     confidence: float = 0.5
     sharp: float = math.radians(100)
     looks_at_reducer: int = 3
+    most_reducer_std: float = 0.02
     detour: float = 20.0
     touch: float = 0.05
     rest: float = math.radians(35)
@@ -122,7 +125,7 @@ class Explorer(MapPilot):
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
-        self._reducers: list[Reducer] = []  # as looks at the same one show it
+        self._reducers: list[Ahead] = []  # sightings of the same one from close by
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
         # Out of a fitting: what was sighted first, where, and from where, m.
         self._sighted: tuple[tuple[str, str], float, float] | None = None
@@ -179,16 +182,17 @@ class Explorer(MapPilot):
                 observed = _end_of(self.leg.path) in self.belief.ends
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
             return Decision(self.leg, True, ())
+        self._measure_reducer(ahead, route)
         again = self._closer.doubted(ahead, route, distance)
         if again is None and not self._is_confirmed(ahead, look, distance):
             again = distance + LOOKS.doubt
         if again is not None:
             self.look_at = again
             return Decision(self.leg, True, ())
-        self._assumed = 0.0
         if self._measures_on(ahead, route, distance):
             self.look_at = distance + LOOKS.doubt
             return Decision(self.leg, True, ())
+        self._assumed = 0.0
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
         path = self._reached(distance + ahead.distance - self.route().length)
@@ -312,28 +316,34 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
+    def _measure_reducer(self, ahead: Ahead, route: Route) -> None:
+        """Keep a sighting of a reducer from close by; forget those before where there is none."""
+        near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
+        if isinstance(ahead.fitting, Reducer) and (near or self._closer.index(route) is not None):
+            self._reducers.append(ahead)
+        else:
+            self._reducers = []
+
     def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer is to look at it once more."""
-        part, provisional = _end_of(self.leg.path)[0], self._closer.index(route) is not None
-        near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
-        if not isinstance(ahead.fitting, Reducer) or (
-            self.belief.fitting(part).is_plain and not (near or provisional)
-        ):
-            self._reducers = []
-            return False
-        self._reducers.append(ahead.fitting)
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
-        return len(self._reducers) < EXPLORER.looks_at_reducer and not late
+        # Out of a fitting, its nose is about to come into the reducer.
+        plain = self.belief.fitting(self._out_of()[0]).is_plain
+        return plain and not late and 0 < len(self._reducers) < EXPLORER.looks_at_reducer
 
-    def _mean_of_looks(self, name: str) -> Reducer:
+    def _mean_of_looks(self, name: str) -> Fitting:
         """Return a reducer, ``name`` on the map, with the mean sizes of the looks at it; where they
-        differ, it is in doubt: its cone is shallow, and what follows it hides its end."""
+        differ, or its ends hardly show, it is in doubt: its cone is shallow, and what follows it
+        hides its end."""
         looks, self._reducers = self._reducers, []
-        sizes = np.array([(r.length, r.end_diameter, r.inner_diameter) for r in looks])
+        fittings = [look.fitting for look in looks if isinstance(look.fitting, Reducer)]
+        sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in fittings])
         differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
-        if np.any(differ > [LEAST_LENGTH, *(LENGTHS * mean[1:])]):
+        if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
+        if min(look.distance_std for look in looks) > EXPLORER.most_reducer_std:
+            self._doubts[name] = "its ends hardly show"
         return Reducer(*mean.tolist())
 
     # How the map grows
