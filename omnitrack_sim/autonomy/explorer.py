@@ -125,7 +125,8 @@ class Explorer(MapPilot):
         self._bends: dict[int, Array] = {}
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
-        self._reducers: list[Ahead] = []  # sightings of the same one from close by
+        # Sightings of the same one from close by, and from where, m.
+        self._reducers: list[tuple[Ahead, float]] = []
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
         # Out of a fitting: what was sighted first, where, and from where, m.
         self._sighted: tuple[tuple[str, str], float, float] | None = None
@@ -176,22 +177,20 @@ class Explorer(MapPilot):
         route = self.route()
         if ahead is None or ahead.confidence < EXPLORER.confidence:
             self.look_at = distance + LOOKS.again
-            if self._closer.too_late(self.look_at, route):
+            if not self._closer.too_late(self.look_at, route):
+                return Decision(self.leg, True, ())
+            if not self._reducers:
                 # The robot has to rely on what it observed from afar.
                 self.belief.settle()
                 observed = _end_of(self.leg.path) in self.belief.ends
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
-            return Decision(self.leg, True, ())
-        self._measure_reducer(ahead, route)
-        again = self._closer.doubted(ahead, route, distance)
-        if again is None and not self._is_confirmed(ahead, look, distance):
-            again = distance + LOOKS.doubt
-        if again is not None:
-            self.look_at = again
-            return Decision(self.leg, True, ())
-        if self._measures_on(ahead, route, distance):
-            self.look_at = distance + LOOKS.doubt
-            return Decision(self.leg, True, ())
+                return Decision(self.leg, True, ())
+            ahead, distance = self._reducers[-1]
+        else:
+            again = self._next_look(ahead, look, route)
+            if again is not None:
+                self.look_at = again
+                return Decision(self.leg, True, ())
         self._assumed = 0.0
         self._forget_what_was_far()
         measured = self._measure_bend(look.turned @ ahead.axis)
@@ -258,6 +257,18 @@ class Explorer(MapPilot):
         close = bool(self._closer.index(route)) and distance >= self.look_at
         return close or distance >= self._back.at(route)
 
+    def _next_look(self, ahead: Ahead, look: Look, route: Route) -> float | None:
+        """Return the arc length, m, of the look that is needed before a sighting is believed; None
+        where none is."""
+        distance = look.distance
+        self._measure_reducer(ahead, route, distance)
+        again = self._closer.doubted(ahead, route, distance)
+        if again is not None:
+            return again
+        if not self._is_confirmed(ahead, look, distance) or self._measures_on(route, distance):
+            return distance + LOOKS.doubt
+        return None
+
     def _is_confirmed(self, ahead: Ahead, look: Look, distance: float) -> bool:
         """Return whether a sighting out of a fitting has been made before, of the same at the same
         place: a bend that is not over looks like another one that begins at the lens."""
@@ -316,15 +327,15 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
-    def _measure_reducer(self, ahead: Ahead, route: Route) -> None:
+    def _measure_reducer(self, ahead: Ahead, route: Route, distance: float) -> None:
         """Keep a sighting of a reducer from close by; forget those before where there is none."""
         near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
         if isinstance(ahead.fitting, Reducer) and (near or self._closer.index(route) is not None):
-            self._reducers.append(ahead)
+            self._reducers.append((ahead, distance))
         else:
             self._reducers = []
 
-    def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
+    def _measures_on(self, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
@@ -337,12 +348,12 @@ class Explorer(MapPilot):
         differ, or its ends hardly show, it is in doubt: its cone is shallow, and what follows it
         hides its end."""
         looks, self._reducers = self._reducers, []
-        fittings = [look.fitting for look in looks if isinstance(look.fitting, Reducer)]
+        fittings = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
         sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in fittings])
         differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
         if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
-        if min(look.distance_std for look in looks) > EXPLORER.most_reducer_std:
+        if min(look.distance_std for look, _ in looks) > EXPLORER.most_reducer_std:
             self._doubts[name] = "its ends hardly show"
         return Reducer(*mean.tolist())
 
