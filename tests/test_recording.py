@@ -241,6 +241,34 @@ def test_figures_show_the_way_and_what_was_measured(rolling, tmp_path):
     assert drawn == pytest.approx(np.sort(np.abs(rolling.qpos[:, :2]), axis=None))
 
 
+def test_pipes_can_be_seen_by_mujocos_own_renderer(monkeypatch):
+    """From within the bore, and from outside through the nearer wall; nothing else changes, and a
+    recording shows the same."""
+    # MuJoCo chooses its platform when it is imported, which was before.
+    egl = pytest.importorskip("mujoco.egl")
+    monkeypatch.setattr("mujoco.rendering.classic.gl_context.GLContext", egl.GLContext)
+    frames, recordings = [], []
+    for visible in (False, True):
+        model, pipes = ball_model(visible=visible)
+        recordings.append(recorded(model, pipes, 0.3))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        view = mujoco.MjvCamera()
+        view.lookat[:], view.distance, view.elevation = [0.0, 0.15, 0.0], 1.0, -60.0
+        with mujoco.Renderer(model, 90, 160) as renderer:
+            for camera in ("eye", view):
+                renderer.update_scene(data, camera)
+                frames.append(renderer.render().astype(int))
+    hidden, shown = frames[:2], frames[2:]
+    for before, after in zip(hidden, shown, strict=True):
+        assert (np.abs(after - before).sum(axis=-1) > 30).mean() > 0.05
+    assert coloured(shown[1]).sum() == coloured(hidden[1]).sum() > 10
+    np.testing.assert_array_equal(recordings[0].qpos, recordings[1].qpos)
+    assert recordings[1].model.body_mass.sum() == recordings[0].model.body_mass.sum()
+    one, other = (recording.frame(0.2, **SIZE) for recording in recordings)
+    np.testing.assert_array_equal(one, other)
+
+
 def test_a_saved_recording_is_the_same(rolling, tmp_path):
     """Bytes, samples, contacts, places and pictures; and it goes on."""
     path = rolling.save(tmp_path / "run.npz")

@@ -25,6 +25,7 @@ from omnitrack_sim.walls.geoms import (
     add_rims,
 )
 from omnitrack_sim.walls.guard import add_guard, register
+from omnitrack_sim.walls.looks import PIPE_GROUP, add_pipe_insides
 from omnitrack_sim.walls.rays import RayWalls
 from omnitrack_sim.walls.record import kinds
 
@@ -69,6 +70,7 @@ def add_pipes(
     *,
     friction: float | None = None,
     body: mujoco.MjsBody | None = None,
+    visible: bool = False,
     **attributes: Any,
 ) -> Pipes:
     """Put exact pipes around any robot.
@@ -85,6 +87,8 @@ def add_pipes(
         friction: sliding friction of the walls, which then decides; None: that of the robot's
             geoms.
         body: that carries the pipes, in whose frame the network then stands; None: the world.
+        visible: add the bores as meshes ``look_inside_<part>`` that nothing touches (group 1), for
+            MuJoCo's own viewer and renderer, which look into them through the nearer wall.
         attributes: of the walls' geoms, by MuJoCo's names; see ``ATTRIBUTES``.
 
     Raises:
@@ -117,6 +121,8 @@ def add_pipes(
     add_rims(spec, pipes.assembly, depths, body, **walls)
     for end in pipes.assembly.closed_ends:
         add_plates(spec, pipes.assembly, [end], thickness=depths[end[0]], body=body, **walls)
+    if visible:
+        add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
     add_guard(spec)
     return pipes
 
@@ -236,7 +242,7 @@ class Pipes:
         self._axes = Axes(self.assembly.parts)
 
     def geoms(self, model: mujoco.MjModel) -> NDArray[np.intp]:
-        """Return the numbers of the pipes' geoms in a model: walls, rims and plates.
+        """Return the numbers of the pipes' geoms in a model: walls, rims, plates and looks.
 
         Raises:
             InputError: the model lacks the wall of a part.
@@ -246,7 +252,7 @@ class Pipes:
         if missing:
             problem = f"has no wall of the part {missing[0]!r}: these pipes were not added to it"
             raise InputError(Fault("model", problem))
-        kinds = ("wall_{0}", "rim_{0}_{1}", "plate_{0}_{1}")
+        kinds = ("wall_{0}", "rim_{0}_{1}", "plate_{0}_{1}", "look_inside_{0}")
         wanted = {
             kind.format(part.name, port)
             for part in self.assembly.parts

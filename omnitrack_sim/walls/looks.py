@@ -67,9 +67,14 @@ def add_pipe_looks(spec: mujoco.MjSpec, network: Assembly) -> None:
             _add_pipe(spec, f"{look}_{part.name}", mesh, part, group)
 
 
-def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
-    """The inner surface of each part of the network as ``inside_<part>`` (group 5), for a viewer
-    who moves about.
+def add_pipe_insides(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    body: mujoco.MjsBody | None = None,
+    group: int = INSIDE_GROUP,
+) -> None:
+    """The inner surface of each part of the network as ``inside_<part>``, for a viewer who moves
+    about; ``body`` carries it, in whose frame the network then stands.
 
     Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any
     viewer by themselves.
@@ -77,7 +82,8 @@ def add_pipe_insides(spec: mujoco.MjSpec, network: Assembly) -> None:
     if spec.material("pipe") is None:
         add_material(spec, "pipe", PIPE_LOOK)
     for part in network.parts:
-        _add_pipe(spec, f"inside_{part.name}", inside_mesh(part.fitting), part, INSIDE_GROUP)
+        mesh = inside_mesh(part.fitting)
+        _add_pipe(spec, f"inside_{part.name}", mesh, part, group, body)
 
 
 def follow_direction(network: Assembly) -> Array:
@@ -196,11 +202,19 @@ def add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> None:
     )
 
 
-def _add_pipe(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh, part: Part, group: int) -> None:
+def _add_pipe(
+    spec: mujoco.MjSpec,
+    name: str,
+    mesh: TriangleMesh,
+    part: Part,
+    group: int,
+    body: mujoco.MjsBody | None = None,
+) -> None:
     """Show ``mesh``, in the frame of a fitting, where that part of the network lies."""
     add_mesh(spec, name, mesh)
     position, quaternion = part.pose.position, part.pose.quaternion
-    geom = add_look(spec.worldbody, name, "pipe", meshname=name, pos=position, quat=quaternion)
+    carrier = body or spec.worldbody
+    geom = add_look(carrier, name, "pipe", meshname=name, pos=position, quat=quaternion)
     geom.group = group
 
 
