@@ -22,6 +22,10 @@ from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, 
 from omnitrack_sim.pipes.compiled import Wall, compiled
 from omnitrack_sim.walls.record import has_record
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+import thrown_bodies
+
 GEOM = mujoco.mjtGeom
 MARGIN = 0.004
 _STRAIGHT = Straight.wall.surface
@@ -421,6 +425,32 @@ def test_a_ball_swings_in_a_bore_like_a_pendulum():
     assert np.diff(times).mean() == pytest.approx(period, rel=1e-3)
 
 
+def test_a_wheel_rolls_down_an_inclined_pipe_without_slipping():
+    """A full cylinder gains two thirds of gravity's part along the pipe, to 0.1 % at 1 ms, and its
+    speed is its radius times its rate of turning."""
+    spec, slope = mujoco.MjSpec(), math.radians(20)
+    spec.option.timestep, spec.option.impratio = 0.001, 100
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.gravity = 9.81 * np.array([math.sin(slope), 0, -math.cos(slope)])
+    network = ot.Network(
+        place={"axis": (1, 0, 0)}, fittings=[{"kind": "straight", "name": "ramp", "length": 4}]
+    )
+    ot.add_pipes(spec, network, friction=0.8, solref=[0.004, 1])
+    body = spec.worldbody.add_body(pos=[0.3, 0, -RESTS["wheel"]], quat=[0.5**0.5, 0.5**0.5, 0, 0])
+    for axis in ([1, 0, 0], [0, 1, 0]):
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+    body.add_geom(**SHAPES["wheel"])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    begin, time = data.qvel.copy(), data.time
+    mujoco.mj_step(model, data, 700)
+    gain = (data.qvel - begin) / (data.time - time)
+    assert gain[0] == pytest.approx(2 / 3 * 9.81 * math.sin(slope), rel=1e-3)
+    assert abs(gain[2]) * 0.03 == pytest.approx(gain[0], rel=1e-3)
+
+
 def test_pipes_on_a_body_move_with_it():
     """Contacts are the same wherever the body that carries the pipes is, and it weighs what it
     weighed."""
@@ -472,6 +502,17 @@ def test_fast_bodies_stay_in_the_pipe(name, timestep):
                 if fitting.extent(data.qpos[None, :3])[0] < 0:
                     break  # out of a port
                 assert pipes.clearance(data.qpos[:3]) > -depth
+
+
+@pytest.mark.parametrize("name", ["tee", "reducing wye", "reducer"])
+def test_bodies_thrown_into_closed_pipes_stay_there(name):
+    """Bodies of seven shapes at 1 to 12 m/s, with a contact time of 5 ms, are in the bore half a
+    second later; corners between walls and caps hold them, too."""
+    network = thrown_bodies.capped(thrown_bodies.FITTINGS[name])
+    for shape, timestep in product(thrown_bodies.SHAPES, (0.001, 0.002)):
+        out, deepest = thrown_bodies.throw(network, shape, timestep, 0.005, 3, seed=5)
+        assert out == 0
+        assert deepest < 0.04
 
 
 def tumbling():

@@ -120,7 +120,9 @@ def add_pipes(
     add_exact_walls(spec, pipes.assembly, depths, body, **walls)
     add_rims(spec, pipes.assembly, depths, body, **walls)
     for end in pipes.assembly.closed_ends:
-        add_plates(spec, pipes.assembly, [end], thickness=depths[end[0]], body=body, **walls)
+        # What has sunk into the wall beside a plate must not slip past it.
+        depth = depths[end[0]]
+        add_plates(spec, pipes.assembly, [end], thickness=depth, overlap=depth, body=body, **walls)
     if visible:
         add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
     add_guard(spec)

@@ -229,21 +229,23 @@ def add_plates(
     plates: Sequence[tuple[int, str]],
     looks: bool = False,
     thickness: float = PLATE_THICKNESS,
+    overlap: float = 0.0,
     body: mujoco.MjsBody | None = None,
     **attributes: Any,
 ) -> None:
     """Close ports (part index, port name) by plates that collide with lugs.
 
     With ``looks``, for pictures, they are as round as the bore; otherwise square, which collides
-    faster and reaches into the wall. ``thickness`` is in m; ``body`` and ``attributes`` are those
-    of ``add_exact_walls``.
+    faster and reaches into the wall, by ``overlap`` m more than the bore. ``thickness`` is in m;
+    ``body`` and ``attributes`` are those of ``add_exact_walls``.
     """
     for index, port in plates:
         part = network.parts[index]
         pose, radius = part.port(port), part.fitting.port_radius(port)
         # Between two pipes a plate lies in the plane of their joint; that of a cap begins there.
         beyond = thickness / 2 if port in part.fitting.closed_ports else 0.0
-        size = [radius, thickness / 2, 0.0] if looks else [radius, radius, thickness / 2]
+        half = radius + overlap
+        size = [radius, thickness / 2, 0.0] if looks else [half, half, thickness / 2]
         shape = {"size": size, "pos": pose.apply([0.0, 0.0, beyond]), "quat": pose.quaternion}
         _add_geom(
             body or spec.worldbody,

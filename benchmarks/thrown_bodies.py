@@ -1,0 +1,100 @@
+"""Bodies thrown about in closed pipes: how many get out, and how deep they go into the walls.
+
+    python benchmarks/thrown_bodies.py [--bodies 1000] [--seed 1]
+
+Each fitting has a cap at every port. Bodies of the seven shapes of ``touching_geom.py`` begin at
+random places in any position, at 1 to 12 m/s and up to 50 rad/s, and bounce about for 0.5 s, by
+MuJoCo's contact time of 20 ms and by 5 ms. One is out when its centre is in no bore at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+from touching_geom import SHAPES, add_body
+
+import omnitrack_sim as ot
+
+FITTINGS = {
+    "straight": {"kind": "straight", "length": 0.4},
+    "elbow": {"kind": "elbow", "mean_radius": 0.24},
+    "tight elbow": {"kind": "elbow", "mean_radius": 0.09},
+    "tee": {"kind": "tee"},
+    "wye": {"kind": "wye", "angle_deg": 50},
+    "reducing wye": {"kind": "wye", "angle_deg": 70, "branch_diameter": 0.1},
+    "reducer": {"kind": "reducer", "length": 0.15, "end_diameter": 0.12},
+}
+SECONDS, LEAST_ROOM = 0.5, 0.045
+"""Of a run; and from the wall, m, in which a body begins."""
+
+
+def capped(fitting: dict) -> ot.Network:
+    """A fitting with a cap at each port."""
+    whole = ot.Network(fittings=[fitting | {"name": "pipe"}]).pipes
+    part = whole.parts[0].fitting
+    caps, joints = [], []
+    for port in part.ports:
+        bore = 2 * part.port_radius(port)
+        name = f"cap_{port}"
+        caps.append({"kind": "cap", "name": name, "length": 0.06, "inner_diameter": bore})
+        joints.append({"ports": (f"pipe.{port}", f"{name}.start")})
+    return ot.Network(fittings=[fitting | {"name": "pipe"}, *caps], joints=joints)
+
+
+def throw(
+    network: ot.Network, shape: str, timestep: float, solref: float, count: int, seed: int
+) -> tuple[int, float]:
+    """How many of ``count`` bodies get out, and the deepest place of a centre in a wall, m."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = timestep
+    pipes = ot.add_pipes(spec, network, solref=[solref, 1], priority=1)
+    add_body(spec, shape)
+    model = spec.compile()
+    rng, data, states = np.random.default_rng([seed, *shape.encode()]), mujoco.MjData(model), []
+    part = pipes.assembly.parts[0]
+    while len(states) < count:
+        place = part.pose.apply(rng.uniform(*part.fitting.bounds))
+        if not pipes.clearance(place) > LEAST_ROOM:
+            continue
+        way = rng.normal(size=3)
+        data.qpos[:3], data.qpos[3:] = place, rng.normal(size=4)
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        data.qvel[:3] = rng.uniform(1.0, 12.0) * way / np.linalg.norm(way)
+        data.qvel[3:] = rng.uniform(-50, 50, 3)
+        state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        states.append(state)
+    steps = round(SECONDS / timestep)
+    rolled, _ = mujoco.rollout.rollout(model, data, np.array(states), nstep=steps)
+    clearance = pipes.clearance(rolled[:, :, 1:4])
+    out = ~(clearance[:, -1] > 0)
+    return int(out.sum()), float(-np.nanmin(clearance))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--bodies", type=int, default=1000, help="in each fitting")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    each = -(-arguments.bodies // len(SHAPES))
+    print(f"## thrown\n\nOf {each * len(SHAPES)} bodies out; deepest centre in a wall, mm:\n")
+    print("| fitting | 20 ms, step 1 ms | 2 ms | 5 ms, step 1 ms | 2 ms |\n|---|---|---|---|---|")
+    for name, fitting in FITTINGS.items():
+        network, cells = capped(fitting), []
+        for solref in (0.02, 0.005):
+            for timestep in (0.001, 0.002):
+                rows = [
+                    throw(network, shape, timestep, max(solref, 2 * timestep), each, arguments.seed)
+                    for shape in SHAPES
+                ]
+                out = sum(row[0] for row in rows)
+                cells.append(f"{out}; {1e3 * max(row[1] for row in rows):.0f}")
+        print(f"| {name} |", " | ".join(cells), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main()
