@@ -186,7 +186,8 @@ def _digest(function: Any, signature: Any) -> str:
             # Functions that are numba's own already are marked ones, too.
             below = (getattr(value, "py_func", None) for value in called)
             pending += [value for value in below if isinstance(value, FunctionType)]
-    types = signature._restype_, signature._argtypes_
+    # By name alone: the module of a pointer's type is that which has made the first such type.
+    types = [each.__name__ for each in (signature._restype_, *signature._argtypes_)]
     parts = [Path(__file__).read_bytes(), repr(types).encode(), machine_code.machine().encode()]
     for python in reached:
         code = python.__code__
