@@ -1,0 +1,41 @@
+"""Draws the presser, the inchworm, the snake on their way up an elbow and over a tee.
+
+python benchmarks/other_stills.py --out FOLDER
+
+presser.png, inchworm.png, snake.png: four stills each, with the pipes cut away and the walls'
+forces.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from other_robots import ROBOTS, Drive, pipe
+
+import omnitrack_sim as ot
+
+PLACES = 0.35, 0.65, 1.05, 1.35
+"""Arc lengths of the chassis: in the riser, the elbow, beside the branch and behind it, m."""
+
+
+def main() -> None:
+    """Drive each robot and write its stills."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+    course = pipe("elbow", "tee", turns=[0, 180])
+    for name, (kind, start) in ROBOTS.items():
+        robot = kind()
+        drive = Drive(robot, course, s=start)
+        recording = ot.Recording(drive.model, drive.pipes, body=robot.chassis, period=0.0)
+        for place in PLACES:
+            drive.run(60.0, until=place)
+            recording.append(drive.data)
+        path = folder / f"{name}.png"
+        recording.strip(path, times=recording.time, camera="follow", width=480, height=400)
+
+
+if __name__ == "__main__":
+    main()
