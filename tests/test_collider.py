@@ -29,6 +29,7 @@ from omnitrack_sim.pipes.fittings import reducer
 from omnitrack_sim.pipes.native import (
     NUMBER,
     NUMBERS,
+    SIGNATURES,
     WORD,
     _digest,
     announce,
@@ -544,3 +545,36 @@ def test_a_long_compilation_is_announced(tmp_path, monkeypatch, capsys):
             == 6.0
         )
         assert ("compiling exact walls" in capsys.readouterr().err) == compiles
+
+
+@pytest.mark.parametrize("fitting", [Reducer(0.15, 0.1), Reducer(0.15, 0.2, 0.12)])
+def test_a_line_across_the_wide_end_is_held_where_the_cone_is_nearest(fitting):
+    """The span of a line is the part whose feet lie on the cone before its wide end, also where it
+    passes those normals twice."""
+    span, rng, twice = (
+        c_function(fitting.wall.span, SIGNATURES["span"]).ctypes,
+        np.random.default_rng(4),
+        0,
+    )
+    sizes, out = np.array(fitting.sizes), np.zeros(16)
+    narrows = fitting.slope < 0
+    for _ in range(400):
+        angle, wide = rng.uniform(0, 2 * math.pi), 0.0 if narrows else fitting.length
+        # Lines across the pipe near the wide end, between their ends 0.1 m to both sides.
+        point = np.array([*rng.uniform(-0.03, 0.03, 2), wide + rng.uniform(-0.02, 0.02)])
+        along = unit(np.array([math.cos(angle), math.sin(angle), rng.uniform(-0.3, 0.3)]))
+        out[:4] = -0.1, 0.1, 0.0, 0.0
+        span(*pointers(sizes, np.zeros(4)), *point, *along, *pointers(out))
+        s = np.linspace(-0.1, 0.1, 2001)
+        points = point + s[:, None] * along
+        # Distance to the cone without ends, and the height of the foot along the axis.
+        from_axis = np.hypot(points[:, 0], points[:, 1])
+        gap = fitting.radius + fitting.slope * points[:, 2] - from_axis
+        foot = points[:, 2] - fitting.slope * gap / (1 + fitting.slope**2)
+        held = (foot >= 0) & (points[:, 2] <= fitting.length)
+        if not narrows:
+            held = (foot <= fitting.length) & (points[:, 2] >= 0)
+        inside = (s >= out[0]) & (s <= out[1])
+        assert (held != inside).sum() <= 2
+        twice += held.any() and not held[0] and not held[-1]
+    assert twice > 20

@@ -71,41 +71,85 @@ def _before_wide_end(z, from_axis, radius, length, end_radius):
 
 
 @compiled
+def _rise(sizes, px, py, pz, ax, ay, az, s):
+    """``_before_wide_end`` at the place s of a line, and its derivative along the line."""
+    radius, length, end_radius = sizes[0], sizes[1], sizes[2]
+    slope = (end_radius - radius) / length
+    x, y, z = px + s * ax, py + s * ay, pz + s * az
+    from_axis = math.hypot(x, y)
+    value = _before_wide_end(z, from_axis, radius, length, end_radius)
+    outward = (x * ax + y * ay) / from_axis if from_axis > 0.0 else 0.0
+    return value, az + slope * outward if slope < 0.0 else -az - slope * outward
+
+
+@compiled
+def _crossing(sizes, px, py, pz, ax, ay, az, a, b, before_at_a):
+    """Bracket, by bisection, the place between ``a`` and ``b`` where a line passes the normals of
+    the wide edge."""
+    while b - a > POSITION:
+        s = 0.5 * (a + b)
+        at_s, _ = _rise(sizes, px, py, pz, ax, ay, az, s)
+        if (at_s >= 0.0) == before_at_a:
+            a = s
+        else:
+            b = s
+    return a, b
+
+
+@compiled
+def _highest(sizes, px, py, pz, ax, ay, az, a, b):
+    """Place between ``a`` and ``b`` where a line that begins and ends beyond the wide end is before
+    it, or comes nearest to that.
+
+    Along a line ``_before_wide_end`` is concave: the distance from the axis is convex.
+    """
+    at_a, slope_a = _rise(sizes, px, py, pz, ax, ay, az, a)
+    at_b, slope_b = _rise(sizes, px, py, pz, ax, ay, az, b)
+    if slope_a <= 0.0 or slope_b >= 0.0:
+        return a
+    # Nothing is above both tangents.
+    s = (at_b - at_a + slope_a * a - slope_b * b) / (slope_a - slope_b)
+    if at_a + slope_a * (s - a) < 0.0:
+        return a
+    while b - a > POSITION:
+        s = 0.5 * (a + b)
+        at_s, slope_s = _rise(sizes, px, py, pz, ax, ay, az, s)
+        if at_s >= 0.0:
+            return s
+        if slope_s > 0.0:
+            a = s
+        else:
+            b = s
+    return s
+
+
+@compiled
 def _wide_end(sizes, px, py, pz, ax, ay, az, out, ends):
     """Keep the part of the span that the cone itself is nearest to on the side of its wide end.
 
     That part ends at the normals of the wide edge, not at the port plane: a lug touches the cone
-    before its centre is past the port. A line along a pipe passes those normals once.
+    before its centre is past the port. A line along a pipe passes those normals once, one across it
+    may do so twice.
     """
     if out[HIGH] < out[LOW]:
         return
-    radius, length, end_radius = sizes[0], sizes[1], sizes[2]
     a, b = out[LOW], out[HIGH]
-    at_a = _before_wide_end(
-        pz + a * az, math.hypot(px + a * ax, py + a * ay), radius, length, end_radius
-    )
-    at_b = _before_wide_end(
-        pz + b * az, math.hypot(px + b * ax, py + b * ay), radius, length, end_radius
-    )
+    at_a, _ = _rise(sizes, px, py, pz, ax, ay, az, a)
+    at_b, _ = _rise(sizes, px, py, pz, ax, ay, az, b)
     if at_a >= 0.0 and at_b >= 0.0:
         return
+    middle = b if at_a < 0.0 else a
     if at_a < 0.0 and at_b < 0.0:
-        out[HIGH] = out[LOW] - 1.0
-        return
-    # The sign changes once between a and b; bisection needs no derivative of the radius.
-    while b - a > POSITION:
-        s = 0.5 * (a + b)
-        at_s = _before_wide_end(
-            pz + s * az, math.hypot(px + s * ax, py + s * ay), radius, length, end_radius
-        )
-        if (at_s < 0.0) == (at_a < 0.0):
-            a = s
-        else:
-            b = s
+        middle = _highest(sizes, px, py, pz, ax, ay, az, a, b)
+        if _rise(sizes, px, py, pz, ax, ay, az, middle)[0] < 0.0:
+            out[HIGH] = out[LOW] - 1.0
+            return
     if at_a < 0.0:
-        out[LOW], out[LOW_ENDS] = b, ends
-    else:
-        out[HIGH], out[HIGH_ENDS] = a, ends
+        _, low = _crossing(sizes, px, py, pz, ax, ay, az, a, middle, False)
+        out[LOW], out[LOW_ENDS] = low, ends
+    if at_b < 0.0:
+        high, _ = _crossing(sizes, px, py, pz, ax, ay, az, middle, b, True)
+        out[HIGH], out[HIGH_ENDS] = high, ends
 
 
 @compiled
