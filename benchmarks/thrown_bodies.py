@@ -4,7 +4,8 @@
 
 Each fitting has a cap at every port. Bodies of the seven shapes of ``touching_geom.py`` begin at
 random places in any position, at 1 to 12 m/s and up to 50 rad/s, and bounce about for 0.5 s, by
-MuJoCo's contact time of 20 ms and by 5 ms. One is out when its centre is in no bore at the end, nor 20 mm beside one.
+MuJoCo's contact time of 20 ms and by 5 ms. One is out when its centre is in no bore at the end, nor
+20 mm beside one.
 """
 
 from __future__ import annotations
