@@ -86,10 +86,9 @@ DRAWN = {
 
 
 @pytest.mark.parametrize("name", DRAWN)
-@pytest.mark.parametrize("format", ["png", "pdf", "svg"])
-def test_every_figure_is_written(tmp_path, name, format):
-    """Every figure draws without a warning in every format."""
-    path = tmp_path / f"figure.{format}"
+def test_every_figure_is_written(tmp_path, name):
+    """Every figure draws without a warning."""
+    path = tmp_path / "figure.png"
     save_figure(DRAWN[name](), path)
     assert path.stat().st_size > 5_000
 
