@@ -15,6 +15,7 @@ from runs import same_result
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.trials.sweep import resolve
 
 MODULE = '''
@@ -268,16 +269,17 @@ def test_modules_are_found_in_the_working_folder(tmp_path: Path) -> None:
 
 
 def test_a_sweep_over_controllers_and_their_parameters(drivers: ModuleType) -> None:
-    """Two workers import the user's module and give the table of one process."""
+    """A worker imports the user's module and gives the table of this process."""
     kinds = {"path": "control.kind", "kind": "list", "values": ["jacobian", "drivers:Plain"]}
     parts = {"path": "control.parameters.part", "kind": "list", "values": [0.25, 0.5]}
     by_kind = resolve({"name": "kinds", "base": "straight", "set": BRIEF, "axes": [kinds]})
     tuned = {"control.kind": "drivers:Tuned"}
     by_part = resolve({"name": "p", "base": "straight", "set": BRIEF | tuned, "axes": [parts]})
-    for sweep in (by_kind, by_part):
-        alone = ot.run_sweep(sweep).table
-        assert alone["outcome"].to_pylist() == ["timed_out"] * 2, alone["reason"].to_pylist()
-        assert ot.run_sweep(sweep, workers=2).table.equals(alone)
+    with LocalPool(1) as pool:
+        for sweep in (by_kind, by_part):
+            alone = ot.run_sweep(sweep).table
+            assert alone["outcome"].to_pylist() == ["timed_out"] * 2, alone["reason"].to_pylist()
+            assert ot.run_sweep(sweep, executor=pool).table.equals(alone)
     speeds = ot.run_sweep(by_part).table["mean_speed_m_s"].to_pylist()
     assert speeds == pytest.approx([0.025, 0.05], rel=0.15)
     misspelt = kinds | {"values": ["drivers:Nil"]}

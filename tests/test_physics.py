@@ -160,7 +160,7 @@ def test_elbows_pass_at_any_orientation_and_leave_straight():
         for a in (0.0, 40.0, 80.0)
         for g in ([0.0, 0.0, -G], [0.0, G, 0.0])
     ]
-    results = run_batch(trials)
+    results = run_batch(trials, no_load=False)
     assert [r.outcome for r in results] == [Outcome.REACHED_GOAL] * len(trials)
     assert max(r.metrics["tilt_exit_deg"] for r in results) < 3.0
 

@@ -40,8 +40,8 @@ def test_it_turns_into_the_branch(name, friction, theta5_deg):
     assert result.outcome is ot.Outcome.REACHED_GOAL
 
 
-def test_they_run_in_a_sweep_with_two_workers(tmp_path):
-    """To the same table as in one process."""
+def test_they_run_in_a_sweep_in_another_process(tmp_path):
+    """To the same table as in this one."""
     tee = (Path(__file__).parents[1] / "scenarios" / "tee_turn.toml").read_text(encoding="utf-8")
     policy = '[control]\nkind = "policy"\n[control.parameters]\npolicy = "tee_turn"\n'
     (tmp_path / "base.toml").write_text(tee + policy)
@@ -53,6 +53,6 @@ def test_they_run_in_a_sweep_with_two_workers(tmp_path):
     )
     sweep = ot.load_sweep(tmp_path / "sweep.toml")
     alone = ot.run_sweep(sweep).table
-    with LocalPool(2) as pool:
+    with LocalPool(1) as pool:
         assert ot.run_sweep(sweep, executor=pool).table.equals(alone)
     assert len(set(alone["distance_m"].to_pylist())) == 4
