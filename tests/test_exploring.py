@@ -266,6 +266,21 @@ def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     assert "a look back shows a tee" in incomplete.left
 
 
+def test_a_doubt_is_over_when_a_look_back_agrees_with_the_map():
+    """One wrong look makes no map incomplete."""
+    left = [1]
+
+    def once(ahead):
+        if isinstance(ahead.fitting, Tee) and ahead.enter == "run_end" and left:
+            left.pop()
+            return replace(ahead, fitting=Elbow(0.24), enter="start")
+        return ahead
+
+    ghost = explored("house_sewer", "sewer", erring=once)
+    assert not left
+    assert of_kind(ghost, ExplorationComplete)
+
+
 def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():
     """Before, nothing has shown that its lengths and turns are right."""
     ghost = explored("fig14", "inlet")

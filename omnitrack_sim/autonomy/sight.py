@@ -294,6 +294,8 @@ class LookingBack:
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
         self._done.add(here.index)
+        # Nothing lies between: what another look back took for a fitting there was none.
+        self.doubts.pop(here.part.name, None)
         return located
 
     def _is_clear(self, route: Route, i: int, behind: Ahead) -> bool:
