@@ -16,7 +16,14 @@ from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
 from omnitrack_sim.trials.dispatch import Status
 from omnitrack_sim.trials.sweep import load_sweep, resolve
-from omnitrack_sim.trials.sweep_run import CLASSES, SweepResult, draw_map, spreads, turn_case
+from omnitrack_sim.trials.sweep_run import (
+    CLASSES,
+    SweepResult,
+    draw_map,
+    singular_range,
+    spreads,
+    turn_case,
+)
 
 RNG = np.random.default_rng(0)
 N = 400
@@ -46,7 +53,8 @@ def test_every_form_is_drawn_and_repeats(form, left_out):
         {"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED
     )
     times = 2 if left_out == "some" else 1
-    files = [figure_bytes(sweep_figure(FORMS[form], passed, TurnCase())) for _ in range(times)]
+    singular = singular_range(TurnCase())
+    files = [figure_bytes(sweep_figure(FORMS[form], passed, singular)) for _ in range(times)]
     assert files[0] == files[-1]
     assert len(files[0]) > 5_000
 
@@ -56,7 +64,7 @@ def test_rates_near_one_are_seen_apart(failed, lowest):
     """Where nearly all have passed the scale begins little below the lowest interval, at a whole
     5 %; otherwise at 0. No interval is cut."""
     passed = (np.arange(N) >= failed).astype(float)
-    for panel in sweep_figure(FORMS["effects"], passed, TurnCase()).axes[:3]:
+    for panel in sweep_figure(FORMS["effects"], passed, singular_range(TurnCase())).axes[:3]:
         low, high = panel.get_ylim()
         assert (low > 50) == lowest
         assert high > 100
@@ -68,7 +76,7 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
     """The singular range is that of the robot; without a tee there is none."""
 
     def shades(case):
-        axis = sweep_figure([ORIENTATION], PASSED, case).axes[0]
+        axis = sweep_figure([ORIENTATION], PASSED, singular_range(case)).axes[0]
         return [patch for patch in axis.patches if patch.get_label() == "singular by the formula"]
 
     case = TurnCase()

@@ -15,9 +15,10 @@ from runs import rolling_tee, same_result
 from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
+from omnitrack_sim.robots.omnitrack.display import region_of
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
 from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
-from omnitrack_sim.show.viewer.player import LiveRun, SavedRun, region_of
+from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
 from omnitrack_sim.show.viewer.window import covers_robot
 from omnitrack_sim.walls.looks import add_pipe_insides
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.trajectory import Trajectory
 
 Colour = tuple[float, float, float]
@@ -132,6 +133,20 @@ class PageDisplay:
     onboard: Callable[[Any], Mount]
 
 
+class LiveLooks(Protocol):
+    """What of a robot's looks moves on while a simulation runs."""
+
+    def advance(self, value: Callable[[str], Array], period: float) -> None:
+        """Go on by one control period, s; ``value`` returns a channel's value at its end."""
+
+    def place(self, qpos: Array) -> None:
+        """Put the joints in positions (nq,) where they are shown."""
+
+
+Lines = list[tuple[str, str]]
+"""Words and their values, a pair a line."""
+
+
 @dataclass(frozen=True)
 class RobotDisplay:
     """What films show of one kind of robot, beside the pipes.
@@ -147,6 +162,9 @@ class RobotDisplay:
         onboard: returns the camera ``onboard`` of a robot with these parameters.
         finite: channels that a sample which is shown has to have finite values of.
         page: of the replay page.
+        live: returns the looks of a robot in a window, of the model and the robot's parameters.
+        figures: returns lines of figures for the window, of what returns a channel's value, of a
+            route map, a location on it and the robot's parameters.
     """
 
     chassis: str
@@ -157,3 +175,5 @@ class RobotDisplay:
     onboard: Callable[[Any], Mount]
     finite: tuple[str, ...]
     page: PageDisplay
+    live: Callable[[Any, Any], LiveLooks]
+    figures: Callable[[Callable[[str], Array], RouteMap, Location, Any], Lines]

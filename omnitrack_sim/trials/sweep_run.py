@@ -21,7 +21,14 @@ from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import figure_bytes
-from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, groups_of, sweep_figure
+from omnitrack_sim.show.plots.success import (
+    CHART,
+    SingularRange,
+    Spread,
+    draw_chart,
+    groups_of,
+    sweep_figure,
+)
 from omnitrack_sim.trials.axes import DirectionAxis
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
@@ -281,7 +288,7 @@ def plot_sweep(
 
 
 def _figure(sweep: Sweep, passed: Array) -> Figure:
-    return sweep_figure(spreads(sweep), passed, turn_case(sweep), sweep.name)
+    return sweep_figure(spreads(sweep), passed, singular_range(turn_case(sweep)), sweep.name)
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
@@ -326,6 +333,14 @@ def spreads(sweep: Sweep) -> list[Spread]:
             words = [sweep.label(name, value) for value in values]
             axes.append(Spread(name, "", words, order, compared=True))
     return axes
+
+
+def singular_range(case: TurnCase | None) -> SingularRange | None:
+    """Return the range of orientations in which the robot of a case cannot turn."""
+    if case is None:
+        return None
+    real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
+    return SingularRange(float(np.degrees(case.sector)), real if real > 0 else None)
 
 
 def turn_case(sweep: Sweep) -> TurnCase | None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.record.display import (
     FORCES,
     Bar,
     ForceArrow,
+    Lines,
     Mount,
     PageDisplay,
     RobotDisplay,
@@ -22,8 +24,10 @@ from omnitrack_sim.record.display import (
 )
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
+from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
@@ -86,6 +90,56 @@ def _onboard(robot: Robot) -> Mount:
     # Nearer to the robot's centre than its tip, which may touch a plate; module 1 is upward.
     place = (0.0, 0.0, robot.scale * 0.066)
     return Mount("chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0)
+
+
+class LiveBelts:
+    """Belts of a robot in a window, where they have run to."""
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        self._model, self._pitch, self._travel = model, look_pitch(robot), np.zeros(MODULES)
+
+    def advance(self, value: Callable[[str], Array], period: float) -> None:
+        """See ``LiveLooks``."""
+        self._travel += value("belt_speed") * period
+
+    def place(self, qpos: Array) -> None:
+        """See ``LiveLooks``."""
+        show_belts(self._model, qpos, self._travel, self._pitch)
+
+
+def region_of(routes: RouteMap, location: Location, reach: float) -> tuple[bool, float] | None:
+    """Return whether theta5 lies inside the motion singularity region of the tee turn ahead or at
+    hand, and the angle, rad, to the nearest border; None where there is none."""
+    number = int(location.passage[0])
+    passage = routes.passages[number]
+    if passage is None or passage.manoeuvre != "tee_turn":
+        return None
+    # A right angle, whatever that of the branch: see Aligner.learn.
+    margin = float(safe_margin(sector_angle(routes.corner_radius[number], reach, np.pi / 2)))
+    error = float(orientation_error(location.theta5[0], preferred_theta5("tee_turn")))
+    return abs(error) > margin, abs(abs(error) - margin)
+
+
+def window_figures(
+    value: Callable[[str], Array], routes: RouteMap, location: Location, robot: Robot
+) -> Lines:
+    """Return what modules 1 to 3 do at the wall, and how the robot is turned."""
+    region, text = region_of(routes, location, robot.reach), "no tee turn ahead"
+    if region is not None:
+        inside, border = region
+        text = f"{'INSIDE' if inside else 'outside'}, border at {np.degrees(border):.1f} deg"
+    return [
+        ("module", _three("{:>6d}", (1, 2, 3))),
+        ("slip ratio", _three("{:>z6.2f}", value("slip_ratio"))),
+        ("traction, N", _three("{:>z6.1f}", value("traction"))),
+        ("normal force, N", _three("{:>z6.1f}", value("normal_force"))),
+        ("theta5", f"{np.degrees(location.theta5[0]):z.1f} deg"),
+        ("motion singularity", text),
+    ]
+
+
+def _three(form: str, values: Array | tuple[int, int, int]) -> str:
+    return " ".join(form.format(value) for value in values)
 
 
 def _page_onboard(robot: Robot) -> Mount:
@@ -154,4 +208,6 @@ DISPLAY = RobotDisplay(
     onboard=_onboard,
     finite=("position", "distance", "tilt", "belt_speed"),
     page=_PAGE,
+    live=LiveBelts,
+    figures=window_figures,
 )

@@ -16,9 +16,9 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part, Route
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.show.plots.style import (
     ALARM,
+    CURVE_COLOURS,
     DPI,
     GREY,
     INK,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 MOST_NAMES = 80
 """Parts that a figure names."""
-PIPE, ROUTE = "#d3d8de", MODULE_COLOURS[1]
+PIPE, ROUTE = "#d3d8de", CURVE_COLOURS[0]
 VIEWS = ("elevation", "side", "plan")
 """The larger elevation, the other one, and the plan."""
 _NAMES, _FEW_NAMES, _FEW = 5.5, 6.5, 25

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.channels import MODULE_COLOURS
-from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, style
+from omnitrack_sim.show.plots.style import ALARM, CURVE_COLOURS, GREY, INK, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FRONT, CHECKED = MODULE_COLOURS[1], MODULE_COLOURS[0]
+FRONT, CHECKED = CURVE_COLOURS[:2]
 _MOST_PANELS = 15
 """Pairs of objectives that have a panel; of more only the first ones."""
 _LABELS_ACROSS = 3

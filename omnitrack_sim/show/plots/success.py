@@ -7,17 +7,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.record.channels import MODULE_COLOURS, Display
+from omnitrack_sim.record.channels import Display
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.show.plots.style import COLUMN, GREY, INK, PAGE, PAPER, TICKS, new_figure, style
+from omnitrack_sim.show.plots.style import (
+    COLUMN,
+    CURVE_COLOURS,
+    GREY,
+    INK,
+    PAGE,
+    PAPER,
+    TICKS,
+    new_figure,
+    style,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
-_GROUPS = (MODULE_COLOURS[1], MODULE_COLOURS[0], MODULE_COLOURS[2], INK)
+_GROUPS = (*CURVE_COLOURS[:3], INK)
 """Colours of groups that are compared, at most ``MOST_ROWS``."""
 _NO_OUTCOME = "#dfe2e6"
 """Colour of cells in which no trial has an outcome."""
@@ -236,6 +245,19 @@ class Spread:
         return {name: own for name, own in by_word.items() if np.isfinite(own).any()}
 
 
+class SingularRange(NamedTuple):
+    """Range of orientations in which a robot cannot turn.
+
+    Attributes:
+        sector_deg: its width by the theory, degrees.
+        margin_deg: from the best orientation to the range with the real length of the contact,
+            degrees; None where that leaves none.
+    """
+
+    sector_deg: float
+    margin_deg: float | None
+
+
 def groups_of(axes: Sequence[Spread]) -> Spread | None:
     """Return the axis whose words are drawn apart: the first of at most four that are compared."""
     few = (axis for axis in axes if axis.compared and 1 < len(axis.order) <= MOST_ROWS)
@@ -243,12 +265,12 @@ def groups_of(axes: Sequence[Spread]) -> Spread | None:
 
 
 def sweep_figure(
-    axes: Sequence[Spread], passed: Array, case: TurnCase | None = None, name: str = ""
+    axes: Sequence[Spread], passed: Array, singular: SingularRange | None = None, name: str = ""
 ) -> Figure:
     """Plot success over what was varied: ``passed`` (n,) 1, 0, or NaN where a trial has no outcome.
 
     The kind of figure depends on the axes. If only ``start.theta5_deg`` was varied, or it and at
-    most four words, the figure is a map of the orientations, with the singular range of ``case``
+    most four words, the figure is a map of the orientations, with the range ``singular``
     behind it. Two numbers give a map, for each group that is compared. Everything else gives one
     panel for each axis with its main effect, the largest first, with a curve for each group.
     """
@@ -259,7 +281,7 @@ def sweep_figure(
         if [axis.name for axis in numbers] == [THETA5] and (
             not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)
         ):
-            return _orientations(numbers[0], words[0] if words else None, passed, case, title)
+            return _orientations(numbers[0], words[0] if words else None, passed, singular, title)
         if len(numbers) == 2 and words in ([], [groups]):
             return _maps(numbers, groups, passed, title)
     return _main_effects(axes, groups, passed, title)
@@ -287,17 +309,13 @@ def draw_chart(
 
 
 def _orientations(
-    theta5: Spread, rows: Spread | None, passed: Array, case: TurnCase | None, title: str
+    theta5: Spread, rows: Spread | None, passed: Array, singular: SingularRange | None, title: str
 ) -> Figure:
     degrees = np.asarray(theta5.values, float)
     if len(np.unique(degrees)) > MOST_ORIENTATIONS:
         degrees = np.round(degrees)
     by_row = {"all trials": passed} if rows is None else rows.split(passed)
-    if case is None:
-        return success_figure(degrees, by_row, 0.0, title=title)
-    real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
-    margin = real if real > 0 else None
-    return success_figure(degrees, by_row, float(np.degrees(case.sector)), margin, title)
+    return success_figure(degrees, by_row, *(singular or SingularRange(0.0, None)), title)
 
 
 @style(PAPER)
@@ -508,7 +526,7 @@ def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
 def _draw_task(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
     for row in rows:
         place = entries.index(row["entry"])
-        colour = INK if place else MODULE_COLOURS[1]
+        colour = INK if place else CURVE_COLOURS[0]
         ends = [100 * row[f"success_{end}"] for end in ("low", "high")]
         panel.plot(ends, (place, place), color=colour, linewidth=1.4, solid_capstyle="butt")
         if not row["trials"]:

@@ -10,35 +10,19 @@ import numpy as np
 from omnitrack_sim.base.bounds import MOST_ORDERS
 from omnitrack_sim.base.rotations import Array, heading, matrix_from_quaternion
 from omnitrack_sim.pipes.route_map import Location, RouteMap
+from omnitrack_sim.record.display import Lines
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
-from omnitrack_sim.robots.omnitrack.display import show_belts, smooth_belts
-from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
 from omnitrack_sim.show.viewer.pace import Pace
 from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
-from omnitrack_sim.show.viewer.window import Lines, Window, covers_robot
+from omnitrack_sim.show.viewer.window import Window, covers_robot
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
-
-
-def region_of(routes: RouteMap, location: Location, reach: float) -> tuple[bool, float] | None:
-    """Return whether theta5 lies inside the motion singularity region of the tee turn ahead or at
-    hand, and the angle, rad, to the nearest border; None where there is none."""
-    number = int(location.passage[0])
-    passage = routes.passages[number]
-    if passage is None or passage.manoeuvre != "tee_turn":
-        return None
-    # A right angle, whatever that of the branch: see Aligner.learn.
-    margin = float(safe_margin(sector_angle(routes.corner_radius[number], reach, np.pi / 2)))
-    error = float(orientation_error(location.theta5[0], preferred_theta5("tee_turn")))
-    return abs(error) > margin, abs(abs(error) - margin)
 
 
 class ShownRun:
@@ -53,7 +37,7 @@ class ShownRun:
         raise NotImplementedError
 
     def value(self, channel: str) -> Array:
-        """Return a channel's value at the moment, (3,) of the modules."""
+        """Return a channel's value at the moment."""
         raise NotImplementedError
 
     def place(self) -> Lines:
@@ -69,24 +53,9 @@ class ShownRun:
         ]
 
     def figures(self) -> Lines:
-        """Return what modules 1 to 3 do at the wall, and how the robot is turned."""
-        region = region_of(self.routes, self.location, self.scenario.robot.reach)
-        text = "no tee turn ahead"
-        if region is not None:
-            inside, border = region
-            text = f"{'INSIDE' if inside else 'outside'}, border at {np.degrees(border):.1f} deg"
-        return [
-            ("module", _three("{:>6d}", (1, 2, 3))),
-            ("slip ratio", _three("{:>z6.2f}", self.value("slip_ratio"))),
-            ("traction, N", _three("{:>z6.1f}", self.value("traction"))),
-            ("normal force, N", _three("{:>z6.1f}", self.value("normal_force"))),
-            ("theta5", f"{np.degrees(self.location.theta5[0]):z.1f} deg"),
-            ("motion singularity", text),
-        ]
-
-
-def _three(form: str, values: Array | tuple[int, int, int]) -> str:
-    return " ".join(form.format(value) for value in values)
+        """Return figures of the robot at the moment."""
+        robot = self.scenario.robot
+        return self.scenario.display.figures(self.value, self.routes, self.location, robot)
 
 
 class LiveRun(ShownRun):
@@ -95,9 +64,9 @@ class LiveRun(ShownRun):
     computes."""
 
     def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
-        self.simulation, self._model = simulation, model
+        self.simulation = simulation
         self.scenario, self.routes = simulation.scenarios[0], simulation.legs.routes
-        self._travel = np.zeros(3)  # m, of the belts
+        self._looks = self.scenario.display.live(model, self.scenario.robot)
 
     @property
     def time(self) -> float:
@@ -121,12 +90,12 @@ class LiveRun(ShownRun):
     def step(self) -> None:
         """Take one control step."""
         self.simulation.step()
-        self._travel += self.value("belt_speed") * self.simulation.period
+        self._looks.advance(self.value, self.simulation.period)
 
     def qpos(self) -> Array:
         """Return the joint positions (nq,) as they are shown."""
         qpos = np.array(self.simulation.plant.qpos[0])
-        show_belts(self._model, qpos, self._travel, look_pitch(self.scenario.robot))
+        self._looks.place(qpos)
         return qpos
 
     def status(self) -> Lines:
@@ -147,7 +116,8 @@ class SavedRun(ShownRun):
         self._result, self.row, self.scenario = result, 0, result.scenario
         self._trajectory = sound(result)
         self.count = len(self._trajectory.time)
-        self._qpos = smooth_belts(model, self._trajectory, self.scenario.robot)
+        robot = self.scenario.robot
+        self._qpos = self.scenario.display.poses(model, self._trajectory, robot)
         self.routes = RouteMap(result.routes())
 
     @property

@@ -16,6 +16,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.display import Lines
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.shots import DISTANCE, in_the_way, over_the_shoulder, upright
 from omnitrack_sim.walls.looks import (
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from mujoco.viewer import Handle
 
 
-Lines = list[tuple[str, str]]
-"""Words and their values, a pair a line."""
 LINE, LETTER, MARGIN = 23, 7, 20
 """Height of a line of a panel, width of a letter on average, and width of what stands between and
 around its columns, pixels: of MuJoCo's font at the size that the windows take (mjFONTSCALE_100)."""
@@ -113,7 +112,7 @@ class Window:
         spec.light("sun").diffuse = SUN
         self.model = spec.compile()
         self._data = mujoco.MjData(self.model)
-        self._parts = network.parts
+        self._parts, self._chassis = network.parts, scenario.display.chassis
         self._insides = [self.model.geom(f"look_inside_{part.name}").id for part in self._parts]
         self._back, self._size = follow_direction(network), scenario.robot.scale
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
@@ -228,7 +227,7 @@ class Window:
         if eye.type != mujoco.mjtCamera.mjCAMERA_FREE:
             return
         back = self.towards
-        nose = self._data.body("chassis").xmat.reshape(3, 3)[:, 2]
+        nose = self._data.body(self._chassis).xmat.reshape(3, 3)[:, 2]
         targets = centre + 0.05 * self._size * np.array([[0.0], [1.0], [-1.0]]) * nose
         red, green, blue, _ = self.model.material("pipe").rgba
         clear = in_the_way(self._parts, eye.lookat + eye.distance * back, targets)
