@@ -1,6 +1,8 @@
 """What every robot of another kind keeps: its model, its controller, and a small network."""
 
+import doctest
 import re
+import sys
 from types import SimpleNamespace
 
 import mujoco
@@ -77,6 +79,14 @@ def test_pages_name_each_parameter_with_its_default(name):
         row = next(line for line in text.splitlines() if re.match(rf"\| .*`{field}`", line))
         shown = [float(x) for x in re.findall(r"\d+\.?\d*", row)]
         assert any(np.isclose(value * scale, shown).any() for scale in (1, 1000)), row
+
+
+@kinds
+def test_examples_run(kind):
+    """Those of the docstrings."""
+    tried = doctest.testmod(sys.modules[kind.__module__])
+    assert tried.attempted
+    assert not tried.failed
 
 
 def test_the_page_of_the_presser_runs(capsys):
