@@ -384,8 +384,13 @@ def main() -> None:
             np.abs(errors(column, shape, arguments.poses, arguments.seed)) for column in NETWORKS
         ]
         every = np.quantile(np.concatenate(rows), 0.999)
-        cells = [f"{1e6 * row.max():.2g}" for row in rows]
-        print(f"| {shape} |", " | ".join(cells), f"| {1e6 * every:.2g} |", flush=True)
+        cells = [micrometres(error) for error in (*(row.max() for row in rows), every)]
+        print(f"| {shape} |", " | ".join(cells), "|", flush=True)
+
+
+def micrometres(error: float) -> str:
+    """An error, m, as text."""
+    return f"{1e6 * error:.2g}" if error >= 1e-8 else "< 0.01"
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from omnitrack_sim.walls.record import has_record
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
+import contact_accuracy
 import thrown_bodies
 
 GEOM = mujoco.mjtGeom
@@ -170,6 +171,14 @@ def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
         sampled = least_distance(network, points, geom.xpos, geom.xmat.reshape(3, 3))
         # A sample is up to 1.5 mm off the nearest point of a body that curves with 12 mm.
         assert sampled - 0.15e-3 < data.contact.dist.min() < sampled + 0.05e-3
+
+
+@pytest.mark.parametrize("shape", contact_accuracy.SHAPES)
+@pytest.mark.parametrize("walls", ["tee", "reducer's joints", "open end"])
+def test_the_least_distance_is_that_of_an_independent_search(walls, shape):
+    """To 0.02 mm, up to 0.5 mm off walls and edges; 0.1 mm deep across an edge to 0.03 mm."""
+    worst = np.abs(contact_accuracy.errors(walls, shape, 6, seed=2)).max()
+    assert worst < (0.03e-3 if walls == "open end" else 0.02e-3)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "capsule", "roller", "ellipsoid"])
