@@ -482,8 +482,8 @@ class Recording:
         def text(row: int) -> StatusText:
             part = places.part[row]
             move = f"{time[row]:.2f} s     {1e3 * distance[row]:.0f} mm"
-            move += f"     {1e3 * speed[row]:.0f} mm/s"
-            touch = f"{count[row]} contacts, {force[row]:.0f} N on the walls"
+            move += f"     {1e3 * speed[row]:z.0f} mm/s"
+            touch = f"{count[row]} contacts, {force[row]:.3g} N on the walls"
             return StatusText(f"in {names[part]}" if part >= 0 else "outside", (move, touch))
 
         return text
