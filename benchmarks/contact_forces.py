@@ -26,7 +26,7 @@ from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.sim.monitor import MOST_PRELOADS
+from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
 
 SIMILAR = 24
 """Runs of a batch."""

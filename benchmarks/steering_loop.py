@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 
 FREQUENCIES = np.geomspace(0.1, 3000.0, 4000)
 """At which crossovers are looked for, rad/s."""
@@ -74,7 +74,7 @@ class SteeringLoop:
     @classmethod
     def of(
         cls,
-        robot: Robot,
+        robot: Omnitrack,
         *,
         rate_gain: float,
         rate_filter: float,

@@ -14,7 +14,7 @@ from omnitrack_sim.base.rotations import TURNED, rotation_about
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.events import Event
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 
 STEP = 0.005
 """Travel between two moments, m."""
@@ -41,7 +41,7 @@ class Ghost:
         erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
         lag: float = 0.0,
     ) -> None:
-        self.network, self.pipes, self.robot = network, network.pipes, Robot()
+        self.network, self.pipes, self.robot = network, network.pipes, Omnitrack()
         mission = Mission(
             start=start,
             map="unknown",

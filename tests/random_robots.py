@@ -15,17 +15,17 @@ STANDING = 0.02
 """Room between the robot's tail and the start of its pipe, in bores."""
 
 
-def random_robots(seed: int, count: int, edge_share: float = 0.2) -> Iterator[ot.Robot]:
+def random_robots(seed: int, count: int, edge_share: float = 0.2) -> Iterator[ot.Omnitrack]:
     """``count`` robots whose numbers are log-uniform over their ranges, or at one of the ends of
     them with the probability ``edge_share``; draws that do not go together are left out."""
     rng, found = np.random.default_rng(seed), 0
     while found < count:
-        values = _drawn(rng, ot.Robot, edge_share)
+        values = _drawn(rng, ot.Omnitrack, edge_share)
         del values["values_at_scale"]
         for motor in ("motor", "roll_motor"):
             values[motor] = _drawn(rng, ot.Motor, edge_share) | {"scale": None}
         try:
-            robot = ot.Robot.model_validate(values)
+            robot = ot.Omnitrack.model_validate(values)
         except ValidationError as error:
             if any(item["type"] != "misfit" for item in error.errors()):
                 raise
@@ -34,7 +34,7 @@ def random_robots(seed: int, count: int, edge_share: float = 0.2) -> Iterator[ot
         yield robot
 
 
-def standing(robot: ot.Robot, collider: str) -> dict[str, Any]:
+def standing(robot: ot.Omnitrack, collider: str) -> dict[str, Any]:
     """A scenario, as plain data, in which a robot stands upright in a straight pipe of the bore
     that it is made for."""
     bore, length = robot.nominal_bore, robot.length

@@ -11,7 +11,7 @@ from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.record.events import Outcome, Remark
-from omnitrack_sim.record.metrics import Run, summarise
+from omnitrack_sim.record.metrics import BeltRun, summarise
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
@@ -56,7 +56,7 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         "reason": "reached 0.5 m",
         "duration_s": float(trajectory.time[-1]),
         "metrics": summarise(
-            Run(trajectory, 1e-4, LUG_RADIUS, TORQUE_LIMIT, DRIVES["three_motors"])
+            BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"])
         ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),

@@ -71,7 +71,7 @@ def test_what_is_printed_of_a_thing_is_a_line_or_two():
         (tee.route.network, "3 parts"),
         (tee.route.network.parts[0], "Straight"),
         (ot.load_sweep("tee_lugs"), "tee_lugs", "robot.lugs_per_track"),
-        (ot.Robot(scale=0.5, preload=20.0), "scale=0.5", "preload=2.5"),
+        (ot.Omnitrack(scale=0.5, preload=20.0), "scale=0.5", "preload=2.5"),
     ):
         for text in (repr(thing), str(thing)):
             assert all(word in text for word in words), text

@@ -13,13 +13,9 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, lengt
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
+from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import AIMS, Aligner, orientation_error
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    Command,
-    Controller,
-    ControlSetup,
-    Observation,
-)
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.robots.omnitrack.control.tracking import Lean, Tracking
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
@@ -60,7 +56,7 @@ class Bench:
             settings,
             [scenario.control_parameters],
             self.observe(0.1).location,
-            np.zeros((1, 3)),
+            ot.Command(np.zeros((1, 3)), np.zeros((1, 3))),
             PERIOD,
             np.array([scenario.world.gravity]),
         )
@@ -208,7 +204,7 @@ def test_a_robot_made_for_another_bore_is_told() -> None:
     """The force by which its springs press in this bore, and the scale at which it is made for it,
     which is told no more; a reducer within the springs' travel is the robot's work."""
     (tight,) = notes_on("straight", **{"robot.scale": 1.25})
-    robot = ot.Robot(scale=1.25)
+    robot = ot.Omnitrack(scale=1.25)
     force = robot.preload + robot.module_stiffness * 0.02
     assert f"in the bore of 0.16 m the springs press each module with {force:.3g} N" in tight
     assert "robot.scale = 1 makes" in tight

@@ -22,7 +22,7 @@ def _mechanism(**robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
     for i in (1, 2, 3):
         body = spec.worldbody.add_body(mass=5.0, inertia=[1.0] * 3, explicitinertial=True)
         body.add_joint(name=f"belt_upper_{i}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
-    add_belt_motors(spec, ot.Robot(drive="differential", **robot))
+    add_belt_motors(spec, ot.Omnitrack(drive="differential", **robot))
     model = spec.compile()
     return model, mujoco.MjData(model)
 
@@ -65,7 +65,7 @@ def test_power_in_is_power_out_and_friction_loss(friction):
     data.ctrl[:], data.qfrc_applied[:3] = 0.1, LOADS
     rubbing = [model.tendon(f"gear_{i}").id for i in (1, 2, 3)]
     model.tendon_frictionloss[rubbing] = friction
-    rotor, work, lost = 3 * belt_inertia(ot.Robot()), 0.0, 0.0
+    rotor, work, lost = 3 * belt_inertia(ot.Omnitrack()), 0.0, 0.0
     for _ in range(400):
         before = data.qvel[:3].copy()
         mujoco.mj_step(model, data)
@@ -95,7 +95,7 @@ def test_a_climb_loads_the_modules_equally():
     change = {"robot.drive": "differential", "run.time_limit": 2.0, "run.goal_distance": None}
     result = ot.run(ot.override(ot.load_scenario("vertical_climb"), change))
     traction = result.trajectory["traction"][40:].mean(axis=0)
-    assert traction == pytest.approx(np.full(3, 9.81 * ot.Robot().mass / 3), rel=0.01)
+    assert traction == pytest.approx(np.full(3, 9.81 * ot.Omnitrack().mass / 3), rel=0.01)
     torque = result.trajectory["motor_torque"]
     assert np.array_equal(torque, np.repeat(torque[:, :1], 3, axis=1))
 

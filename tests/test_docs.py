@@ -31,12 +31,9 @@ from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, ESTIMATES
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    CONTROLLERS,
-    controller_of,
-    parameters_model,
-)
+from omnitrack_sim.robots.control import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
@@ -379,7 +376,7 @@ def test_every_table_of_parameters_and_sensors_is_documented():
     """scenarios.md has a section, with its table, for each table of the shipped controllers and of
     the sensors."""
     text = page("scenarios")
-    for controller in map(controller_of, CONTROLLERS):
+    for controller in (controller_of(kind, CONTROLLERS) for kind in CONTROLLERS):
         for key, info in parameters_model(controller).model_fields.items():
             value = info.get_default(call_default_factory=True)
             mark = f"\n<!-- keys: control.parameters.{key} -->\n"

@@ -18,11 +18,11 @@ from omnitrack_sim.autonomy.pilots import Decision, Planned
 from omnitrack_sim.base.rotations import Array, unit
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import FellOff, GaveUp
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.scenario import validate as validate_scenario
 
-LENGTH = Robot().length
+LENGTH = Omnitrack().length
 TEE = 1
 """Index of the tee of ``branched``: its middle is 0.56 m up the z axis, its branch along x."""
 MIDDLE = np.array([0.0, 0.0, 0.56])
@@ -31,13 +31,13 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def planner(network: str, *goals: str, start: str = "foot", **more) -> MissionPlanner:
     return MissionPlanner(
-        load_network(network), Mission(start=start, goals=goals, **more), Robot(), 0.1
+        load_network(network), Mission(start=start, goals=goals, **more), Omnitrack(), 0.1
     )
 
 
 def tee(*goals: str, **more) -> MissionPlanner:
     mission = Mission(start="a.start", goals=goals or ("c.start",), **more)
-    return MissionPlanner(validate(branched()), mission, Robot(), 0.1)
+    return MissionPlanner(validate(branched()), mission, Omnitrack(), 0.1)
 
 
 def pose(plan: MissionPlanner, where: PartLocation) -> tuple[Array, Array]:
@@ -159,7 +159,7 @@ def test_the_gear_is_that_in_which_it_has_to_travel_less() -> None:
         *("drives out of t", "to c.start, tail first"),
     )
     opening = plan.route(on.path).passages[1].s_bend_start
-    assert on.begin == pytest.approx(opening - LENGTH / 2 - Robot().standing_room)
+    assert on.begin == pytest.approx(opening - LENGTH / 2 - Omnitrack().standing_room)
 
 
 @pytest.mark.parametrize(("ahead", "gear"), [("run_end", -1), ("run_start", 1)])
@@ -176,7 +176,7 @@ def test_a_robot_that_lies_across_first_drives_over_the_opening(
     assert (first.gear, first.goal, first.note) == (gear, -1, "rights itself in t")
     assert first.path == ((2, "end", "start"), (TEE, "run_end", "run_start"), (0, "end", "start"))
     assert first.begin == pytest.approx(0.4 + 0.06)
-    assert first.end == pytest.approx(0.4 + 0.32 + LENGTH / 2 + Robot().standing_room)
+    assert first.end == pytest.approx(0.4 + 0.32 + LENGTH / 2 + Omnitrack().standing_room)
     assert [leg.gear for leg in others] == [-gear]
     assert plan.route(others[0].path).length - others[0].end == pytest.approx(LENGTH / 2 + 0.005)
 
@@ -197,7 +197,7 @@ def test_a_robot_below_a_turn_that_is_closed_to_it_comes_back_to_it(length: floa
     there to turn in there is no way."""
     fittings = [straight("a"), {"kind": "tee", "name": "t"}, straight("b", length), straight("c")]
     mission = Mission(start="a.start", goals=("c.start",))
-    plan = MissionPlanner(validate(branched(fittings=fittings)), mission, Robot(), 0.1)
+    plan = MissionPlanner(validate(branched(fittings=fittings)), mission, Omnitrack(), 0.1)
     lies = PartLocation(0, "start", "end", 0.3, 0.1)
     out, on = plan.replan_from(lies, 0, plan.turn_in(plan.first, TEE)) or ()
     assert (out.gear, on.gear) == (1, -1)

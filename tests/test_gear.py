@@ -14,10 +14,11 @@ from omnitrack_sim import (
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED, carried_out, seen
-from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.robots.omnitrack.plant import TrackPlant
+from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.sim.plant import Plant, Start
 
 
 def readings(n: int = 4) -> dict[str, Array]:
@@ -72,12 +73,8 @@ def tail_first_plant(scenario: Scenario, start: Start, threads: int) -> Plant:
     """The robots turned by 180 degrees about their x axes."""
     w, x, y, z = start.quaternion.T
     turned = np.stack([-x, w, z, -y], axis=-1)  # the product with a half turn about x
-    return Plant(
-        scenario.to_spec().compile(),
-        scenario.robot,
-        dataclasses.replace(start, quaternion=turned),
-        threads,
-    )
+    moved, period = dataclasses.replace(start, quaternion=turned), scenario.physics.control_period
+    return TrackPlant(scenario.to_spec().compile(), scenario.robot, moved, period, threads)
 
 
 def tail_first_pilot(scenario: Scenario, robot: int) -> Pilot:

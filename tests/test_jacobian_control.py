@@ -15,8 +15,9 @@ from omnitrack_sim.robots.omnitrack.control.alignment import (
     orientation_error,
     preferred_theta5,
 )
+from omnitrack_sim.robots.omnitrack.plant import TrackPlant
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
-from omnitrack_sim.sim.plant import Plant, Start
+from omnitrack_sim.robots.plant import Plant, Start
 
 
 @pytest.fixture(scope="module")
@@ -83,15 +84,20 @@ BESIDE = 0.008
 """How far beside the centreline a robot is set, m."""
 
 
+class PlantBeside(TrackPlant):
+    """A plant of robots that stand ``BESIDE`` the centreline."""
+
+    def _set_start(self, rows, start):
+        super()._set_start(rows, start)
+        self.qpos[rows[:, None], self._at.slide] -= BESIDE * np.cos(MODULE_ANGLES)
+
+
 def plant_beside(scenario: Scenario, start: Start, threads: int) -> Plant:
     """The robots ``BESIDE`` the centreline towards module 1, with their arms at the wall."""
     towards = matrix_from_quaternion(start.quaternion)[:, :, 0]
-    moved = dataclasses.replace(
-        start,
-        position=start.position + BESIDE * towards,
-        slide=start.slide - BESIDE * np.cos(MODULE_ANGLES),
-    )
-    return Plant(scenario.to_spec().compile(), scenario.robot, moved, threads)
+    moved = dataclasses.replace(start, position=start.position + BESIDE * towards)
+    model, period = scenario.to_spec().compile(), scenario.physics.control_period
+    return PlantBeside(model, scenario.robot, moved, period, threads)
 
 
 def test_a_robot_beside_the_centreline_drives_back_to_it():

@@ -13,9 +13,9 @@ from omnitrack_sim.pipes import ARCS, attached
 from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.planning import shortest_route
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 
-HALF = Robot().length / 2
+HALF = Omnitrack().length / 2
 
 
 def knee(**changes) -> dict:
@@ -45,7 +45,7 @@ def looks(network, start: str, goal: str, distances, turned: float = 0.3, blocke
     module 1 turned by ``turned`` rad from the way's frame."""
     route = shortest_route(network, start, goal)
     plates = [network.port(port) for port in blocked]
-    sight = TrueSight(network.pipes, plates, Robot(), ARCS)
+    sight = TrueSight(network.pipes, plates, Omnitrack(), ARCS)
     line, found = route.centreline, []
     for distance in distances:
         s = np.array([distance])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
-from omnitrack_sim.record.metrics import Metrics, Run, summarise
+from omnitrack_sim.record.metrics import BeltRun, Metrics, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.drive import DRIVES, Drive
 
@@ -26,7 +26,9 @@ PER_MODULE = (
 
 
 def figures(trajectory: Trajectory) -> Metrics:
-    return summarise(Run(trajectory, 1e-4, LUG_RADIUS, TORQUE_LIMIT, DRIVES["three_motors"]))
+    return summarise(
+        BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"])
+    )
 
 
 def each(*values: float) -> np.ndarray:
@@ -133,7 +135,7 @@ def test_a_belt_is_at_its_limit_where_its_motors_can_give_no_more(drive, limits)
     for part, seconds in ((0.985, 0.0), (0.995, 4.0)):
         torque = each(*(part * limit for limit in limits))
         run = sample_trajectory(T, motor_torque=torque, belt_speed=each(0.0, 0.0, 0.0))
-        found = summarise(Run(run, 0.0, LUG_RADIUS, 1.18, drive))
+        found = summarise(BeltRun(run, 9.81, 0.0, LUG_RADIUS, 1.18, drive=drive))
         assert found["time_at_limit_s"] == pytest.approx([seconds] * 3)
         assert found["stall_time_s"] == found["time_at_limit_s"]
 

@@ -20,15 +20,15 @@ from omnitrack_sim import (
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.planning import Leg
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import validate
 
-LENGTH = Robot().length
+LENGTH = Omnitrack().length
 
 
 def planner(network: str, start: str, *goals: str, **more) -> MissionPlanner:
     mission = Mission(start=start, goals=goals, **more)
-    return MissionPlanner(load_network(network), mission, Robot(), 0.1)
+    return MissionPlanner(load_network(network), mission, Omnitrack(), 0.1)
 
 
 def names(plan: MissionPlanner, leg: Leg) -> list[str]:
@@ -47,7 +47,7 @@ def test_first_leg_goes_the_shortest_way_to_the_goal():
     ]
     assert (leg.gear, leg.goal, leg.begin) == (1, 0, 0.1)
     assert leg.end == pytest.approx(
-        plan.route(leg.path).centreline.length - LENGTH / 2 - Robot().nose_room
+        plan.route(leg.path).centreline.length - LENGTH / 2 - Omnitrack().nose_room
     )
 
 
@@ -93,7 +93,7 @@ def test_backing_legs_end_where_the_robot_can_stand(network, start, goals):
         )
         passage = plan.route(new.path).passages[parting]
         opening = passage.s_bend_start if passage.is_turn else passage.opening[0]
-        assert new.begin + LENGTH / 2 <= opening - Robot().standing_room + 1e-9
+        assert new.begin + LENGTH / 2 <= opening - Omnitrack().standing_room + 1e-9
 
 
 def test_close_fittings_are_backed_out_of_together():
@@ -103,10 +103,10 @@ def test_close_fittings_are_backed_out_of_together():
     _, back, onward, back_again, last = plan.plan()
     assert names(plan, back)[:4] == ["spur_arm", "tee_knee", "knee", "corridor"]
     knee = plan.route(onward.path).passages[names(plan, onward).index("knee")]
-    assert onward.begin == pytest.approx(knee.s_bend_start - Robot().standing_room - LENGTH / 2)
+    assert onward.begin == pytest.approx(knee.s_bend_start - Omnitrack().standing_room - LENGTH / 2)
     assert names(plan, back_again)[:4] == ["exit_arm", "tee_c", "tee_b", "gap"]
     tee_b = plan.route(last.path).passages[names(plan, last).index("tee_b")]
-    assert last.begin == pytest.approx(tee_b.s_bend_start - Robot().standing_room - LENGTH / 2)
+    assert last.begin == pytest.approx(tee_b.s_bend_start - Omnitrack().standing_room - LENGTH / 2)
 
 
 def test_a_closed_port_sends_the_robot_round_the_loop():
@@ -147,10 +147,10 @@ def test_back_to_the_start_goes_tail_first():
     assert (back.gear, back.goal) == (-1, 1)
     assert names(plan, back) == names(plan, there)[::-1]
     assert back.end == pytest.approx(
-        plan.route(back.path).centreline.length - LENGTH / 2 - Robot().nose_room
+        plan.route(back.path).centreline.length - LENGTH / 2 - Omnitrack().nose_room
     )
     assert (onward.gear, onward.goal) == (1, 2)
-    assert onward.begin == pytest.approx(LENGTH / 2 + Robot().nose_room)
+    assert onward.begin == pytest.approx(LENGTH / 2 + Omnitrack().nose_room)
 
 
 # What a user writes

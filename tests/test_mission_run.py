@@ -17,10 +17,10 @@ from omnitrack_sim import (
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.record.events import GoalReached
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import Scenario, validate
 
-LENGTH = Robot().length
+LENGTH = Omnitrack().length
 
 
 def mission_of(network, start: str, /, *goals: str, **tables) -> Scenario:
@@ -59,7 +59,7 @@ def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
     )
     assert dead_end.metrics["distance_m"] == pytest.approx(way)
     end = dead_end.goal_points()[-1] - trajectory["position"][-1]
-    assert np.linalg.norm(end) == pytest.approx(LENGTH / 2 + Robot().nose_room, abs=0.005)
+    assert np.linalg.norm(end) == pytest.approx(LENGTH / 2 + Omnitrack().nose_room, abs=0.005)
 
 
 def test_a_mission_is_saved_and_read_back(dead_end, tmp_path):

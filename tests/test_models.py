@@ -11,7 +11,7 @@ import pytest
 
 from omnitrack_sim.cli import main
 from omnitrack_sim.pipes import Elbow, Step, route
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack import published as export
 from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
@@ -109,7 +109,7 @@ def test_a_robot_of_another_size_looks_the_same():
     """Every geom and mesh of a scaled robot is the reference's, scaled."""
     models = []
     for scale in (1.0, 0.625):
-        spec, robot = new_spec("robot"), Robot(scale=scale)
+        spec, robot = new_spec("robot"), Omnitrack(scale=scale)
         add_robot(spec, robot)
         add_robot_looks(spec, robot)
         models.append(spec.compile())
@@ -124,8 +124,8 @@ def test_looks_change_nothing_physical():
     plain, dressed = new_spec("plain"), new_spec("dressed")
     network = route([Step("bend", Elbow(0.24), "start", "end")]).network
     for spec in (plain, dressed):
-        add_robot(spec, Robot())
-    add_robot_looks(dressed, Robot())
+        add_robot(spec, Omnitrack())
+    add_robot_looks(dressed, Omnitrack())
     add_pipe_looks(dressed, network)
     add_cameras(dressed, network, dressed.body("chassis"))
     a, b = plain.compile(), dressed.compile()

@@ -14,7 +14,7 @@ from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.scenario.tables import MonitorTable
-from omnitrack_sim.sim.monitor import Monitor, Verdict, strains
+from omnitrack_sim.sim.monitor import Monitor, Verdict
 
 PERIOD, SPEED, LENGTH = 0.01, 0.1, 0.8
 ROUTES = RouteMap([ot.load_scenario("straight").route])
@@ -25,7 +25,7 @@ def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
     """A monitor of n robots that begin 0.1 m into a straight pipe."""
     begin, speed = np.full(n, 0.1), np.full(n, SPEED)
     table = MonitorTable(**limits)
-    return Monitor(ROUTES, ot.Robot(), table, begin, speed, np.full(n, time_limit), PERIOD, 1)
+    return Monitor(ROUTES, ot.Omnitrack(), table, begin, speed, np.full(n, time_limit), PERIOD, 1)
 
 
 def location(distance: list[float], aside: float = 0.0) -> Location:
@@ -48,7 +48,7 @@ def look(
     resting, diverged = more.pop("resting", nobody), more.pop("diverged", nobody)
     saturated = more.pop("saturated", np.zeros((n, 3), bool))
     readings |= more
-    watching.average(readings, np.full((n, 3), SPEED), saturated, np.ones(n, bool))
+    watching.average(readings, ot.Command(np.full((n, 3), SPEED)), saturated, np.ones(n, bool))
     goal = np.full(n, LENGTH - 0.1)
     arrived = np.asarray(distance) >= goal
     here, everyone = location(distance, aside), np.ones(n, bool)
@@ -183,7 +183,7 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
 ) -> None:
     """One of three whose mean normal force is below ``lost_contact`` weights of the robot, from
     where the turn begins."""
-    robot, limits = ot.Robot(), MonitorTable()
+    robot, limits = ot.Omnitrack(), MonitorTable()
     routes = RouteMap([ot.load_scenario("tee_turn").route])
     one = np.ones(1)
     watching = Monitor(routes, robot, limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, 1)
@@ -192,7 +192,8 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
     for _ in range(100):
         readings = {name: np.zeros((1, *channel.shape)) for name, channel in CHANNELS.items()}
         readings |= {"normal_force": force, "belt_speed": np.full((1, 3), SPEED)}
-        watching.average(readings, np.full((1, 3), SPEED), np.zeros((1, 3), bool), np.ones(1, bool))
+        command = ot.Command(np.full((1, 3), SPEED))
+        watching.average(readings, command, np.zeros((1, 3), bool), np.ones(1, bool))
     at = routes.start[:1] - ahead
     route, line = np.zeros(1, np.intp), routes.routes[0].centreline
     where = routes.locate(line.at(at)[0], line.frame(at), route, at)
@@ -218,11 +219,11 @@ def test_a_robot_across_its_pipe_is_wedged() -> None:
 
 def test_forces_and_places_that_should_not_be_are_noted() -> None:
     """A force of over 20 preloads, and an arm beyond its stop by over 1 mm, once each."""
-    run, robot = sample_trajectory(), ot.Robot()
-    assert strains(run, robot) == []
+    run, robot = sample_trajectory(), ot.Omnitrack()
+    assert robot.strains(run) == []
     force, slide = run["normal_force"].copy(), run["slide"].copy()
     force[50, 1], slide[70, 2] = 21 * robot.preload, robot.slide_range[1] + 0.0012
-    loaded, beyond = strains(sample_trajectory(normal_force=force, slide=slide), robot)
+    loaded, beyond = robot.strains(sample_trajectory(normal_force=force, slide=slide))
     assert (loaded.time, loaded.module) == (run.time[50], 2)
     assert (beyond.time, beyond.module) == (run.time[70], 3)
     assert "21 times the preload" in loaded.text

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import app
-from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
+from omnitrack_sim.robots.control import controller_of, parameters_model
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.scenario.template import UNSET, WIDTH
 
@@ -52,10 +52,17 @@ def test_it_has_every_key_there_is(tmp_path, monkeypatch):
     text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
     keys = set(re.findall(r"^(?:#|#: )?(\w+) = ", text, re.MULTILINE))
     schema = ot.Scenario.model_json_schema()["$defs"]
-    for table in ("StartTable", "WorldTable", "PhysicsTable", "MonitorTable", "Mission", "Robot"):
+    for table in (
+        "StartTable",
+        "WorldTable",
+        "PhysicsTable",
+        "MonitorTable",
+        "Mission",
+    ):
         assert set(schema[table]["properties"]) <= keys
+    assert set(ot.Omnitrack.model_fields) <= keys
     assert {"mean_radius", "end_diameter", "branch_diameter", "no_load_speed"} <= keys
-    for key, table in parameters_model(controller_of("jacobian"))():
+    for key, table in parameters_model(controller_of("jacobian", ot.Omnitrack.controllers))():
         assert f"[control.parameters.{key}]" in text
         assert set(type(table).model_fields) <= keys
     assert "\n#preload = 25.0  # N, 0 to 2000: force of a module's springs" in text

@@ -15,7 +15,7 @@ from runs import same_record, there_and_back
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.record.channels import CHANNELS, Vector
-from omnitrack_sim.senses import State
+from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.trials.sweep import resolve
 
 POWER = ot.Sensor(

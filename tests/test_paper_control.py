@@ -8,7 +8,7 @@ from omnitrack_sim.paper.open_loop import PaperController
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.control import ControlSetup, Settings
+from omnitrack_sim.robots.omnitrack.control import Command, ControlSetup, Settings
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 from omnitrack_sim.sim.builder import settings_of
 
@@ -76,7 +76,9 @@ def test_two_modules_are_inner_in_the_worst_orientation():
     parameters = [scenario.control_parameters]
     none = np.zeros((1, 3))
     controller = PaperController(
-        ControlSetup(routes, scenario.robot, settings, parameters, location, none, 0.01, none)
+        ControlSetup(
+            routes, scenario.robot, settings, parameters, location, Command(none, none), 0.01, none
+        )
     )
     theta5 = np.radians(60.0)
     location.theta5 = np.array([theta5])

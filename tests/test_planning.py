@@ -19,10 +19,10 @@ from omnitrack_sim.pipes.centreline import SEARCH
 from omnitrack_sim.pipes.network import Network, validate
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.events import GaveUp, TakenForClosed
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import validate as validate_scenario
 
-LENGTH = Robot().length
+LENGTH = Omnitrack().length
 
 
 def cut(network: Network, name: str, pieces: int) -> Network:
@@ -58,7 +58,9 @@ def names(plan: MissionPlanner, leg: Leg) -> list[str]:
 
 
 def tower(*goals: str) -> MissionPlanner:
-    return MissionPlanner(load_network("tower"), Mission(start="foot", goals=goals), Robot(), 0.1)
+    return MissionPlanner(
+        load_network("tower"), Mission(start="foot", goals=goals), Omnitrack(), 0.1
+    )
 
 
 def test_the_way_back_counts_in_what_a_new_way_costs() -> None:
@@ -69,7 +71,7 @@ def test_the_way_back_counts_in_what_a_new_way_costs() -> None:
     parting = names(plan, there).index("tee_up")
     assert names(plan, onward)[: parting + 2] == [*names(plan, there)[: parting + 1], "shaft"]
     near = plan.route(onward.path).passages[parting]
-    assert onward.begin == pytest.approx(near.s_bend_start - Robot().standing_room - LENGTH / 2)
+    assert onward.begin == pytest.approx(near.s_bend_start - Omnitrack().standing_room - LENGTH / 2)
     assert back.end - back.begin < 1.2
 
 
@@ -103,13 +105,13 @@ def test_a_robot_stands_where_it_has_room_to_roll(room: float, stands: str) -> N
     fittings[2]["length"] = 0.4 - between + gap
     network = validate({"fittings": fittings, "joints": joints})
     plan = MissionPlanner(
-        network, Mission(start="in.start", goals=("out.end", "arm_2.end")), Robot(), 0.1
+        network, Mission(start="in.start", goals=("out.end", "arm_2.end")), Omnitrack(), 0.1
     )
     *_, onward = plan.plan()
     way = plan.route(onward.path).passages
     assert way[3].s_bend_start - way[1].opening[1] == pytest.approx(gap)
     before = way[3].s_bend_start if stands == "between them" else way[1].opening[0]
-    assert onward.begin == pytest.approx(before - Robot().standing_room - LENGTH / 2)
+    assert onward.begin == pytest.approx(before - Omnitrack().standing_room - LENGTH / 2)
 
 
 def up_the_tower(goals: list[str]) -> Planned:

@@ -11,7 +11,7 @@ from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.pipes import route_through
 from omnitrack_sim.pipes.network import Network, validate
 from omnitrack_sim.pipes.planning import Leg, PathsToGoals, shortest_path
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 
 RAILS = (0.5, 0.7, 0.43, 0.61, 0.57)
 """Lengths of the straights between the rungs of the ladder, m."""
@@ -63,7 +63,7 @@ def _best_travel(
     return min(best, default=None)
 
 
-def _standing_place(route, index: int, robot: Robot) -> float:
+def _standing_place(route, index: int, robot: Omnitrack) -> float:
     """Where the robot stands clear of fitting ``index`` and of what lies close before it, m."""
 
     def start(i: int) -> float:
@@ -85,7 +85,7 @@ def test_the_least_travel_is_found_in_a_network_of_loops():
     network, rng = _ladder(5), random.Random(3)
     ends, found = network.open_ends, 0
     for start, goal in [*itertools.permutations(ends, 2)] * 2:
-        plan = MissionPlanner(network, Mission(start=start, goals=(goal,)), Robot(), 0.1)
+        plan = MissionPlanner(network, Mission(start=start, goals=(goal,)), Omnitrack(), 0.1)
         leg, closed = plan.first, []
         for _ in range(3):
             at = rng.uniform(leg.begin, leg.end)
@@ -104,7 +104,7 @@ def test_lengths_to_a_goal_are_those_of_the_shortest_ways():
     """For a port of any part, the way on that never turns round is as long as told, and where it
     comes to no port twice it is as long as the shortest way in the graph without turning back."""
     network = _ladder(3)
-    plan = MissionPlanner(network, Mission(start="a0.start", goals=("b3.end",)), Robot(), 0.1)
+    plan = MissionPlanner(network, Mission(start="a0.start", goals=("b3.end",)), Omnitrack(), 0.1)
     to_go, compared = PathsToGoals(plan._graph, [plan.ends[1]]), 0
     for enter, length in to_go.lengths.items():
         way = to_go.path(enter)
@@ -131,6 +131,6 @@ def test_many_goals_ask_for_few_searches(monkeypatch):
     )
     network = _ladder(6)
     goals = ("a6.end", "b6.end") * 20
-    plan = MissionPlanner(network, Mission(start="a0.start", goals=goals), Robot(), 0.1)
+    plan = MissionPlanner(network, Mission(start="a0.start", goals=goals), Omnitrack(), 0.1)
     assert plan.plan()[-1].goal == len(goals) - 1
     assert len(searches) <= len(goals)

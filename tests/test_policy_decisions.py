@@ -164,7 +164,7 @@ def test_robots_that_begin_anew_know_nothing_of_before(acting):
     assert decisions.due.tolist() == [True, False]
     assert (decisions.action[0] == 0).all()
     assert (decisions.action[1] == 1).all()
-    assert decisions.roll[0].tolist() == decisions.setup.roll[0].tolist()
+    assert decisions.roll[0].tolist() == decisions.setup.command.roll[0].tolist()
     sim.step()
     assert decisions.roll[1, 0] > decisions.roll[0, 0]
 

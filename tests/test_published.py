@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 from scipy.stats import qmc
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -81,7 +81,7 @@ def test_contract_of_every_model(name):
         assert model.actuator_ctrllimited.all()
         assert (model.actuator_ctrlrange[:, 0] < model.actuator_ctrlrange[:, 1]).all()
         if model.nu:
-            assert model.body_mass.sum() == pytest.approx(Robot().mass, rel=0.01)
+            assert model.body_mass.sum() == pytest.approx(Omnitrack().mass, rel=0.01)
             low, high = model.actuator_ctrlrange.T
             for sample in qmc.Sobol(model.nu, seed=1).random_base2(3):
                 data.ctrl[:] = low + (high - low) * sample
@@ -97,7 +97,7 @@ def test_limits_are_those_of_the_robot(name):
     """Belt force is torque limit over lug radius; belts run as fast as the motor does at that
     torque; rolls go half a turn either way with the rotary motor's torque."""
     model, _ = opened(name)
-    robot = Robot()
+    robot = Omnitrack()
     force = robot.motor.torque_limit / robot.lug_radius
     speed = robot.motor.full_torque_speed * robot.lug_radius
     line = robot.motor.stall_torque * (1 - speed / robot.lug_radius / robot.motor.no_load_speed)
@@ -121,8 +121,8 @@ def test_scenes_start_in_equilibrium(name):
     drive(model, data, 0.5)
     for number in NUMBERS:
         found, *force = data.sensor(f"contact_{number}").data[:4]
-        assert found == Robot().lugs_per_track
-        assert math.hypot(*force[:2]) == pytest.approx(Robot().preload, rel=0.01)
+        assert found == Omnitrack().lugs_per_track
+        assert math.hypot(*force[:2]) == pytest.approx(Omnitrack().preload, rel=0.01)
     moved = np.abs(data.qpos - start)
     assert moved[:2].max() < 1e-6
     assert moved[2] < 4e-4  # the servos hold by a speed error, 0.6 mm/s under a third of the weight
@@ -135,7 +135,7 @@ def test_the_straight_scene_climbs_as_the_package_does():
     there = ot.run(scenario).trajectory
     late = there.time > 1.0
     speed = np.polyfit(there.time[late], there["position"][late, 2], 1)[0]
-    force = there["motor_torque"][late].mean() / Robot().lug_radius
+    force = there["motor_torque"][late].mean() / Omnitrack().lug_radius
 
     model, data = opened("scene_straight.xml")
     assert model.opt.gravity.tolist() == [0, 0, -9.81]
@@ -156,7 +156,7 @@ def test_a_rolled_module_drives_as_the_theory_of_balls_says():
         model.opt.gravity[:] = 0
         drive(model, data, 1.0, roll=roll)
         rates = [data.joint(f"roll_{number}").qvel[0] for number in NUMBERS]
-        assert max(rates) < 1.02 * Robot().roll_rate
+        assert max(rates) < 1.02 * Omnitrack().roll_rate
         drive(model, data, 2.0, roll=roll)
         rolls = np.array([data.joint(f"roll_{number}").qpos[0] for number in NUMBERS])
         assert rolls == pytest.approx(roll, abs=2e-3)
@@ -228,9 +228,9 @@ def test_what_the_contact_sensors_tell():
     for number in NUMBERS:
         x, y, _ = data.body(f"module_{number}").xpos
         count, fx, fy, fz, px, py, pz = data.sensor(f"contact_{number}").data
-        assert count == Robot().lugs_per_track
-        assert (fx * x + fy * y) / math.hypot(x, y) == pytest.approx(Robot().preload, rel=0.01)
-        assert fz == pytest.approx(-Robot().mass * 9.81 / 3, rel=0.01)
+        assert count == Omnitrack().lugs_per_track
+        assert (fx * x + fy * y) / math.hypot(x, y) == pytest.approx(Omnitrack().preload, rel=0.01)
+        assert fz == pytest.approx(-Omnitrack().mass * 9.81 / 3, rel=0.01)
         assert math.hypot(px, py) == pytest.approx(0.08, abs=5e-4)
         assert abs(pz - 0.1) < 0.01
 

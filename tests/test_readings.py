@@ -11,9 +11,10 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, rotation_about
+from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
+from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.senses.draws import keys
 from omnitrack_sim.senses.proprioception import Proprioception
-from omnitrack_sim.senses.sensor import SENSORS, Addresses, State
 from omnitrack_sim.senses.settings import ImuTable, SensingTable
 
 THREE = np.arange(3)
@@ -84,7 +85,7 @@ def state_of(
         "xmat": np.tile(frame.reshape(9), 4)[None],
     }
     before = {"contact_position": np.zeros((1, 3, 3))} if before is None else before
-    return State(arrays, AT, ot.Robot(), READ, before)
+    return State(arrays, AT, ot.Omnitrack(), READ, before)
 
 
 def on_part(part: int, *vector: float) -> Array:
@@ -188,7 +189,7 @@ def test_noise_of_the_gyro_is_white(period: float) -> None:
     table = SensingTable(imu=ImuTable(gyro_bias_deg=0.0, gyro_walk_deg=0.0, gyro_noise_deg=0.01))
     n, state = 1, state_of()
     state.qpos[:, 3] = 1.0
-    gyro = Proprioception(table, ot.Robot(), period, 0.006, n)
+    gyro = Proprioception(table, ot.Omnitrack(), period, 0.006, n)
     gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), np.ones(n), state)
     angles = np.array([gyro.read(state).turned[0] for _ in range(2000)])
     assert angles.std() == pytest.approx(np.radians(0.01) * np.sqrt(period), rel=0.05)

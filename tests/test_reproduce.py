@@ -26,7 +26,7 @@ from omnitrack_sim.paper.experiments import (
 )
 from omnitrack_sim.paper.plots.region import plot_singularity
 from omnitrack_sim.paper.reproduce import ReportFigure, by_friction, page, preferred
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
 
@@ -114,7 +114,7 @@ def test_claims_can_fail(runs):
 
 def test_least_preload_is_the_friction_law():
     """m g / (3 mu)."""
-    assert least_preload(Robot(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
+    assert least_preload(Omnitrack(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
 
 
 def test_rate_counts_and_gives_its_interval(runs):

@@ -38,7 +38,7 @@ def changed(base: ot.Scenario, number: int) -> ot.Scenario:
 def seen(simulation: ot.Simulation, robot: int) -> bytes:
     """All that a robot is told, and what the monitor and the motors keep of it."""
     observation, location = simulation.observation, simulation.location
-    arrays = [simulation.plant.qpos[robot], simulation.motors._correction[robot]]
+    arrays = [simulation.plant.qpos[robot], simulation.plant.motors._correction[robot]]
     arrays += [simulation.readings[name][robot] for name in ("slip_ratio", "contact_position")]
     arrays += [observation.motor_torque[robot], observation.time[robot], location.distance[robot]]
     arrays += [simulation.monitor._mean[robot], simulation.monitor._waiting[robot]]

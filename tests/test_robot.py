@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from omnitrack_sim.robots.omnitrack import Motor, Robot
+from omnitrack_sim.robots.omnitrack import Motor, Omnitrack
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():
     """The table has a row for each field of the robot and of its motors, each with a source."""
-    rows = Robot(roll_motor="simulation").parameters()
-    names = [name for name in Robot.model_fields if name not in ("motor", "roll_motor")]
+    rows = Omnitrack(roll_motor="simulation").parameters()
+    names = [name for name in Omnitrack.model_fields if name not in ("motor", "roll_motor")]
     names += [f"{motor}.{name}" for motor in ("motor", "roll_motor") for name in Motor.model_fields]
     assert sorted(row.name for row in rows) == sorted(names)
     assert all(row.source and row.provenance for row in rows)
@@ -18,25 +18,25 @@ def test_every_parameter_has_a_unit_and_a_provenance():
 
 def test_lug_radius_gives_the_published_speed():
     """r times the motor's no-load speed of 3.62 rad/s is the published 100 mm/s (Eq. 1)."""
-    assert Robot().lug_radius * 3.62 == pytest.approx(0.1, rel=2e-3)
+    assert Omnitrack().lug_radius * 3.62 == pytest.approx(0.1, rel=2e-3)
 
 
 def test_reach_follows_from_the_published_sector():
     """rho = R sqrt(1 + cos^2(96.54/2)) for a 90 degree turn."""
     reach = 0.080 * np.sqrt(1 + np.cos(np.radians(96.54 / 2)) ** 2)
-    assert Robot().reach == pytest.approx(reach, abs=1e-5)
+    assert Omnitrack().reach == pytest.approx(reach, abs=1e-5)
 
 
 def test_springs_add_up():
     """Four springs of 0.5 N/mm make 2 N/mm a module."""
-    assert Robot().module_stiffness == pytest.approx(2000.0)
+    assert Omnitrack().module_stiffness == pytest.approx(2000.0)
 
 
 def test_robot_is_frozen_and_refuses_unknown_fields():
     """A parameter cannot be set in place, and a misspelt one is an error."""
+    with pytest.raises(TypeError, match="cannot be set"):
+        Omnitrack().preload = 3.0
     with pytest.raises(ValidationError):
-        Robot().preload = 3.0
+        Omnitrack(prelaod=3.0)
     with pytest.raises(ValidationError):
-        Robot(prelaod=3.0)
-    with pytest.raises(ValidationError):
-        Robot(lug_radius=-0.01)
+        Omnitrack(lug_radius=-0.01)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.walls.geoms import new_spec
 
-ROBOT = Robot()
+ROBOT = Omnitrack()
 
 
 @functools.cache
@@ -53,7 +53,7 @@ def test_bodies_have_the_inertia_of_a_cylinder(
 def test_the_model_weighs_what_its_parameters_say(drive, add):
     """Tracks are part of their module, and gears have inertia but no mass."""
     spec = mujoco.MjSpec()
-    add(spec, Robot(drive=drive))
+    add(spec, Omnitrack(drive=drive))
     assert spec.compile().body_mass.sum() == pytest.approx(ROBOT.mass, rel=1e-6)
 
 
@@ -141,7 +141,7 @@ def test_the_tracks_that_face_the_wall_touch_it() -> None:
 def test_sprockets_turn_with_their_chains() -> None:
     """The surface of a sprocket moves as the upper run does where it faces the upper side, as the
     lower one on the other, and across the module's axis at its end."""
-    spec, robot = new_spec("test"), Robot()
+    spec, robot = new_spec("test"), Omnitrack()
     add_robot(spec, robot, line_tracks=True)
     model = spec.compile()
     data = mujoco.MjData(model)

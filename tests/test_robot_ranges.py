@@ -18,7 +18,7 @@ def _faults(**robot) -> dict[str, str]:
     return {fault.where.removeprefix("robot."): fault.problem for fault in caught.value.faults}
 
 
-def _numbers(model: type[ot.Robot] | type[ot.Motor]) -> dict[str, tuple[float, float]]:
+def _numbers(model: type[ot.Omnitrack] | type[ot.Motor]) -> dict[str, tuple[float, float]]:
     found = {name: quantity_of(info).within for name, info in model.model_fields.items()}
     return {name: within for name, within in found.items() if within is not None}
 
@@ -27,7 +27,7 @@ def test_every_number_of_robot_and_motor_has_a_range():
     """Only names, sources and the motors themselves have none."""
     without = {
         name
-        for model in (ot.Robot, ot.Motor)
+        for model in (ot.Omnitrack, ot.Motor)
         for name in model.model_fields
         if name not in _numbers(model)
     }
@@ -40,14 +40,14 @@ def test_a_number_out_of_its_range_is_refused_with_limits_and_unit(value):
     at once."""
     values = {
         name: value
-        for name, (low, high) in _numbers(ot.Robot).items()
+        for name, (low, high) in _numbers(ot.Omnitrack).items()
         if not low <= value <= high and name not in ("lugs_per_track", "springs_per_module")
     }
     faults = _faults(**values)
     assert faults.keys() == values.keys()
-    for name, (low, high) in _numbers(ot.Robot).items():
+    for name, (low, high) in _numbers(ot.Omnitrack).items():
         if name in values and "scale" not in name:
-            unit = quantity_of(ot.Robot.model_fields[name]).unit
+            unit = quantity_of(ot.Omnitrack.model_fields[name]).unit
             assert f"must be from {low:.6g} to {high:.6g} {unit}".removesuffix(" 1") in faults[name]
 
 
@@ -56,15 +56,15 @@ def test_limits_scale_with_the_values():
     which scale."""
     half = {"scale": 0.5, "values_at_scale": 0.5}
     assert "from 0 to 250 N at scale 0.5" in _faults(**half, preload=260.0)["preload"]
-    assert ot.Robot(**half, preload=250.0).preload == 250.0
+    assert ot.Omnitrack(**half, preload=250.0).preload == 250.0
 
 
 def test_a_robot_at_the_ends_of_its_ranges_may_be_scaled_to_either_end():
     """Rounding of the scaled value does not push it over the scaled limit."""
-    stiffest = ot.Robot(spring_stiffness=1e5, preload=2000.0, chassis_mass=0.01, reach=0.4)
+    stiffest = ot.Omnitrack(spring_stiffness=1e5, preload=2000.0, chassis_mass=0.01, reach=0.4)
     for scale in SCALES:
         there = stiffest.scaled(scale)
-        assert ot.Robot.model_validate(there.model_dump()) == there
+        assert ot.Omnitrack.model_validate(there.model_dump()) == there
 
 
 @pytest.mark.parametrize(
@@ -108,6 +108,6 @@ def test_a_run_of_any_robot_ends_with_an_outcome_and_without_a_warning():
 @pytest.mark.parametrize("robot", [{"contact_length": 1.0}, {"scale": 0.1}])
 def test_slip_without_load_is_measured_for_long_and_for_small_robots(robot):
     """The pipe that it is measured in holds the robot, and does not end before the measurement."""
-    made = ot.Robot(**robot)
+    made = ot.Omnitrack(**robot)
     slips = no_load_slips([validate(standing(made, "primitives"))])
     assert all(0 <= slip < 0.1 for slip in slips)

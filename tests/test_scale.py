@@ -49,7 +49,7 @@ def test_every_parameter_follows_the_law():
     """Each value of a scaled robot and of its motor is the reference's times s to its unit's
     exponent."""
     for s in SCALES:
-        pairs = zip(ot.Robot().parameters(), ot.Robot(scale=s).parameters(), strict=True)
+        pairs = zip(ot.Omnitrack().parameters(), ot.Omnitrack(scale=s).parameters(), strict=True)
         for one, other in pairs:
             if one.name in ("scale", "values_at_scale", "motor.scale"):
                 assert (one.value, other.value) == (1.0, s)
@@ -72,7 +72,7 @@ def test_masses_forces_and_inertias_of_the_model_follow_the_law():
 
 def test_a_scale_of_one_changes_no_bit():
     """The robot of scale 1 is the default robot, and what it dumps is read as itself."""
-    assert ot.Robot(scale=1.0) == ot.Robot() == ot.Robot().scaled(1.0)
+    assert ot.Omnitrack(scale=1.0) == ot.Omnitrack() == ot.Omnitrack().scaled(1.0)
 
 
 def test_a_scaled_robot_is_read_again_as_it_is():
@@ -88,30 +88,30 @@ def test_a_scaled_robot_is_read_again_as_it_is():
 def test_asking_twice_for_a_scale_asks_for_the_same():
     """``robot.scale`` is a size and not a factor: setting it again does nothing, and setting it
     back returns to the reference within rounding."""
-    small = ot.Robot(scale=0.625)
+    small = ot.Omnitrack(scale=0.625)
     values = small.model_dump()
-    assert ot.Robot.model_validate(values | {"scale": 0.625}) == small
-    back = ot.Robot.model_validate(values | {"scale": 1.0})
-    assert back.lug_radius == pytest.approx(ot.Robot().lug_radius)
-    assert ot.Robot().scaled(0.625) == small
+    assert ot.Omnitrack.model_validate(values | {"scale": 0.625}) == small
+    back = ot.Omnitrack.model_validate(values | {"scale": 1.0})
+    assert back.lug_radius == pytest.approx(ot.Omnitrack().lug_radius)
+    assert ot.Omnitrack().scaled(0.625) == small
 
 
 def test_given_values_are_for_160_mm_pipes_unless_they_say_otherwise():
     """A value in a file is scaled with the rest; with ``values_at_scale`` it is the actual one, and
     what is not given still comes from the reference."""
     s = 0.625
-    assert ot.Robot(scale=s, preload=30).preload == 30 * s**3
-    measured = ot.Robot(scale=s, values_at_scale=s, preload=8.0)
+    assert ot.Omnitrack(scale=s, preload=30).preload == 30 * s**3
+    measured = ot.Omnitrack(scale=s, values_at_scale=s, preload=8.0)
     assert measured.preload == 8.0
-    assert measured.reach == ot.Robot(scale=s).reach
+    assert measured.reach == ot.Omnitrack(scale=s).reach
 
 
 def test_a_product_keeps_its_figures_in_a_robot_of_any_size():
     """Only a motor that says which scale it is for is scaled."""
-    assert ot.Robot(scale=0.5, motor="pololu_1000_hpcb").motor == ot.MOTORS["pololu_1000_hpcb"]
-    small = ot.Robot(scale=0.25).motor
+    assert ot.Omnitrack(scale=0.5, motor="pololu_1000_hpcb").motor == ot.MOTORS["pololu_1000_hpcb"]
+    small = ot.Omnitrack(scale=0.25).motor
     assert small.reflected_inertia == pytest.approx(0.0088 / 1024)
-    assert ot.Robot(scale=0.25, motor=small).motor == small
+    assert ot.Omnitrack(scale=0.25, motor=small).motor == small
 
 
 def test_a_named_motor_is_for_scale_one_even_in_a_scaled_robot():
@@ -122,7 +122,7 @@ def test_a_named_motor_is_for_scale_one_even_in_a_scaled_robot():
 
 def test_every_unit_of_robot_and_motor_is_known_to_the_law():
     """No field can be added with a unit that does not scale."""
-    for model in (ot.Robot, ot.Motor):
+    for model in (ot.Omnitrack, ot.Motor):
         for info in model.model_fields.values():
             assert math.isfinite(froude_exponent(quantity_of(info).unit))
 

@@ -19,7 +19,7 @@ def _loop(bandwidth: float, **changes) -> SteeringLoop:
     motor = ot.MOTORS["simulation"].model_copy(
         update={"speed_bandwidth": bandwidth, "speed_droop": 0.0}
     )
-    return SteeringLoop.of(ot.Robot(motor=motor), **(STEERING | changes))
+    return SteeringLoop.of(ot.Omnitrack(motor=motor), **(STEERING | changes))
 
 
 def test_the_speed_loop_follows_slow_commands_and_falls_off_beyond_its_bandwidth():

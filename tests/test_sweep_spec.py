@@ -9,7 +9,7 @@ import pytest
 from documents import page
 
 from omnitrack_sim import (
-    Robot,
+    Omnitrack,
     ScenarioError,
     SweepError,
     load_scenario,
@@ -279,7 +279,7 @@ def test_the_size_of_the_robot_is_an_axis():
     """Each value of ``robot.scale`` makes a model of its own, with the values of that size."""
     sizes = GRID | {"path": "robot.scale", "start": 0.95, "stop": 1.05}
     sweep = _sweep(sizes)
-    assert sweep.scenario(0).robot == Robot(scale=0.95)
+    assert sweep.scenario(0).robot == Omnitrack(scale=0.95)
     assert len(sweep.batches()) == 3
 
 
@@ -394,7 +394,7 @@ def test_units_are_those_of_the_documents():
     assert unit_of("pipes.*.inner_diameter") == unit_of("pipes.2.length") == "m"
     assert unit_of("world.gravity.2") == "m/s²"
     assert unit_of("control.kind") is None
-    for row in Robot(roll_motor="simulation").parameters():
+    for row in Omnitrack(roll_motor="simulation").parameters():
         assert unit_of(f"robot.{row.name}") == (row.unit or None)
 
 

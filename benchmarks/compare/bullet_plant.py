@@ -16,10 +16,19 @@ from numpy.typing import NDArray
 
 from omnitrack_sim import Scenario
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
-from omnitrack_sim.robots.omnitrack.body import FREE_SPRING_LENGTH, lug_pitch, lug_places
+from omnitrack_sim.robots.omnitrack import as_omnitrack
+from omnitrack_sim.robots.omnitrack.body import (
+    FREE_SPRING_LENGTH,
+    lug_pitch,
+    lug_places,
+    spring_free_length,
+)
+from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.senses.sensor import AT_REST, SENSORS
-from omnitrack_sim.sim.plant import BOTH_TRACKS_COSINE, NUMBERS, Plant, Start
+from omnitrack_sim.robots.omnitrack.plant import BOTH_TRACKS_COSINE, NUMBERS, TrackPlant
+from omnitrack_sim.robots.omnitrack.sensors import AT_REST, SENSORS
+from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
 
 JOINTS_PER_MODULE = 5
@@ -40,7 +49,17 @@ class BulletPlant:
     def __init__(self, scenario: Scenario, start: Start, settings: BulletSettings):
         if len(start.friction) != 1:
             raise ValueError("Bullet runs one robot at a time")
-        self.robot, self.settings, self.n = scenario.robot, settings, 1
+        self.robot, self.settings, self.n = as_omnitrack(scenario.robot), settings, 1
+        self.model, self._body = None, self.robot
+        own = as_omnitrack(start.robots[0])
+        self._period = scenario.physics.control_period
+        self.motors = SpeedLoop(
+            drive_of(own.drive), own.motor, own.motor.torque_limit, own.lug_radius, 1
+        )
+        one, three = np.zeros(1), np.zeros((1, 3))
+        flags = one.astype(bool)
+        roll = np.repeat(start.roll[:, None], 3, axis=1)
+        self.command = Command(three, roll, one.astype(int), flags, (), three, flags)
         self.period = scenario.physics.timestep
         self.client = bullet.connect(bullet.DIRECT)
         self._prepare(start.gravity[0])
@@ -48,10 +67,7 @@ class BulletPlant:
         self.wall = add_wall(self.client, scenario.route.network, settings)
         self.body = self._add_robot(start)
         self.build_seconds = time.perf_counter() - began
-        self.spring_free, self.roll_torque = (
-            float(start.spring_free[0]),
-            float(start.roll_torque[0]),
-        )
+        self.spring_free, self.roll_torque = spring_free_length(own, own.preload), own.roll_torque
         self.engine_seconds, self.engine_steps = 0.0, 0
         self.diverged = np.zeros(1, bool)
         self.time = 0.0
@@ -98,9 +114,10 @@ class BulletPlant:
             )
         self._name_joints(body)
         self._set_surfaces(body, float(start.friction[0]))
-        for row, slide, roll in zip(self._joint, start.slide[0], start.roll[0], strict=True):
+        slide = float(start.bore_radius[0]) - self.robot.nominal_pipe_radius
+        for row in self._joint:
             bullet.resetJointState(body, row[SLIDE], slide, physicsClientId=self.client)
-            bullet.resetJointState(body, row[ROLL], roll, physicsClientId=self.client)
+            bullet.resetJointState(body, row[ROLL], start.roll[0], physicsClientId=self.client)
         # Every joint comes with a velocity motor that brakes it.
         bullet.setJointMotorControlArray(
             body,
@@ -237,7 +254,8 @@ class BulletPlant:
             "contact_count": number[None],
             "contact_position": self._contact_position[None].copy(),
         }
-        return Readings(values)
+        self._last = Readings(values)
+        return self._last
 
     def _sum_contacts(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Contacts (3, 2) of each track, force (3, 3) N on each module, and which modules touch.
@@ -256,23 +274,22 @@ class BulletPlant:
         self._contact_position[known] = centre[known] / weight[known, None]
         return number, total, known
 
-    def step(
-        self,
-        active: NDArray[np.bool_],
-        motors: tuple[Array, Array, Array],
-        roll: Array,
-        substeps: int,
-        brake: Array | None = None,
-    ) -> None:
+    saturated, seen, commanded = TrackPlant.saturated, TrackPlant.seen, TrackPlant.commanded
+    carried_out = TrackPlant.carried_out
+
+    def step(self, active: NDArray[np.bool_], command: Command, substeps: int) -> None:
         """Do what ``Plant.step`` does; ``substeps`` counts the physics steps of the scenario.
 
         Bullet takes as many steps as its settings ask for.
         """
         if not active[0]:
             return
-        if brake is not None:
+        if command.brake is not None:
             raise ValueError("this plant has no brakes")
-        self._ask_motors(tuple(value[0] for value in motors), roll[0])
+        belts, torque = self._last["belt_speed"], self._last["motor_torque"]
+        motors = self.motors.advance(command.belt_speed, belts, torque, self._period)
+        assert command.roll is not None
+        self._ask_motors(tuple(value[0] for value in motors), command.roll[0])
         self._move_rows_back()
         self._leave_out_far_tracks()
         steps = max(1, round(substeps * self.period / self.settings.time_step))

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from omnitrack_sim.record.channels import TRACKS
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import lug_places
-from omnitrack_sim.sim.plant import NUMBERS
+from omnitrack_sim.robots.omnitrack.plant import NUMBERS
 
 SLIDER_MASS = 1e-3
 """Mass of the link between slide and pitch joint, kg; taken off the arm."""
@@ -49,7 +49,7 @@ def _joint(
     )
 
 
-def robot_urdf(robot: Robot) -> str:
+def robot_urdf(robot: Omnitrack) -> str:
     """The robot as URDF text, frames and signs as in ``omnitrack_sim.robots.omnitrack.body``."""
     chassis = _cylinder(robot.chassis_mass, robot.chassis_radius, robot.chassis_length)
     slider_body = _cylinder(SLIDER_MASS, robot.arm_radius, robot.shaft_spacing)

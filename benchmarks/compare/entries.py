@@ -18,9 +18,9 @@ from omnitrack_sim import override
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
+from omnitrack_sim.robots.omnitrack.plant import TrackPlant
 from omnitrack_sim.robots.omnitrack.track import line_record
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.plant import Plant
 from omnitrack_sim.sim.simulation import MakePlant
 from omnitrack_sim.walls.geoms import add_exact_walls, add_walls, new_spec
 
@@ -103,7 +103,9 @@ class Entry:
         build_s = time.process_time() - start + outside
         elements = model.nflexelem if model.nflex else int((model.geom_bodyid == 0).sum())
         return Built(
-            make_plant=lambda s, trials, threads: Plant(model, s.robot, trials, threads),
+            make_plant=lambda s, trials, threads: TrackPlant(
+                model, s.robot, trials, s.physics.control_period, threads
+            ),
             wall_error=lambda part, probes: probe_walls(self, scenario, part, probes),
             build_s=build_s,
             elements=elements,

@@ -65,7 +65,7 @@ TEXTS = (
     *(
         "builtins:int",
         "builtins:object",
-        "omnitrack_sim:Robot",
+        "omnitrack_sim:Omnitrack",
         "collections:",
         "..:x",
         "os.path:join",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount
 from omnitrack_sim.senses.settings import FilterTable
 from omnitrack_sim.walls.rays import RayWalls
@@ -111,7 +111,7 @@ _ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], ax
 
 
 def of_arms(
-    robot: Robot,
+    robot: Omnitrack,
     walls: RayWalls,
     which: NDArray[np.intp],
     position: Array,

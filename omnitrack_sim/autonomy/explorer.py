@@ -43,7 +43,7 @@ from omnitrack_sim.record.events import (
     GoalReached,
     LoopClosed,
 )
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from omnitrack_sim.pipes.planning import (
     without,
 )
 from omnitrack_sim.pipes.routes import Edge
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from omnitrack_sim.base.rotations import (
     with_rows,
     wrap_angle,
 )
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
 from omnitrack_sim.senses.optics import Mount
 from omnitrack_sim.senses.proprioception import Felt
@@ -126,7 +126,7 @@ class Localiser:
     def __init__(
         self,
         table: SensingTable,
-        robot: Robot,
+        robot: Omnitrack,
         mount: Mount,
         walls: RayWalls,
         which: NDArray[np.intp],

@@ -14,7 +14,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import ARCS, Arcs
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.pipes.planning import Leg, shortest_path, unknown_fittings, unreachable
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.robot import Robot
 
 
 class Mission(Table):

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, set_rows
 from omnitrack_sim.record.events import Event, FoundItself, LostItself
-from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.senses.settings import SearchTable
 
@@ -23,7 +23,7 @@ class Search:
         n: number of robots.
     """
 
-    def __init__(self, table: SearchTable, robot: Robot, n: int) -> None:
+    def __init__(self, table: SearchTable, robot: Omnitrack, n: int) -> None:
         self._table, self._step = table, float(robot.own_length(table.step))
         self._turn = np.radians(table.roll_deg)
         self._rolling = self._turn / robot.roll_rate

@@ -17,7 +17,7 @@ from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
 from omnitrack_sim.pipes.network import End, both_ways
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.robot import Robot
 
 
 @dataclass(frozen=True)

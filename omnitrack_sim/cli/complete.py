@@ -94,8 +94,8 @@ def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> li
 def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
     from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
-    from omnitrack_sim.robots.omnitrack import Robot
-    from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
+    from omnitrack_sim.robots.control import controller_of, parameters_model
+    from omnitrack_sim.robots.omnitrack import Omnitrack
     from omnitrack_sim.scenario import Scenario
     from omnitrack_sim.scenario.tables import ControlTable, Pipe
 
@@ -103,10 +103,10 @@ def _paths() -> Iterator[tuple[str, str]]:
     scenario = Scenario.model_construct()
     for name, table in scenario:
         if name == "robot":
-            yield from ((f"robot.{row.name}", row.source) for row in Robot().parameters())
+            yield from ((f"robot.{row.name}", row.source) for row in Omnitrack().parameters())
         else:
             yield from _below(name, table)
-    controller = parameters_model(controller_of(ControlTable().kind))
+    controller = parameters_model(controller_of(ControlTable().kind, Omnitrack.controllers))
     yield from _below("control.parameters", controller())
     # Keys that several fittings have are offered once.
     keys = {

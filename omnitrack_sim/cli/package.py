@@ -57,9 +57,9 @@ def parameters(
     as_json: JsonOption = False,
 ) -> None:
     """The robot's parameters with unit, range, provenance and source."""
-    from omnitrack_sim.robots.omnitrack import Robot
+    from omnitrack_sim.robots.omnitrack import Omnitrack
 
-    robot = load(scenario, None).robot if scenario else Robot()
+    robot = load(scenario, None).robot if scenario else Omnitrack()
     rows = robot.parameters()
     if as_json:
         print_json([vars(row) for row in rows])

@@ -108,13 +108,13 @@ def _case(
 
 def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
-    from omnitrack_sim.robots.omnitrack import Robot
+    from omnitrack_sim.robots.omnitrack import Omnitrack
     from omnitrack_sim.robots.omnitrack.control.alignment import Obstacle, plan_roll
     from omnitrack_sim.robots.omnitrack.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
     # A module that rolls on the wall by phi turns the robot by -phi r / R.
-    radius_ratio = Robot().lug_radius / case.pipe_radius
+    radius_ratio = Omnitrack().lug_radius / case.pipe_radius
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
     return {
         "theta5_deg": theta5_deg,

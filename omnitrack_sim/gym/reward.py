@@ -56,7 +56,7 @@ class Tally:
         n, first = simulation.n, simulation.scenarios[0]
         self._bore, self._period = first.robot.nominal_bore, simulation.period
         self.measured: dict[str, Array] = {name: np.zeros(n) for name in TERMS}
-        self._limit = simulation.motors.torque_limit
+        self._limit = simulation.plant.motors.torque_limit
         self._remember(simulation)
 
     def _remember(self, simulation: Simulation) -> None:

@@ -15,6 +15,7 @@ from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack import as_omnitrack
 from omnitrack_sim.robots.omnitrack.display import show_belts
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
@@ -67,7 +68,7 @@ class EpisodeScreen:
         qpos = np.array(lane.simulation.plant.qpos[robot])
         if not _is_sound(qpos):
             return
-        pitch = look_pitch(scenario.robot)
+        pitch = look_pitch(as_omnitrack(scenario.robot))
         show_belts(self._window.model, qpos, lane.travel[robot], pitch)
         self._window.show(qpos, [])
         time.sleep(max(0.0, self._due - time.monotonic()))
@@ -93,7 +94,7 @@ class EpisodeStage(Stage):
 
     def __init__(self, way: Result, size: tuple[int, int], camera: str) -> None:
         super().__init__(playback_of(way), size, camera, fine=False)
-        self._pitch = look_pitch(way.scenario.robot)
+        self._pitch = look_pitch(as_omnitrack(way.scenario.robot))
         self._places = way.trajectory["position"]
 
     def now(self, qpos: Array, travel: Array) -> NDArray[np.uint8]:

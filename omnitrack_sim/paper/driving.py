@@ -9,7 +9,7 @@ from omnitrack_sim.paper.claim import Claim, Sample, verdict_of
 from omnitrack_sim.paper.experiments import FRICTIONS, PRELOAD_FACTORS, Runs, least_preload
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import GRAVITY
+from omnitrack_sim.robots.omnitrack import GRAVITY, as_omnitrack
 
 
 def climb(runs: Runs) -> Claim:
@@ -144,7 +144,7 @@ def preload(runs: Runs) -> Claim:
     )
     # By the law exactly the preloads above the least one climb.
     needed = np.array([f > 1 for f in PRELOAD_FACTORS])
-    robot = runs["preload"][0].scenario.robot
+    robot = as_omnitrack(runs["preload"][0].scenario.robot)
     least = ", ".join(f"{least_preload(robot, mu):.1f} N at {mu}" for mu in FRICTIONS)
     factors = [
         f"{PRELOAD_FACTORS[int(np.argmax(row))]:.2f}" if row.any() else "none" for row in climbed

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
+from omnitrack_sim.robots.omnitrack import GRAVITY, Omnitrack, as_omnitrack
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.run import run_batch
 
@@ -104,7 +104,7 @@ def _elbows(theta5_deg: np.ndarray) -> dict[str, list[Scenario]]:
         for radius, name in (("240", "elbow"), ("90", "elbow_short"))
         for kind, changes in ELBOW_DRIVES.items()
     }
-    half = Robot().length / 2  # from the head to the centre, m
+    half = Omnitrack().length / 2  # from the head to the centre, m
     # Eq. 20 begun with the robot's centre at the bend, to show why it fails with the head there.
     late = _UNAIDED | {"control.kind": "paper", "control.parameters.elbow_delay": half}
     lists["elbow_240_paper_late"] = _orientations(_of_primitives("elbow"), theta5_deg, late)
@@ -125,7 +125,7 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
                 climb,
                 {
                     "world.friction": friction,
-                    "robot.preload": factor * least_preload(climb.robot, friction),
+                    "robot.preload": factor * least_preload(as_omnitrack(climb.robot), friction),
                     # Enough for a start-up and the second in which the climb is judged.
                     "run.time_limit": 3.0,
                 },
@@ -174,6 +174,6 @@ def _orientations(
     return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
 
 
-def least_preload(robot: Robot, friction: float) -> float:
+def least_preload(robot: Omnitrack, friction: float) -> float:
     """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
     return robot.mass * GRAVITY / (3 * friction)

@@ -10,7 +10,7 @@ from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, verdict_of
 from omnitrack_sim.paper.experiments import Runs
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.kinematics import (
     angular_velocity,
     cross_velocity,
@@ -37,7 +37,9 @@ def mean_speed(runs: Runs) -> Claim:
     climbed = float(np.polyfit(trajectory.time[steady], trajectory["distance"][steady], 1)[0])
     # Unequal speeds and a turn about the axis: with equal arms nothing may be left across it.
     across = float(
-        np.abs(mean_velocity([0.1, 0.12, 0.08], 0.6, np.full(3, Robot().module_distance))[:2]).max()
+        np.abs(
+            mean_velocity([0.1, 0.12, 0.08], 0.6, np.full(3, Omnitrack().module_distance))[:2]
+        ).max()
     )
     return Claim(
         id="eq9_mean_speed",

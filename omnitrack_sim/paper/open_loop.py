@@ -14,9 +14,10 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, unit
 from omnitrack_sim.base.table import Table, Unit
 from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
-from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 

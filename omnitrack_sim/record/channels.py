@@ -167,7 +167,7 @@ def _on_route(name: str, unit: str, meaning: str) -> Channel:
     return Channel(name, (), unit, meaning, "route", source="route")
 
 
-_SHIPPED = (
+_COMMON = (
     Channel("time", (), "s", "simulated time", recorded=False),
     Vector("position", (3,), "m", "robot centre", "world"),
     Vector(
@@ -229,6 +229,11 @@ _SHIPPED = (
         source="command",
         whole=True,
     ),
+)
+COMMON: Mapping[str, Channel] = {channel.name: channel for channel in _COMMON}
+"""Channels of every robot, in the order of the file."""
+_SHIPPED = (
+    *_COMMON,
     _of_module(
         "belt_speed_command",
         "m/s",
@@ -310,7 +315,7 @@ _SHIPPED = (
     ),
 )
 CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _SHIPPED}
-"""Every shipped channel, in the order of the file."""
+"""Channels of the omnidirectional robot, in the order of the file."""
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 DISPLAYS: Mapping[str, Display] = {

@@ -152,7 +152,6 @@ class RobotDisplay:
     """What films show of one kind of robot, beside the pipes.
 
     Attributes:
-        chassis: name of the body that cameras keep with.
         looks: returns the MjSpec of what is seen, of pipes, parameters of the robot, closed ports
             (part index, port), and whether faces may be coarse.
         poses: returns the joint positions (T, nq) that are shown, of the compiled model, a
@@ -161,19 +160,21 @@ class RobotDisplay:
         status: returns the panel's text, of a trajectory, a sample and the part's name.
         onboard: returns the camera ``onboard`` of a robot with these parameters.
         finite: channels that a sample which is shown has to have finite values of.
+        summary: channel of each panel of the summary figure, row by row, and the module where it
+            shows only one.
         page: of the replay page.
         live: returns the looks of a robot in a window, of the model and the robot's parameters.
         figures: returns lines of figures for the window, of what returns a channel's value, of a
             route map, a location on it and the robot's parameters.
     """
 
-    chassis: str
     looks: Callable[..., Any]
     poses: Callable[[Any, Trajectory, Any], Array]
     casts: Callable[[str], bool]
     status: Callable[[Trajectory, int, str], StatusText]
     onboard: Callable[[Any], Mount]
     finite: tuple[str, ...]
+    summary: tuple[tuple[tuple[str, int | None], ...], ...]
     page: PageDisplay
     live: Callable[[Any, Any], LiveLooks]
     figures: Callable[[Callable[[str], Array], RouteMap, Location, Any], Lines]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -45,21 +46,11 @@ class Run:
 
     Attributes:
         trajectory: the record.
-        no_load_slip: m/s, what slip reads in a straight pipe without load.
-        lug_radius: m, belt speed over shaft speed.
-        torque_limit: N m, of one ``robot.motor``; see ``belt_limits``.
-        drive: the motors, and the gears between them and the belts.
-        efficiency: of the gears.
-        slip_excess: share by which slip reads too large at the run's time step, of a typical turn.
+        weight: N, of the robot.
     """
 
     trajectory: Trajectory
-    no_load_slip: float
-    lug_radius: float
-    torque_limit: float
-    drive: Transmission
-    efficiency: float = 1.0
-    slip_excess: float = 0.0
+    weight: float = math.nan
 
     @property
     def duration(self) -> float:
@@ -78,11 +69,6 @@ class Run:
             else np.asarray(values[0], float)
         )
 
-    @property
-    def belt_limits(self) -> NDArray[np.float64]:
-        """Largest torque that the motors can give each belt's shaft (3,), N m."""
-        return self.drive.strength * self.torque_limit
-
     @cached_property
     def travelled(self) -> float:
         """Headway along the route from beginning to end of each leg, added up, m."""
@@ -92,6 +78,36 @@ class Run:
         starts = np.append(0, ends[:-1] + 1)
         return float((distance[ends] - distance[starts]).sum())
 
+    def rms(self, values: NDArray) -> list[float]:
+        """Root mean square over time of samples (T, modules)."""
+        return np.sqrt(self.mean(values**2)).tolist()
+
+
+@dataclass(frozen=True)
+class BeltRun(Run):
+    """Data of a run of the omnidirectional robot.
+
+    Attributes:
+        no_load_slip: m/s, what slip reads in a straight pipe without load.
+        lug_radius: m, belt speed over shaft speed.
+        torque_limit: N m, of one ``robot.motor``; see ``belt_limits``.
+        drive: the motors, and the gears between them and the belts.
+        efficiency: of the gears.
+        slip_excess: share by which slip reads too large at the run's time step, of a typical turn.
+    """
+
+    no_load_slip: float = math.nan
+    lug_radius: float = math.nan
+    torque_limit: float = math.nan
+    drive: Transmission = field(kw_only=True)
+    efficiency: float = 1.0
+    slip_excess: float = 0.0
+
+    @property
+    def belt_limits(self) -> NDArray[np.float64]:
+        """Largest torque that the motors can give each belt's shaft (3,), N m."""
+        return self.drive.strength * self.torque_limit
+
     @property
     def power(self) -> NDArray[np.float64]:
         """Mechanical power of each motor's shaft (T, m), W."""
@@ -99,10 +115,6 @@ class Run:
         torque = self.drive.motor_forces(np.asarray(self.trajectory["motor_torque"], float))
         speed = self.drive.motor_values(np.asarray(self.trajectory["belt_speed"], float))
         return torque * speed / self.lug_radius
-
-    def rms(self, values: NDArray) -> list[float]:
-        """Root mean square over time of samples (T, modules)."""
-        return np.sqrt(self.mean(values**2)).tolist()
 
 
 @dataclass(frozen=True)
@@ -129,12 +141,12 @@ class Metric:
     name: str
     unit: str
     meaning: str
-    compute: Callable[[Run], Figure]
+    compute: Callable[[Any], Figure]
     per_module: bool = False
     in_tables: bool = True
 
 
-def _at_limit(run: Run) -> NDArray[np.float64]:
+def _at_limit(run: BeltRun) -> NDArray[np.float64]:
     """Ones (T, 3) for belts at their torque limits, else zeros."""
     # Not quite the limit, which a motor that the servo holds there misses by a little.
     torque = np.abs(run.trajectory["motor_torque"])
@@ -161,14 +173,26 @@ def _phase_times(run: Run) -> dict[str, float]:
     return times
 
 
+def _work(run: Run) -> float:
+    """Work of all actuators, J."""
+    return float(run.integral(np.maximum(run.trajectory["actuator_power"], 0.0)).sum())
+
+
+def _slip_distance(run: Run) -> float:
+    """Mean distance, m, that the bodies which touch the wall slip on it."""
+    touching = run.trajectory["wall_force"].max(axis=0, initial=0.0) > 0
+    slip = run.integral(run.trajectory["contact_speed"])[touching]
+    return float(slip.mean()) if len(slip) else 0.0
+
+
 def _of_modules(
-    name: str, unit: str, meaning: str, compute: Callable[[Run], list[float]]
+    name: str, unit: str, meaning: str, compute: Callable[[Any], list[float]]
 ) -> Metric:
     """A figure of each module."""
     return Metric(name, unit, meaning, compute, per_module=True)
 
 
-METRICS: tuple[Metric, ...] = (
+_MOTION: tuple[Metric, ...] = (
     Metric(
         "distance_m",
         "m",
@@ -194,6 +218,16 @@ METRICS: tuple[Metric, ...] = (
         "the same angle in the last sample",
         lambda r: float(np.degrees(r.trajectory["tilt"][-1])),
     ),
+)
+_PHASES = Metric(
+    "phase_time_s",
+    "s",
+    "time in each phase of the controller: a table by the names of the phases",
+    _phase_times,
+    in_tables=False,
+)
+METRICS: tuple[Metric, ...] = (
+    *_MOTION,
     Metric(
         "energy_j",
         "J",
@@ -297,15 +331,46 @@ METRICS: tuple[Metric, ...] = (
             _at_limit(r) * (np.abs(r.trajectory["belt_speed"]) < STALL_SPEED)
         ).tolist(),
     ),
-    Metric(
-        "phase_time_s",
-        "s",
-        "time in each phase of the controller: a table by the names of the phases",
-        _phase_times,
-        in_tables=False,
-    ),
+    _PHASES,
 )
-"""Every shipped metric, in the order of ``result.json``."""
+"""Metrics of the omnidirectional robot, in the order of ``result.json``."""
+COMMON_METRICS: tuple[Metric, ...] = (
+    *_MOTION,
+    Metric(
+        "energy_j",
+        "J",
+        "mechanical work of all actuators: the positive part of each one's power, integrated; "
+        "braking gives nothing back",
+        lambda r: _work(r),
+    ),
+    Metric(
+        "cost_of_transport",
+        "1",
+        "`energy_j` over the robot's weight and `distance_m`; not a number without headway",
+        lambda r: _work(r) / (r.weight * r.travelled) if r.travelled > 0 else math.nan,
+    ),
+    Metric(
+        "wall_force_max_n",
+        "N",
+        "largest force between the wall and one body of the robot",
+        lambda r: float(r.trajectory["wall_force"].max(initial=0.0)),
+    ),
+    Metric(
+        "wall_force_mean_n",
+        "N",
+        "forces between the wall and the bodies of the robot, added up, mean over time",
+        lambda r: float(r.mean(r.trajectory["wall_force"].sum(axis=1))),
+    ),
+    Metric(
+        "slip_distance_mean_m",
+        "m",
+        "speed over the wall of each body's surface where it touches, integrated; mean of the "
+        "bodies that touch at all",
+        lambda r: _slip_distance(r),
+    ),
+    _PHASES,
+)
+"""Metrics of every other robot, in the order of ``result.json``."""
 
 
 def table(metrics: Iterable[Metric] = METRICS) -> str:

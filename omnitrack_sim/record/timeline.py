@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,26 @@ FORCE_WINDOW = 0.1
 
 Single lugs leave the wall all the time, so single samples tell nothing.
 """
+
+
+class Touch(NamedTuple):
+    """Contacts of the k parts of a robot that touch the wall, and power of its m motors, over T
+    samples.
+
+    Attributes:
+        touching: (T, k) bool.
+        force: (T, k) N, normal forces.
+        slip_speed: (T, k) m/s.
+        slip_ratio: (T, k) slip velocity over the larger of drive's and part's speed; None for parts
+            that are not driven.
+        power: (T, m) W, of each motor's shaft.
+    """
+
+    touching: NDArray[np.bool_]
+    force: Array
+    slip_speed: Array
+    slip_ratio: Array | None
+    power: Array
 
 
 @dataclass(frozen=True)
@@ -81,7 +102,7 @@ class Visit:
 
 
 @np.errstate(invalid="ignore", over="ignore")  # of physics that has diverged
-def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float) -> list[Visit]:
+def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> list[Visit]:
     """Return a visit for each fitting the robot's centre was in, in order of the first entry.
 
     A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
@@ -92,7 +113,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     Args:
         trajectory: the record.
         routes: of each leg, in the order of the channel ``leg``.
-        lug_radius: m, belt speed over shaft speed.
+        touch: contacts and power in the samples.
     """
     leg, place = trajectory["leg"].astype(int), passage_indices(trajectory, routes)
     group = _offsets(routes)[leg] + place  # (T,) one number for each fitting of each leg
@@ -103,7 +124,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], lug_radius: float)
     rolls, retries = (
         _counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE)
     )
-    samples = _Samples(trajectory, lug_radius)
+    samples = _Samples(trajectory, touch)
     visits = []
     for rows in rows_of:
         first = int(rows[0])
@@ -175,20 +196,20 @@ class _Samples:
     """Samples that the figures of a visit are computed from, each the mean over the interval to
     the next one (trapezoidal rule)."""
 
-    def __init__(self, trajectory: Trajectory, lug_radius: float) -> None:
-        touching = (trajectory["contact_count"].sum(axis=-1) > 0).astype(float)  # (T, 3)
-        power = trajectory["motor_torque"] * trajectory["belt_speed"] / lug_radius  # (T, 3) W
+    def __init__(self, trajectory: Trajectory, touch: Touch) -> None:
+        touching = touch.touching.astype(float)  # (T, k)
         # Braking gives nothing back to the motors.
-        power = np.maximum(power, 0.0)
-        force = trajectory["normal_force"]
+        power = np.maximum(touch.power, 0.0)
+        force, ratio = touch.force, touch.slip_ratio
+        self.has_ratio = ratio is not None
         time = trajectory.time
         self.time = time  # (T,) s
         # The last sample begins no interval: so durations and energies of all visits add up to the
         # run's.
         self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
-        self.slip = _between((np.abs(trajectory["slip_ratio"]) * touching).sum(axis=1))
-        self.slip_speed = _between(np.abs(trajectory["slip_velocity"]).mean(axis=1))
+        self.slip = _between((np.abs(0.0 if ratio is None else ratio) * touching).sum(axis=1))
+        self.slip_speed = _between(np.abs(touch.slip_speed).mean(axis=1))
         self.power = _between(power.sum(axis=1))
         self.force = _between(force.mean(axis=1))
         self.least_force = running_mean(force, time, FORCE_WINDOW).min(axis=1)
@@ -201,7 +222,7 @@ class _Samples:
         # A run that ends at its first sample in a fitting spends no time there. The means are then
         # the values of that sample.
         weight = step if step.sum() > 0 else np.ones(len(rows))
-        touching = float(weight @ self.touching[rows])
+        touching = float(weight @ self.touching[rows]) if self.has_ratio else 0.0
         return {
             "time_enter_s": float(self.time[first]),
             "time_leave_s": float(self.time[last + 1]) if last + 1 < len(self.time) else None,

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.writing import npz_of
-from omnitrack_sim.record.channels import CHANNELS, Channel, Vector
+from omnitrack_sim.record.channels import CHANNELS, Channel, Vector, recorded
 from omnitrack_sim.record.timeline import Visit
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
-from omnitrack_sim.robots.omnitrack.drive import Drive
+from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,17 +54,18 @@ def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
     (folder / REPLAY_FILE).write_bytes(npz_of(arrays))
 
 
-def read_trajectory(folder: Path, drive: Drive) -> Trajectory:
-    """Read and check the trajectory in the folder of a run of a robot with ``drive``.
+def read_trajectory(folder: Path, robot: Robot) -> Trajectory:
+    """Read and check the trajectory in the folder of a run of a robot.
 
     Raises:
         OutputError: a file is missing or damaged, or the two do not belong together.
     """
     with reading(folder / TRAJECTORY_FILE) as path:
-        time, channels, phases, schema = _read_parquet(path)
+        shipped = recorded(CHANNELS[name] for name in robot.channels if name in CHANNELS)
+        time, channels, phases, schema = _read_parquet(path, shipped)
     with reading(folder / REPLAY_FILE) as path:
-        # The drive's shafts add joints, so the scenario decides how many positions a sample has.
-        replayed, qpos = _read_npz(path, len(time), JOINT_POSITIONS + drive.shafts)
+        # Shafts of a drive add joints, so the scenario decides how many positions a sample has.
+        replayed, qpos = _read_npz(path, len(time), robot.joint_count)
         if not np.array_equal(replayed, time):
             raise _OtherRun("other times")
         return Trajectory(time, channels, phases, qpos, schema)
@@ -139,7 +140,8 @@ def _schema(trajectory: Trajectory) -> pa.Schema:
     """Columns of the table of a trajectory, with its phases and its own channels."""
     import pyarrow as pa
 
-    # Shipped channels are known to every reader; a user's own are described in the file itself.
+    # Shipped channels are known to every reader; those of other robots and of a user's own
+    # sensors are described in the file itself.
     own = [
         {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
         for name, channel in trajectory.schema.items()
@@ -164,14 +166,14 @@ def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
 _Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[str, Channel]]
 
 
-def _read_parquet(path: Path) -> _Table:
+def _read_parquet(path: Path, shipped: Mapping[str, Channel]) -> _Table:
     """Read time, channels, names of the phases, and the schema of the channels."""
     import pyarrow as pa
 
     with opened(path) as file:
         table = file.read(use_threads=False)
     about = table.schema.metadata
-    schema = {**RECORDED}
+    schema = {**shipped}
     for data in json.loads(about[b"own_channels"]):
         channel = _own_channel(data, table.num_columns)
         require(channel.name not in schema, f"there are two channels {channel.name!r}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +23,22 @@ _INK, _GREY, _SHADES = "#22262b", "#7a7f87", ("#ffffff", "#e3e7ed", "#f2ede3")
 _LEFT, _WIDTH, _HEIGHT, _BETWEEN = 112, 380, 44, 12  # pixels
 _MOST_POINTS = 380
 """Points of a line: one a pixel; of more samples the least and the largest of each pixel."""
-_ROWS = (("distance", "m", 1.0), ("tilt", "deg", 180 / np.pi), ("normal_force", "N", 1.0))
+_ROWS = (
+    ("distance", "m", 1.0),
+    ("tilt", "deg", 180 / np.pi),
+    ("normal_force", "N", 1.0),
+    ("wall_force", "N", 1.0),
+)
+"""Channel, unit and factor; those that the robot has."""
 
 
 def sketch(trajectory: Trajectory) -> str:
     """Distance, tilt and normal forces over time as an SVG element, phases behind them."""
-    height = len(_ROWS) * (_HEIGHT + _BETWEEN) + 20
+    known = [row for row in _ROWS if row[0] in trajectory.channels]
+    height = len(known) * (_HEIGHT + _BETWEEN) + 20
     rows = [
         _row(trajectory, *row, top=_BETWEEN // 2 + i * (_HEIGHT + _BETWEEN))
-        for i, row in enumerate(_ROWS)
+        for i, row in enumerate(known)
     ]
     end = float(trajectory.time[-1])
     axis = _text(_LEFT, height - 8, "0 s") + _text(
@@ -51,8 +59,8 @@ def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int
     x = _LEFT + _WIDTH * (time / max(float(time[-1]), 1e-9))
     # SVG counts y downward; a constant channel has no range to divide by.
     y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
-    colours = _COLOURS if values.shape[1] > 1 else (_INK,)
-    lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=True)]
+    colours = cycle(_COLOURS if values.shape[1] > 1 else (_INK,))
+    lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=False)]
     name = f"{channel.replace('_', ' ')}, {unit}"
     texts = [
         _text(2, top + _HEIGHT / 2 + 3, name, "start"),

@@ -27,10 +27,11 @@ from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
+from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
-from omnitrack_sim.record.metrics import METRICS, Metrics
+from omnitrack_sim.record.metrics import Metric, Metrics
 from omnitrack_sim.record.timeline import Visit, timeline
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.files import (
     MAP_FILE,
     RESULT_FILE,
@@ -44,8 +45,6 @@ from omnitrack_sim.results.files import (
 )
 from omnitrack_sim.results.html import safe, sketch, table_html
 from omnitrack_sim.results.pictures import PICTURES_FILE, Pictures, read_pictures
-from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.scenario import Scenario, read_back
 
 
@@ -133,13 +132,10 @@ class Result:
 
     @property
     def joints(self) -> dict[str, slice]:
-        """Columns of ``qpos`` by the name of the joint in the model: ``robot``, and of each module
-        ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1``, ``belt_lower_1``,
-        ``sprocket_front_1`` and ``sprocket_rear_1``; then shafts."""
-        modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
-        shafts = [f"shaft_{i + 1}" for i in range(self.qpos.shape[1] - JOINT_POSITIONS)]
-        columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
-        return {"robot": slice(0, 7)} | columns
+        """Columns of ``qpos`` by the name of the joint in the model; of the omnidirectional robot
+        ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1``,
+        ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then shafts."""
+        return dict(self.scenario.robot.joints)
 
     @property
     def pictures(self) -> Pictures:
@@ -203,7 +199,7 @@ class Result:
 
     def timeline(self) -> list[Visit]:
         """The run fitting by fitting, in order of time; see ``timeline.timeline``."""
-        return timeline(self.trajectory, self.routes(), self.scenario.robot.lug_radius)
+        return timeline(self.trajectory, self.routes(), self.scenario.robot.touch(self.trajectory))
 
     def summary(self) -> dict[str, Any]:
         """The contents of ``result.json``."""
@@ -302,18 +298,19 @@ def load_result(directory: str | Path) -> Result:
         events = [event_of(table) for table in summary.events]
         # The fields of a damaged file may be of any type, which shows when the text is made.
         _ = [str(event) for event in events]
-        _check_metrics(summary.metrics)
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
         # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
+    with reading(folder / RESULT_FILE):
+        _check_metrics(summary.metrics, scenario.robot.metrics)
     explored = None
     if scenario.exploration is not None:
         with _advised(folder), reading(folder / MAP_FILE) as path:
             explored = Network.believed_from(table_of(path, "network", NetworkError))
     with _advised(folder):
-        trajectory = read_trajectory(folder, drive_of(scenario.robot.drive))
+        trajectory = read_trajectory(folder, scenario.robot)
         # The clock of physics that has diverged begins anew.
         end = math.inf if summary.outcome is Outcome.DIVERGED else summary.duration_s
         album = read_pictures(folder, end) if scenario.record.pictures else None
@@ -370,14 +367,14 @@ def _summary(text: bytes) -> _Summary:
         raise ValueError(f"{where}: {first['msg']}".lstrip(": ")) from error
 
 
-def _check_metrics(metrics: Metrics) -> None:
+def _check_metrics(metrics: Metrics, known: Sequence[Metric]) -> None:
     """Refuse shipped metrics of another kind; those of a user's own may be anything."""
-    for metric in METRICS:
+    for metric in known:
         if metric.name not in metrics:
             continue
         value: Any = metrics[metric.name]
         if metric.per_module:
-            right = isinstance(value, list) and len(value) == MODULES
+            right = isinstance(value, list) and len(value) == MODULE_COUNT
             numbers = value if right else ()
         else:
             right = True

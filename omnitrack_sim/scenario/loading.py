@@ -24,9 +24,10 @@ from omnitrack_sim.base.table import (
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.control import controller_of, parameters_model
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
-from omnitrack_sim.robots.omnitrack.control.interface import controller_of, parameters_model
+from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
@@ -47,6 +48,13 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
         control = data.get("control") if isinstance(data, dict) else None
         if isinstance(control, dict) and control.get("kind", ControlTable().kind) != value:
             data["control"] = {**control, "parameters": {}}
+    # Parameters of one robot mean nothing to another, and neither does its controller.
+    if path == "robot.kind" and isinstance(data, dict) and _robot_kind(data) != value:
+        data["robot"] = {}
+        control = data.get("control")
+        if isinstance(control, dict):
+            own = ("kind", "parameters")
+            data["control"] = {key: item for key, item in control.items() if key not in own}
     *before, last = path.split(".")
     place, undo = data, None
     for depth, key in enumerate([*before, last]):
@@ -116,17 +124,20 @@ def _may_stand(data: Any, path: str) -> bool:
 def _kind_at(data: Any, places: Sequence[str]) -> Any:
     """Type of the value at a path of a scenario; None where it is unknown."""
     kind: Any = Scenario
+    whole = data
     for depth, key in enumerate(places, start=1):
         is_open = tuple(places[:depth]) == OPEN_TABLE
-        kind = _parameters_of(inside(data, "kind")) if is_open else below(kind, data, key)
+        kind = _parameters_of(whole) if is_open else below(kind, data, key)
         data = inside(data, key)
     return kind
 
 
-def _parameters_of(kind: Any) -> Any:
-    """Model of ``control.parameters`` of a kind of controller."""
+def _parameters_of(data: Any) -> Any:
+    """Model of ``control.parameters`` of a scenario's data."""
+    kind = inside(inside(data, "control"), "kind")
+    kind = str(ControlTable().kind if kind is None else kind)
     try:
-        return parameters_model(controller_of(str(ControlTable().kind if kind is None else kind)))
+        return parameters_model(controller_of(kind, _controllers_of(data)))
     except InputError:
         return None  # the fault is told elsewhere
 
@@ -136,7 +147,7 @@ def _forget_digest(data: Any, path: str, place: Any) -> None:
     *before, key = path.split(".")
     if tuple(before) != OPEN_TABLE:
         return
-    model = _parameters_of(inside(inside(data, "control"), "kind"))
+    model = _parameters_of(data)
     file = {} if model is None else marks_of(model, FileName)
     if key in file:
         place.pop(file[key].digest, None)
@@ -183,9 +194,10 @@ def validate(
         check_changes(changes)
     data, unset = _changed(data, folder, changes) if changes else (data, [])
     data, networks = _with_network(data, folder)
+    data, robots = _with_robot(data, folder)
     data, parameters = _with_parameters(data, folder)
     # Each part is checked alone, so that one fault does not hide those of the others.
-    faults = [*unset, *networks, *parameters, *_own_faults(data)]
+    faults = [*unset, *networks, *robots, *parameters, *_own_faults(data)]
     try:
         scenario = read_back(data)
     except ScenarioError as error:
@@ -233,13 +245,13 @@ def _changed(
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
     """Robot table with all values at its own scale, to which changes refer."""
-    if not isinstance(robot, Mapping):
+    if not isinstance(robot, Mapping) or robot.get("kind", STANDARD) != STANDARD:
         return robot
     changed = {path.split(".")[1] for path in changes if path.startswith("robot.")}
     # A change may mend the very value that makes the table invalid: then it is tried without it.
     for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
         try:
-            return Robot.model_validate(table, strict=True).model_dump(mode="json")
+            return Omnitrack.model_validate(table, strict=True).model_dump(mode="json")
         except (ValidationError, RecursionError):
             continue
     return robot
@@ -260,6 +272,28 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
         return {key: value for key, value in data.items() if key != "network"}, faults
 
 
+def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
+    """Scenario data with the robot as a table, its files by absolute paths, and its own default
+    controller; and the faults of its kind."""
+    robot = data.get("robot", {})
+    if isinstance(robot, str):
+        is_file_name = Path(robot).suffix in (".xml", ".mjcf")
+        robot = {"kind": "mjcf", "file": robot} if is_file_name else {"kind": robot}
+        data = {**data, "robot": robot}
+    kind = robot.get("kind", STANDARD) if isinstance(robot, Mapping) else STANDARD
+    if kind == STANDARD or not isinstance(kind, str):
+        return data, []
+    try:
+        model = robot_class(kind)
+    except InputError as error:
+        return {key: value for key, value in data.items() if key != "robot"}, list(error.faults)
+    control = data.get("control", {})
+    if isinstance(control, Mapping) and "kind" not in control:
+        control = {**control, "kind": next(iter(model.controllers))}
+    files = _absolute_files(robot, model, folder)
+    return {**data, "robot": {**robot, **files}, "control": control}, []
+
+
 def _with_parameters(
     data: Mapping[str, Any], folder: Path
 ) -> tuple[Mapping[str, Any], list[Fault]]:
@@ -269,7 +303,7 @@ def _with_parameters(
     if not isinstance(kind, str):
         return data, []  # a fault that is told elsewhere
     try:
-        model = parameters_model(controller_of(kind))
+        model = parameters_model(controller_of(kind, _controllers_of(data)))
     except InputError as error:
         return {**data, "control": {**control, "kind": ControlTable().kind}}, list(error.faults)
     table, where = control.get("parameters", {}), "control.parameters"
@@ -284,6 +318,20 @@ def _with_parameters(
     known = parameters.model_dump(mode="json")
     faults = [*_unread(where, table, known), *_endless(where, known)]
     return {**data, "control": {**control, "parameters": known}}, faults
+
+
+def _controllers_of(data: Mapping[str, Any]) -> Mapping[str, str]:
+    """Shipped controllers of the robot of a scenario's data."""
+    try:
+        return robot_class(_robot_kind(data)).controllers
+    except InputError:
+        return Omnitrack.controllers  # told elsewhere
+
+
+def _robot_kind(data: Any) -> str:
+    """``robot.kind`` of a scenario's data."""
+    kind = inside(inside(data, "robot"), "kind")
+    return STANDARD if kind is None else str(kind)
 
 
 def _absolute_files(

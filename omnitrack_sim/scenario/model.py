@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -32,16 +32,12 @@ from omnitrack_sim.base.table import Table, symbol_of
 from omnitrack_sim.pipes import Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import by_kind, known_fittings, table_of
 from omnitrack_sim.pipes.network import End, Network
-from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.display import RobotDisplay
-from omnitrack_sim.record.metrics import ESTIMATE_METRICS, METRICS, Metric
-from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    Controller,
-    controller_of,
-    parameters_model,
-)
-from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
+from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.robot import SPECIAL, RobotOfKind
+from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario.tables import (
     ControlTable,
     MonitorTable,
@@ -53,14 +49,12 @@ from omnitrack_sim.scenario.tables import (
     WorldTable,
     is_multiple,
 )
-from omnitrack_sim.senses import Sensor
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 
 if TYPE_CHECKING:
     from mujoco import MjSpec
 
 _Thing = TypeVar("_Thing")
-METRIC_NAMES = {metric.name for metric in (*METRICS, *ESTIMATE_METRICS)}
 ROUNDING = 1e-6
 """Part of a number of periods that may come from rounding."""
 
@@ -99,7 +93,7 @@ class Scenario(Table):
     """Start, goals and task in the network."""
     start: StartTable = StartTable()
     world: WorldTable = WorldTable()
-    robot: Robot = Robot()
+    robot: RobotOfKind = Omnitrack()
     control: ControlTable = ControlTable()
     sensing: SensingTable = SensingTable()
     physics: PhysicsTable = PhysicsTable()
@@ -175,13 +169,9 @@ class Scenario(Table):
             >>> model.body("chassis").name
             'chassis'
         """
-        # MuJoCo is loaded where a model is asked for: reading a scenario does not need it.
-        from omnitrack_sim.robots.omnitrack.scene import build_scene
-
         physics = self.physics
-        return build_scene(
+        return self.robot.to_spec(
             self.route.network,
-            self.robot,
             plates=self.plates,
             timestep=physics.timestep,
             wall_tolerance=physics.wall_tolerance,
@@ -194,10 +184,7 @@ class Scenario(Table):
     @property
     def display(self) -> RobotDisplay:
         """What films and pages show of the robot."""
-        # It has looks, which need MuJoCo and the boolean kernel.
-        from omnitrack_sim.robots.omnitrack.display import DISPLAY
-
-        return DISPLAY
+        return self.robot.display
 
     @cached_property
     def bores(self) -> dict[End, float]:
@@ -252,7 +239,7 @@ class Scenario(Table):
             error: m, of the arc length that it takes itself to be at.
         """
         if self.exploration is None:
-            return abs(error) <= self.robot.nominal_pipe_radius
+            return abs(error) <= self.robot.nominal_bore / 2
         # Goals that were searched for have been counted where the robot truly was.
         return self.exploration.mission.task == "find" or self.exploration.is_home(position, axis)
 
@@ -269,7 +256,7 @@ class Scenario(Table):
         Raises:
             InputError: there is no such class.
         """
-        return controller_of(self.control.kind)
+        return controller_of(self.control.kind, self.robot.controllers)
 
     @property
     def control_parameters(self) -> Any:
@@ -284,7 +271,8 @@ class Scenario(Table):
             InputError: there is no such sensor.
         """
         sensors = _of_kind("record.sensors", self.record.sensors, Sensor)
-        refuse_taken("record.sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
+        names = [sensor.channel.name for sensor in sensors]
+        refuse_taken("record.sensors", names, self.robot.channels)
         return sensors
 
     @property
@@ -295,8 +283,14 @@ class Scenario(Table):
             InputError: there is no such metric.
         """
         metrics = _of_kind("record.metrics", self.record.metrics, Metric)
-        refuse_taken("record.metrics", [metric.name for metric in metrics], METRIC_NAMES)
+        taken = {metric.name for metric in (*self.robot.metrics, *ESTIMATE_METRICS)}
+        refuse_taken("record.metrics", [metric.name for metric in metrics], taken)
         return (*metrics, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
+
+    @property
+    def all_metrics(self) -> tuple[Metric, ...]:
+        """Metrics of the run: those of every run of the robot, then ``own_metrics``."""
+        return (*self.robot.metrics, *self.own_metrics)
 
     def driven_by(self, controller: type[Controller]) -> Scenario:
         """Return the same run under a user's own controller class.
@@ -360,7 +354,7 @@ def unit_of(path: str) -> str | None:
         return "deg"
     if table == "robot":
         # A robot with a rotary motor of its own has all the parameters that a robot can have.
-        rows = Robot(roll_motor=Robot().motor).parameters()
+        rows = Omnitrack(roll_motor=Omnitrack().motor).parameters()
         return next((row.unit or None for row in rows if row.name == ".".join(keys)), None)
     if table == "pipes":
         kinds: list[Any] = [fitting.Table for fitting in known_fittings().values()]
@@ -393,7 +387,8 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         with gathered(faults, lambda fault, i=i: f"pipes.{i}.{fault.where.rpartition('.')[2]}"):
             pipe.step(i)
     with gathered(faults):
-        drive_of(scenario.robot.drive)
+        scenario.robot.check()
+    faults += _meaningless(scenario)
     # What follows lays out pipes and plans, which needs tables that are valid by themselves.
     faults += [*_uneven_samples(scenario), *_impossible_cameras(scenario)]
     if scenario.record.pictures and scenario.sensing.kind != "onboard":
@@ -448,6 +443,16 @@ def _missing(scenario: Scenario) -> Iterator[Fault]:
         yield Fault("run.goal_distance", "is for pipes; a mission has goals")
 
 
+def _meaningless(scenario: Scenario) -> Iterator[Fault]:
+    """Keys that mean nothing to the robot of the scenario."""
+    robot = scenario.robot
+    for path, value in SPECIAL.items():
+        given = reduce(getattr, path.split("."), scenario)
+        if path not in robot.understands and given != value:
+            problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
+            yield Fault(path, f"{problem}; leave it at {value!r}")
+
+
 def _uneven_samples(scenario: Scenario) -> Iterator[Fault]:
     """A record period that is no whole number of control periods."""
     period, step = scenario.record.period, scenario.physics.control_period
@@ -476,18 +481,13 @@ def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:
 
 
 def _bores_out_of_reach(scenario: Scenario, bores: Mapping[End, float]) -> Iterator[Fault]:
-    """The first bore that the arms do not reach."""
-    robot = scenario.robot
-    # The arms slide from the nominal pipe between their stops.
-    low, high = (robot.nominal_pipe_radius + travel for travel in robot.slide_range)
+    """The first bore that the robot does not fit."""
     for (index, port), radius in bores.items():
-        fitting = scenario.route.network.parts[index].fitting
-        if not low < radius < high:
+        misfit = scenario.robot.misfit(2 * radius)
+        if misfit:
+            fitting = scenario.route.network.parts[index].fitting
             where = "pipes" if scenario.pipes else "network.fittings"
-            problem = (
-                f"is {2 * radius:.4g} m; the arms reach bores from {2 * low:.4g} to {2 * high:.4g} "
-                f"m (robot.scale = {robot.scale_for(2 * radius):.4g} makes the robot for it)"
-            )
+            problem = f"is {2 * radius:.4g} m; {misfit}"
             yield Fault(f"{where}.{index}.{fitting.bore_key(port)}", problem)
             return
 

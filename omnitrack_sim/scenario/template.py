@@ -13,8 +13,8 @@ from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
-from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Robot
-from omnitrack_sim.robots.omnitrack.control.interface import parameters_model
+from omnitrack_sim.robots.control import parameters_model
+from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Omnitrack
 from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
@@ -170,7 +170,7 @@ def _robot(values: Mapping[str, Any]) -> list[str]:
     """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
     # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
     lines = ["", *_comment(_ROBOT), "[robot]"]
-    fields = Robot.model_fields
+    fields = Omnitrack.model_fields
     for key in (key for key in fields if key != "motor"):
         lines += _figure(key, quantity_of(fields[key]), fields[key].default, values)
     motor = values.get("motor")

@@ -1,5 +1,1 @@
-"""Sensors: functions from the state of the physics to measured quantities."""
-
-from omnitrack_sim.senses.sensor import SENSORS, Sensor, State
-
-__all__ = ["SENSORS", "Sensor", "State"]
+"""Sensors of a robot that drives by itself: encoders, inertial unit, cameras, and their noise."""

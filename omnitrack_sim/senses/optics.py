@@ -10,7 +10,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, heading, set_rows
 from omnitrack_sim.base.table import Part, Table, Unit
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.senses.draws import Keys
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -112,7 +112,7 @@ class Mount:
         ahead: m, from the robot's centre to the lens.
     """
 
-    def __init__(self, camera: Camera, robot: Robot) -> None:
+    def __init__(self, camera: Camera, robot: Omnitrack) -> None:
         self.camera, self.rays = camera, rays_of(camera.optics)
         self.ahead = robot.length / 2 + camera.optics.ahead
 

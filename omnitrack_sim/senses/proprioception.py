@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, rotation_vector, set_rows
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.senses.draws import Keys, normal
-from omnitrack_sim.senses.sensor import State
 from omnitrack_sim.senses.settings import SensingTable
 
 
@@ -53,7 +53,7 @@ class Proprioception:
     def __init__(
         self,
         table: SensingTable,
-        robot: Robot,
+        robot: Omnitrack,
         period: float,
         lug_pitch: float,
         n: int,

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.route_map import RouteMap
-from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.robots.omnitrack.body import spring_free_length
-from omnitrack_sim.robots.omnitrack.control import Settings
+from omnitrack_sim.robots.control import Settings
+from omnitrack_sim.robots.plant import Start
+from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import PhysicsTable
-from omnitrack_sim.sim.plant import Start
 from omnitrack_sim.walls.geoms import TIMESTEP
 
 EACH: Mapping[str, str] = {
@@ -27,9 +28,6 @@ EACH: Mapping[str, str] = {
     "roll_deg": "start.roll_deg",
     "gravity": "world.gravity",
     "friction": "world.friction",
-    "preload": "robot.preload",
-    "torque_limit": "robot.motor.torque_limit",
-    "roll_torque": "robot.roll_torque",
     "cruise_speed": "control.cruise_speed",
     "align": "control.align",
     "retry": "control.retry",
@@ -38,7 +36,8 @@ EACH: Mapping[str, str] = {
     "parameters": "control.parameters",
     "time_limit": "run.time_limit",
 }
-"""Values that may differ between the scenarios of a batch, by name and dotted path."""
+"""Values that may differ between the scenarios of a batch, by name and dotted path; beside those of
+the robot, ``Robot.own_values``."""
 CARRIED = (
     "name",
     "seed",
@@ -58,7 +57,7 @@ def batch_key(data: Mapping[str, Any]) -> str:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
     """
     own: dict[str, Any] = {}
-    for path in (*EACH.values(), *CARRIED):
+    for path in _own_paths(str(data.get("robot", {}).get("kind", STANDARD))):
         place = own
         *tables, key = path.split(".")
         for table in tables:
@@ -70,9 +69,20 @@ def batch_key(data: Mapping[str, Any]) -> str:
 
 
 @functools.cache
-def is_shared(path: str) -> bool:
-    """Return True if the scenarios of a batch share the value at a dotted path."""
-    return not any(f"{path}.".startswith(f"{own}.") for own in (*EACH.values(), *CARRIED))
+def _own_paths(kind: str) -> tuple[str, ...]:
+    """Dotted paths of values in which scenarios of one batch may differ, with a kind of robot."""
+    try:
+        values = robot_class(kind).own_values
+    except InputError:
+        values = ()  # told where the scenario is read
+    return (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in values))
+
+
+@functools.cache
+def is_shared(path: str, kind: str = STANDARD) -> bool:
+    """Return True if the scenarios of a batch with a ``kind`` of robot share the value at a dotted
+    path."""
+    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(kind))
 
 
 def _without(data: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,23 +105,16 @@ def each(scenarios: Sequence[Scenario], name: str) -> NDArray:
 
 def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]) -> Start:
     """Start values and physical constants of each robot; ``route`` (n,): its route."""
-    robots = [s.robot for s in scenarios]
     theta5 = np.radians(each(scenarios, "theta5_deg"))
     position, rotation = routes.start_poses(route, each(scenarios, "distance"), theta5)
-    pipe_radius = np.array([routes.routes[w].passages[0].radius for w in route])
-    nominal = np.array([r.nominal_pipe_radius for r in robots])
-    preload = each(scenarios, "preload")
     return Start(
         position=position,
         quaternion=quaternion_from_matrix(rotation),
-        slide=np.repeat((pipe_radius - nominal)[:, None], MODULES, axis=1),
-        roll=np.repeat(np.radians(each(scenarios, "roll_deg"))[:, None], MODULES, axis=1),
         friction=each(scenarios, "friction"),
         gravity=each(scenarios, "gravity").astype(float),
-        spring_free=np.array(
-            [spring_free_length(r, p) for r, p in zip(robots, preload, strict=True)]
-        ),
-        roll_torque=each(scenarios, "roll_torque"),
+        bore_radius=np.array([routes.routes[w].passages[0].radius for w in route]),
+        roll=np.radians(each(scenarios, "roll_deg")),
+        robots=[scenario.robot for scenario in scenarios],
     )
 
 
@@ -124,20 +127,21 @@ def settings_of(
     motor's speed limits the cruise speed. Belts are capped at what the motor holds.
     """
     cruise, notes = [], []
-    highest = np.array([s.robot.feasible_belt_speed for s in scenarios])
+    highest = np.array([s.robot.top_speed for s in scenarios])
     for scenario, w, most in zip(scenarios, route, highest.tolist(), strict=True):
         # The outer module's way is longer than the centre's by this factor.
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
         speed, step = _speed_note(scenario, most, factor), _step_note(scenario)
-        notes.append([*speed, *step, *_spring_note(scenario), *_idle_note(scenario.physics)])
+        bores = [2 * radius for radius in scenario.bores.values()]
+        own = scenario.robot.bore_notes(bores)
+        notes.append([*speed, *step, *own, *_idle_note(scenario.physics)])
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
         retry=each(scenarios, "retry"),
         speed_limit=np.minimum(each(scenarios, "speed_limit"), highest),
         safe_margin=np.radians(each(scenarios, "safe_margin_deg").astype(float)),
-        reach=np.array([s.robot.reach for s in scenarios]),
     )
     return settings, notes
 
@@ -145,20 +149,19 @@ def settings_of(
 def _step_note(scenario: Scenario) -> Iterator[str]:
     """Warning of a time step whose slip is not that of small steps."""
     step, longest = scenario.physics.timestep, TIMESTEP * scenario.robot.time_scale
-    if step > longest * (1 + 1e-9):
+    excess = slip_excess(scenario)
+    if step > longest * (1 + 1e-9) and not math.isnan(excess):
         yield (
             f"physics.timestep is {step:.4g} s: above {longest:.4g} s slip comes out too large, "
-            f"here by about {100 * slip_excess(scenario):.0f} %"
+            f"here by about {100 * excess:.0f} %"
         )
 
 
 def slip_excess(scenario: Scenario) -> float:
-    """Return the share by which a typical turn's slip reads too large at a scenario's time step.
-
-    Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
-    (``benchmarks/timestep.py``).
-    """
-    return 0.1 * (scenario.physics.timestep / (TIMESTEP * scenario.robot.time_scale)) ** 2.6
+    """Return the share by which a typical run's slip reads too large at a scenario's time step; not
+    a number where it has not been measured."""
+    steps = scenario.physics.timestep / (TIMESTEP * scenario.robot.time_scale)
+    return scenario.robot.slip_excess(steps)
 
 
 def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
@@ -167,8 +170,8 @@ def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]
     if wanted <= min(limit, most / factor):
         return
     motor = (
-        f"motor {scenario.robot.motor.name} (robot.motor) holds {most:.4g} m/s and the outer "
-        f"module needs {factor:.2f} times the robot's speed"
+        f"{scenario.robot.drive_words} holds {most:.4g} m/s and the outer side of the robot needs "
+        f"{factor:.2f} times its speed"
     )
     if most / factor <= limit:
         yield f"cruise speed lowered from {wanted:.4g} to {most / factor:.4g} m/s: {motor}"
@@ -180,27 +183,6 @@ def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]
     if wanted * factor > most:
         note += f"; without it {most / factor:.4g} m/s are possible: {motor}"
     yield note
-
-
-def _spring_note(scenario: Scenario) -> Iterator[str]:
-    """Bore for which the robot is not made, though its arms reach it: where the springs press the
-    modules most unlike they do in the nominal bore."""
-    robot = scenario.robot
-    forces = {2 * radius: robot.spring_force(radius) for radius in scenario.bores.values()}
-    narrowest, widest = min(forces), max(forces)
-    # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
-    if forces[narrowest] > 2 * robot.preload:
-        bore = narrowest
-    elif forces[widest] < robot.preload / 2:
-        bore = widest
-    else:
-        return
-    held = f"press each module with {forces[bore]:.3g} N" if forces[bore] else "are slack"
-    yield (
-        f"in the bore of {bore:.4g} m the springs {held}, in the robot's own of "
-        f"{robot.nominal_bore:.4g} m with robot.preload, {robot.preload:.3g} N; robot.scale = "
-        f"{robot.scale_for(bore):.4g} makes the robot for it"
-    )
 
 
 def _idle_note(physics: PhysicsTable) -> Iterator[str]:

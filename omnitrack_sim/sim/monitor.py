@@ -4,27 +4,16 @@ the supervisor."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
-from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack import GRAVITY, Robot
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.tables import MonitorTable
-
-# Rows of the averages that the cause of a failure is read from.
-NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = range(6)
-
-
-MOST_PRELOADS = 20.0
-"""Normal force of a module over the preload, or the robot's weight where that is more, from which
-on a result carries a note. Springs at their end press with 3 times the preload."""
-STOP_ROOM = 0.001
-"""Distance beyond its stop from which on an arm's place is noted, m, for a robot of scale 1."""
 
 
 class Verdict(NamedTuple):
@@ -39,7 +28,7 @@ class Monitor:
 
     Args:
         routes: of the robots.
-        robot: its length and weight are units of the limits.
+        robot: its length is a unit of the limits, and it finds causes of failures.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
         start: (n,) m, arc lengths where they begin.
         cruise_speed: (n,) m/s.
@@ -61,19 +50,17 @@ class Monitor:
     ):
         n = len(start)
         self.routes, self.limits, self.period = routes, limits, period
-        self._sample_every, self._sample_period = sample_every, period * sample_every
+        self._sample_every = sample_every
+        self._diagnosis = robot.diagnosis(limits, period * sample_every, n)
         self._progress, self._slide_back, self._patience_length = (
             float(robot.own_length(length))
             for length in (limits.progress, limits.slide_back, limits.patience)
         )
         self._scale = robot.time_scale
-        self._memory = limits.memory * robot.time_scale
-        self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
         # s of patience, s since the last progress, s, m
         self._patience, self._waiting, self._time_limit, self._farthest = np.zeros((4, n))
-        self._looks, self._samples = np.zeros((2, n), int)
-        self._mean, self._sample = np.zeros((2, n, 6, 3))
+        self._looks = np.zeros(n, int)
         self._version = -1
         self.reset(np.arange(n), start, cruise_speed, time_limit)
 
@@ -86,8 +73,8 @@ class Monitor:
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
         # Times are sums of steps: 1e-9 s keeps their rounding from adding a step.
         self._time_limit[rows], self._farthest[rows] = time_limit - 1e-9, start
-        self._waiting[rows], self._mean[rows] = 0.0, 0.0
-        self._looks[rows], self._samples[rows] = 0, 0
+        self._waiting[rows], self._looks[rows] = 0.0, 0
+        self._diagnosis.reset(rows)
 
     def sent_on(self, robot: int, seconds: float) -> None:
         """Count headway anew for a robot that drives another leg, and give it more time."""
@@ -158,7 +145,7 @@ class Monitor:
     def average(
         self,
         readings: Mapping[str, Array],
-        belt_command: Array,
+        command: Any,
         saturated: NDArray[np.bool_],
         robots: NDArray[np.bool_],
     ) -> None:
@@ -166,87 +153,33 @@ class Monitor:
 
         Args:
             readings: of the sensors.
-            belt_command: (n, 3) m/s.
-            saturated: (n, 3) motors at their torque limit.
+            command: that the robots carry out.
+            saturated: (n, m) motors at their limit.
             robots: (n,) those that run.
         """
         due = robots & (self._looks % self._sample_every == 0)
         self._looks += robots
-        if not np.count_nonzero(due):
-            return
-        self._samples += due
-        # A plain mean until the memory is full.
-        part = np.maximum(self._sample_period / self._memory, 1 / np.maximum(self._samples, 1))
-        weight = np.where(due, part, 0.0)[:, None, None]
-        sample = self._sample
-        sample[:, NORMAL_FORCE] = readings["normal_force"]
-        np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])
-        sample[:, SATURATED] = saturated
-        np.multiply(readings["belt_speed"], np.sign(belt_command), out=sample[:, BELT_SPEED])
-        np.abs(belt_command, out=sample[:, BELT_COMMAND])
-        np.abs(np.cos(readings["roll"]), out=sample[:, ROLL_COSINE])
-        self._mean += weight * (sample - self._mean)
+        if np.count_nonzero(due):
+            self._diagnosis.average(readings, command, saturated, due)
 
     def cause(self, robot: int, location: Location) -> Outcome:
         """Return the cause for which a robot makes no headway."""
-        if self.lies_across(robot, location):
-            return Outcome.WEDGED
-        mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
-        running = limits.stalled_speed * mean[BELT_COMMAND]
-        # At its limit and slower than asked: a motor that only works hard is not stalled.
-        stalled = (mean[SATURATED] > 0.5) & (mean[BELT_SPEED] < running)
-        # First, for there both tracks of a module work against each other: motors may stall, belts
-        # slip.
-        if (mean[ROLL_COSINE] < limits.no_motion_cosine).all():
-            return Outcome.NO_MOTION_LINE
-        routes = self.routes
-        turning = routes.is_tee_turn[passage]
-        begun = location.distance[robot] > routes.start[passage] - self._exit
-        if turning and begun and mean[NORMAL_FORCE].min() < self._lost_contact:
-            return Outcome.MOTION_SINGULARITY
-        if stalled.any():
-            return Outcome.STALLED
-        # The median of the three: one module alone may spin without a wall.
-        if np.sort(mean[SLIP_RATIO])[1] > limits.slipping_ratio:
-            return Outcome.SLIPPING
-        return Outcome.STUCK
+        return self._diagnosis.cause(robot, location, self.routes)
 
     def lies_across(self, robot: int, location: Location) -> bool:
         """Return whether a robot lies across its pipe."""
-        return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
+        return self._diagnosis.lies_across(robot, location)
 
     def reason(self, robot: int, location: Location, goal: float, time: float) -> str:
         """Describe the end of a robot's run: its location, and the measurements there.
 
         ``goal`` is where the leg at hand is over, m, and ``time`` how long the run took, s.
         """
-        mean, length = self._mean[robot], self.routes.lengths[location.route[robot]]
+        length = self.routes.lengths[location.route[robot]]
         distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
         tilt = np.degrees(location.tilt[robot])
-        forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
-        slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
         return (
             f"at {distance:.3f} m{there} of a route of {length:.3f} m{before}, after {time:.2f} s; "
-            f"tilt {tilt:.1f} deg, normal force {forces} N, slip ratio {slips} "
-            f"(means of the last {min(self._memory, time):.2g} s)"
+            f"tilt {tilt:.1f} deg{self._diagnosis.words(robot, time)}"
         )
-
-
-def strains(trajectory: Trajectory, robot: Robot) -> list[Event]:
-    """Return notes on the largest force and travel of an arm that a run should not have shown."""
-    events: list[Event] = []
-    low, high = robot.slide_range
-    forces = np.nan_to_num(trajectory["normal_force"])  # (T, 3); no number where it has diverged
-    slide = np.nan_to_num(trajectory["slide"])
-    beyond = np.maximum(low - slide, slide - high)
-    sample, module = np.unravel_index(forces.argmax(), forces.shape)
-    force, preload = float(forces[sample, module]), max(robot.preload, robot.mass * GRAVITY)
-    if force > MOST_PRELOADS * preload:
-        time = float(trajectory.time[sample])
-        events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
-    sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)
-    depth = float(beyond[sample, arm])
-    if depth > STOP_ROOM * robot.scale:
-        events.append(BeyondStop(0, float(trajectory.time[sample]), int(arm) + 1, 1000 * depth))
-    return events

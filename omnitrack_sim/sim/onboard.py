@@ -28,15 +28,16 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Album, Pictures, coding_of
+from omnitrack_sim.robots.omnitrack import as_omnitrack
 from omnitrack_sim.robots.omnitrack.body import lug_pitch
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.gear import seen
-from omnitrack_sim.robots.omnitrack.control.interface import Command
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
 from omnitrack_sim.senses.optics import Eyes, Mount
 from omnitrack_sim.senses.proprioception import Felt, Proprioception
-from omnitrack_sim.senses.sensor import State
 from omnitrack_sim.senses.settings import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
@@ -90,9 +91,10 @@ class Onboard:
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
         first, n = scenarios[0], len(scenarios)
         table, period = _table(first), first.physics.control_period
-        self._robot, self._period, self._legs, self._table = first.robot, period, legs, table
-        self._search = Search(table.search, first.robot, n)
-        mount = Mount(camera_of(table), first.robot)
+        self._robot = robot = as_omnitrack(first.robot)
+        self._period, self._legs, self._table = period, legs, table
+        self._search = Search(table.search, robot, n)
+        mount = Mount(camera_of(table), robot)
         self.camera, optics = mount.camera, mount.camera.optics
         self._every = round(1 / (optics.rate * period))
         self._latency = round(optics.latency / period)
@@ -101,7 +103,7 @@ class Onboard:
         exploration, pipes = first.exploration, (first.route.network.parts, first.plates)
         parts, plates = pipes if exploration is None else exploration.in_sight()
         self.eyes = Eyes(mount, RayWalls([parts], [plates]), n)
-        self._proprioception = Proprioception(table, first.robot, period, lug_pitch(first.robot), n)
+        self._proprioception = Proprioception(table, robot, period, lug_pitch(robot), n)
         beliefs = [pilot.belief for pilot in legs.pilots]
         self._networks = [None if belief is None else belief.network for belief in beliefs]
         # Robots that make no map share the true one, with its caps and less its plates.
@@ -111,7 +113,7 @@ class Onboard:
             maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
             which = np.arange(n)
         self._walls = RayWalls(*zip(*maps, strict=True), dirty=False)
-        self.localiser = Localiser(table, first.robot, mount, self._walls, which, period)
+        self.localiser = Localiser(table, robot, mount, self._walls, which, period)
         self._sight = CameraSight(self.eyes, table)
         self._true_sights = [scenario.sight for scenario in scenarios]
         self._comparable, self._right = np.zeros((2, n))  # looks that can be judged, and the right
@@ -130,7 +132,7 @@ class Onboard:
         """See ``Senses``."""
         key = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
-        torque = each(scenarios, "torque_limit")
+        torque = np.array([as_omnitrack(s.robot).motor.torque_limit for s in scenarios])
         position, rotation = self._first_pose(rows, scenarios, key)
         self.eyes.reset(rows, key)
         self._proprioception.reset(rows, key, gravity, torque, state)

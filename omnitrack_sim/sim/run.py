@@ -12,10 +12,10 @@ import numpy as np
 from omnitrack_sim.base.arguments import check_all, check_is
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control import Controller
+from omnitrack_sim.robots.control import Controller
+from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.loading import autopilot_of
-from omnitrack_sim.senses import Sensor
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.sensing import MakeSenses
 from omnitrack_sim.sim.simulation import MakePilot, Progress, Simulation
@@ -128,7 +128,8 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     that of a robot that diverges does. ``sensors`` are there for controllers that
     look at them.
     """
-    bare = [_unloaded(scenario) for scenario in scenarios]
+    loaded = [i for i, scenario in enumerate(scenarios) if scenario.robot.slips]
+    bare = [_unloaded(scenarios[i]) for i in loaded]
     # Robots that are alike in friction, speed and physics share one measurement.
     texts = [scenario.model_dump_json() for scenario in bare]
     distinct = dict(zip(texts, bare, strict=True))
@@ -141,7 +142,8 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
         for index, trajectory in zip(indices, trajectories, strict=True):
             slip = np.abs(trajectory["slip_velocity"][trajectory.time >= BASELINE_SETTLED])
             slips[names[index]] = float(slip.mean()) if len(slip) else math.nan
-    return [slips[text] for text in texts]
+    known = {i: slips[text] for i, text in zip(loaded, texts, strict=True)}
+    return [known.get(i, math.nan) for i in range(len(scenarios))]
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
@@ -154,7 +156,7 @@ def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
 
 def _unloaded(scenario: Scenario) -> Scenario:
     """The scenario's robot in a straight pipe without gravity."""
-    first, size = scenario.route.passages[0], scenario.robot.scale
+    first, size = scenario.route.passages[0], getattr(scenario.robot, "scale", 1.0)
     start = max(0.15 * size, scenario.robot.length / 2)
     # Long enough for any robot, and for it not to arrive before its slip is measured.
     travel = scenario.control.cruise_speed * BASELINE_TIME

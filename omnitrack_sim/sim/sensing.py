@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,8 @@ from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.results.pictures import Pictures
-from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.senses import State
 from omnitrack_sim.sim.legs import Legs
 
 
@@ -79,7 +78,7 @@ class Senses(Protocol):
         """Set ``location``, whose true value is ``truth``, from the readings."""
         ...
 
-    def guard(self, command: Command) -> tuple[Command, NDArray[np.bool_]]:
+    def guard(self, command: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Return a command less what robots that do not know their pose may not do, and the robots
         (n,) that have searched for it in vain."""
         return command, np.zeros(len(self.location.distance), bool)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,23 +16,26 @@ from omnitrack_sim.base.arguments import check_all, check_is, refuse_taken
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Event
-from omnitrack_sim.record.metrics import METRICS, Metric, Run, summarise
+from omnitrack_sim.record.metrics import Metric, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control import Command, Controller, ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
-from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
+from omnitrack_sim.robots.control import (
+    Controller,
+    ControlSetup,
+    Observation,
+    checked,
+    with_command_rows,
+)
+from omnitrack_sim.robots.plant import Plant, Start
+from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.model import METRIC_NAMES
-from omnitrack_sim.senses import SENSORS, Sensor
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
-from omnitrack_sim.sim.monitor import Monitor, strains
-from omnitrack_sim.sim.plant import Plant, Start
+from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 from omnitrack_sim.sim.supervisor import Ending, HeldCommand, Supervisor
@@ -85,7 +89,7 @@ class Simulation:
         setup: what the controller was made from, with the settings of the runs at hand.
         legs: what they drive, with their pilots.
         senses: what controllers and pilots receive.
-        plant, motors, monitor, supervisor, recorder: the other parts of the loop.
+        plant, monitor, supervisor, recorder: the other parts of the loop.
     """
 
     def __init__(
@@ -113,22 +117,20 @@ class Simulation:
         start = start_of(self.scenarios, self.legs.routes, self.legs.route)
         settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.route)
         sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
-        refuse_taken("sensors", [sensor.channel.name for sensor in sensors], CHANNELS)
+        robot = first.robot
+        refuse_taken("sensors", [sensor.channel.name for sensor in sensors], robot.channels)
         self.plant = (
-            Plant(first.to_spec().compile(), first.robot, start, threads, (*SENSORS, *sensors))
+            robot.plant(first.to_spec().compile(), start, self.period, threads, sensors)
             if make_plant is None
             else make_plant(first, start, threads)
         )
-        drive, motor = drive_of(first.robot.drive), first.robot.motor
-        torque = each(self.scenarios, "torque_limit")
-        self.motors = SpeedLoop(drive, motor, torque, first.robot.lug_radius, self.n)
-        self.readings: Mapping[str, Array] = self.plant.read()
+        self.readings: State = self.plant.read()
         _check_shapes(sensors, self.readings, self.n)
         make_senses = _senses_of(first) if senses is None else senses
         self.senses: Senses = make_senses(self.scenarios, self.legs, self.readings)
         self.monitor = Monitor(
             self.legs.routes,
-            first.robot,
+            robot,
             first.monitor,
             each(self.scenarios, "distance"),
             settings.cruise_speed,
@@ -138,21 +140,22 @@ class Simulation:
         )
         self.supervisor = Supervisor(self.scenarios, self.legs, self.senses, self.monitor)
         self.supervisor.reset(np.arange(self.n), self.readings, notes)
-        self._command = HeldCommand(start.roll)
+        self._command = HeldCommand(self.plant.command)
         self.setup = ControlSetup(
             routes=self.legs.routes,
-            robot=first.robot,
+            robot=robot,
+            model=self.plant.model,
             settings=settings,
             parameters=[s.control_parameters for s in self.scenarios],
             location=self.senses.location,
-            roll=start.roll,
+            command=self.plant.command,
             period=self.period,
             gravity=start.gravity,
         )
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
         own = [sensor.channel for sensor in sensors]
-        self.channels: tuple[Channel, ...] = (*CHANNELS.values(), *own, *self.senses.recorded)
+        self.channels: tuple[Channel, ...] = (*robot.channels.values(), *own, *self.senses.recorded)
         schema = {channel.name: channel for channel in self.channels if channel.recorded}
         self.recorder = Recorder(self.phases, schema)
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
@@ -188,19 +191,18 @@ class Simulation:
         start = start_of(scenarios, routes, route)
         settings, notes = settings_of(scenarios, routes, route)
         self.plant.reset(rows, start)
-        self.motors.reset(rows, each(scenarios, "torque_limit"))
         limits = np.array([s.time_limit_s for s in scenarios])
         self.monitor.reset(rows, each(scenarios, "distance"), settings.cruise_speed, limits)
         self.readings = self.plant.read()
         self.senses.reset(rows, scenarios, self.readings)
         self.supervisor.reset(rows, self.readings, notes)
-        self._command.reset(rows, start.roll)
+        self._command.reset(rows, self.plant.command)
         self.setup = replace(
             self.setup,
             settings=self.setup.settings.with_rows(rows, settings),
             parameters=[s.control_parameters for s in self.scenarios],
             location=self.senses.location,
-            roll=with_rows(self.setup.roll, rows, start.roll),
+            command=with_command_rows(self.setup.command, rows, self.plant.command),
             gravity=with_rows(self.setup.gravity, rows, start.gravity),
         )
         nobody = np.zeros(self.n, bool)
@@ -210,7 +212,7 @@ class Simulation:
     def observation(self) -> Observation:
         """Measurements of the robots now, as their controllers receive them."""
         gear, senses = self.legs.gear, self.senses
-        readings = seen(senses.readings, gear, senses.channels)
+        readings = self.plant.seen(senses.readings, gear, senses.channels)
         return Observation(readings, senses.location, self.legs.number, gear)
 
     @property
@@ -262,30 +264,27 @@ class Simulation:
         """Simulated time (n,) s."""
         return self.readings["time"]
 
-    def step(self, command: Command | None = None) -> None:
+    def step(self, command: Any = None) -> None:
         """Carry out a command for one control period; robots whose run is over stay as they are.
 
         Args:
             command: for all n robots; the controller's own when not given.
 
         Raises:
-            TypeError: it is no ``Command``.
+            TypeError: it is no command of this kind of robot.
             ValueError: an array of the command has the wrong shape.
         """
         where = "command"
         if command is None:
             command = self.controller.step(self.observation)
             where = f"what {type(self.controller).__name__}.step returns"
-        check_is(Command, where, command)
-        if command.brake is not None and not self.plant.robot.brake_force and np.any(command.brake):
-            raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
-        command, given_up = self.senses.guard(command.checked(self.n))
+        start = self.plant.command
+        check_is(type(start), where, command)
+        command, given_up = self.senses.guard(checked(command, start))
         held, active = self._command, self.active
-        held.take(carried_out(command, self.legs.gear), active)
+        held.take(self.plant.carried_out(command, self.legs.gear), active)
         self.supervisor.note(command.events)
-        belts, torque = self.readings["belt_speed"], self.readings["motor_torque"]
-        motors = self.motors.advance(held.belt_speed, belts, torque, self.period)
-        self.plant.step(active, motors, held.roll, self._substeps, held.brake)
+        self.plant.step(active, held.now, self._substeps)
         self._tick += 1
         self.readings = self.plant.read()
         self.senses.read(self.readings, active)
@@ -302,7 +301,7 @@ class Simulation:
     def _settle(self, robots: NDArray[np.bool_], given_up: NDArray[np.bool_]) -> None:
         """Have ``robots`` (n,) judged, of which ``given_up`` (n,) search no longer; record."""
         held, diverged = self._command, self.plant.diverged
-        self.supervisor.judge(robots, held, self.motors.saturated, diverged, given_up)
+        self.supervisor.judge(robots, held, self.plant.saturated, diverged, given_up)
         if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
             self._record()
 
@@ -321,8 +320,7 @@ class Simulation:
                 "tilt": location.tilt,
                 "theta5": location.theta5,
                 "phase": held.phase,
-                "belt_speed_command": held.belt_speed,
-                "roll_command": held.roll,
+                **self.plant.commanded(held.now),
                 **self.senses.estimates(),
             },
         )
@@ -345,7 +343,7 @@ class Simulation:
         if self.active.any():
             raise RuntimeError(f"{int(self.active.sum())} of {self.n} robots still run")
         metrics = check_all(Metric, "metrics", metrics)
-        taken = {*METRIC_NAMES, *(metric.name for metric in self.scenarios[0].own_metrics)}
+        taken = {metric.name for metric in self.scenarios[0].all_metrics}
         refuse_taken("metrics", [metric.name for metric in metrics], taken)
         slips = [math.nan] * self.n if no_load_slip is None else no_load_slip
         pictures = self.senses.pictures()
@@ -363,13 +361,10 @@ class Simulation:
         pictures: Pictures | None,
     ) -> Result:
         """The result of a robot that slips by ``slip`` m/s without load."""
-        scenario, ending, motors = self.scenarios[robot], self.endings[robot], self.motors
+        scenario, ending = self.scenarios[robot], self.endings[robot]
         assert ending is not None
-        limit, efficiency = float(motors.torque_limit[robot, 0]), scenario.robot.motor.efficiency
-        excess = slip_excess(scenario)
-        radius = scenario.robot.lug_radius
-        run = Run(trajectory, slip, radius, limit, motors.drive, efficiency, excess)
-        values = summarise(run, (*METRICS, *scenario.own_metrics, *metrics))
+        run = scenario.robot.run_record(trajectory, slip, slip_excess(scenario))
+        values = summarise(run, (*scenario.all_metrics, *metrics))
         network = self.legs.map(robot)
         return Result(
             scenario=scenario,
@@ -380,7 +375,7 @@ class Simulation:
             trajectory=trajectory,
             provenance=provenance_of(scenario),
             events=sorted(
-                [*self.events[robot], *strains(trajectory, scenario.robot)], key=lambda e: e.time
+                [*self.events[robot], *scenario.robot.strains(trajectory)], key=lambda e: e.time
             ),
             legs=self.legs.begun(robot),
             map=network,

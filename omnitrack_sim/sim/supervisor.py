@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.base.rotations import Array, heading, set_rows, with_rows
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.events import Event, Note, Outcome
-from omnitrack_sim.robots.omnitrack.control import Command
+from omnitrack_sim.robots.control import MOMENTARY, with_command_rows
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
@@ -31,39 +32,53 @@ class HeldCommand:
     """Command that n robots carry out: what the last one has left out is as in those before.
 
     Args:
-        roll: (n, 3) rad, of the modules at the start.
+        start: command at the start, with an array in every field.
 
     Attributes:
-        belt_speed, roll, phase, resting, over, brake: see ``Command``.
+        now: the command; a field that holds for one period is None where it was left out.
+        phase, resting, over: see ``Actuation``.
     """
 
-    def __init__(self, roll: Array) -> None:
-        n = len(roll)
-        self.belt_speed, self.roll, self.phase = np.zeros((n, 3)), roll, np.zeros(n, int)
-        self.resting, self.over = np.zeros((2, n), bool)
-        self.brake: Array | None = None
+    def __init__(self, start: Any) -> None:
+        self.now = start
 
-    def reset(self, rows: NDArray[np.intp], roll: Array) -> None:
-        """Have robots ``rows`` (k,) stand as at the start; ``roll`` is (k, 3) rad."""
-        set_rows(self, rows, belt_speed=0.0, roll=roll, phase=0, resting=False, over=False)
+    def reset(self, rows: NDArray[np.intp], start: Any) -> None:
+        """Have robots ``rows`` (k,) stand as at the start; ``start`` is that of all n robots."""
+        self.now = with_command_rows(self.now, rows, start)
 
-    def take(self, command: Command, active: NDArray[np.bool_]) -> None:
+    @property
+    def phase(self) -> NDArray[np.int_]:
+        """Index (n,) into the controller's phases."""
+        return self.now.phase
+
+    @property
+    def resting(self) -> NDArray[np.bool_]:
+        """Robots (n,) that rest or drive backward on purpose."""
+        return self.now.resting
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """Robots (n,) whose run is over."""
+        return self.now.over
+
+    def take(self, command: Any, active: NDArray[np.bool_]) -> None:
         """Take a command for those robots (n,) that are active."""
         nobody = np.zeros(len(active), bool)
-        speed = command.belt_speed
-        roll = self.roll if command.roll is None else command.roll
-        phase = self.phase if command.phase is None else command.phase
-        # Robots whose run is over keep what they were asked last.
-        if np.count_nonzero(active) < len(active):
-            speed = np.where(active[:, None], speed, self.belt_speed)
-            roll = np.where(active[:, None], roll, self.roll)
-            phase = np.where(active, phase, self.phase)
-        # Copies: whoever made the command may write into its arrays again.
-        self.belt_speed, self.roll, self.phase = speed.copy(), roll.copy(), phase.copy()
-        self.resting = nobody if command.resting is None else command.resting
-        self.over = nobody if command.over is None else command.over
-        brake = command.brake
-        self.brake = None if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
+        values: dict[str, Any] = {}
+        all_active = np.count_nonzero(active) == len(active)
+        for name, value, before in zip(command._fields, command, self.now, strict=True):
+            if name in MOMENTARY:
+                values[name] = nobody if value is None and name in ("resting", "over") else value
+            elif value is None:
+                values[name] = before
+            elif all_active:
+                # Copies: whoever made the command may write into its arrays again.
+                values[name] = value.copy()
+            else:
+                # Robots whose run is over keep what they were asked last.
+                rows = active.reshape(-1, *[1] * (value.ndim - 1))
+                values[name] = np.where(rows, value, before)
+        self.now = type(command)(**values)
 
 
 class Supervisor:
@@ -138,12 +153,12 @@ class Supervisor:
         Args:
             robots: (n,) those that are judged.
             command: that they carry out.
-            saturated: (n, 3) motors at their torque limit.
+            saturated: (n, m) motors at their limit.
             diverged: (n,) robots whose physics has gone wrong.
             given_up: (n,) robots that have searched for their pose in vain.
         """
         # Averages first: the cause of a failure is read from them.
-        self._monitor.average(self._readings, command.belt_speed, saturated, robots)
+        self._monitor.average(self._readings, command.now, saturated, robots)
         # Before the verdicts: a look may lengthen the leg at whose end the robot seems to be.
         self._look_ahead(robots)
         location = self._senses.location

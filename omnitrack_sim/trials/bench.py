@@ -20,8 +20,9 @@ from omnitrack_sim.base.naming import shipped_policies
 from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.control.interface import CONTROLLERS, controller_of
+from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
@@ -114,7 +115,7 @@ def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
         choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
         raise InputError(Fault("--entry", f"is {kind!r}", choices, given=kind))
     # Refuse a class that cannot be imported before any trial of another entry is run.
-    controller_of(kind)
+    controller_of(kind, CONTROLLERS)
     return Entry(_fit(kind.replace(":", "."), kind), f"controller {kind}", {"control.kind": kind})
 
 

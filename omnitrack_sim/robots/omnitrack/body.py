@@ -24,7 +24,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import quaternion_from_matrix, rotation_about
 from omnitrack_sim.record.channels import TRACKS
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 from omnitrack_sim.robots.omnitrack.quantity import similar
 from omnitrack_sim.robots.omnitrack.track import install_lines, line_record, sprocket_record
@@ -60,7 +60,9 @@ FREE_SPRING_LENGTH = 10.0
 beyond the longest free length that its preload may ask for."""
 
 
-def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -> mujoco.MjsBody:
+def add_robot(
+    spec: mujoco.MjSpec, robot: Omnitrack, *, line_tracks: bool = False
+) -> mujoco.MjsBody:
     """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
 
     With ``line_tracks`` each row of lugs is one capsule from its first lug to its last, for the
@@ -99,7 +101,7 @@ def add_robot(spec: mujoco.MjSpec, robot: Robot, *, line_tracks: bool = False) -
     return chassis
 
 
-def add_chassis(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+def add_chassis(spec: mujoco.MjSpec, robot: Omnitrack) -> mujoco.MjsBody:
     """The chassis with the robot's free joint."""
     chassis = spec.worldbody.add_body(name="chassis")
     chassis.add_freejoint(name="robot")
@@ -115,7 +117,7 @@ def set_cylinder_inertia(body: mujoco.MjsBody, mass: float, radius: float, lengt
     body.explicitinertial = True
 
 
-def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) -> mujoco.MjsBody:
+def add_arm(chassis: mujoco.MjsBody, robot: Omnitrack, number: int, angle: float) -> mujoco.MjsBody:
     """The arm of a module at ``angle`` rad: it slides radially and pitches on its shafts."""
     turn = rotation_about([0, 0, 1], angle)
     arm = chassis.add_body(
@@ -148,7 +150,7 @@ def add_arm(chassis: mujoco.MjsBody, robot: Robot, number: int, angle: float) ->
     return arm
 
 
-def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody:
+def add_module(arm: mujoco.MjsBody, robot: Omnitrack, number: int) -> mujoco.MjsBody:
     """A module without tracks: it rolls about its own axis, z."""
     module = arm.add_body(name=f"module_{number}")
     mass = robot.module_mass - len(TRACKS) * robot.track_mass
@@ -163,7 +165,9 @@ def add_module(arm: mujoco.MjsBody, robot: Robot, number: int) -> mujoco.MjsBody
     return module
 
 
-def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, line: bool) -> None:
+def _add_track(
+    module: mujoco.MjsBody, robot: Omnitrack, name: str, side: float, line: bool
+) -> None:
     """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1
     below it.
 
@@ -205,7 +209,9 @@ def _add_track(module: mujoco.MjsBody, robot: Robot, name: str, side: float, lin
         )
 
 
-def _add_sprocket(module: mujoco.MjsBody, robot: Robot, name: str, end: float, line: bool) -> None:
+def _add_sprocket(
+    module: mujoco.MjsBody, robot: Omnitrack, name: str, end: float, line: bool
+) -> None:
     """The sprocket at the front, ``end`` = 1, or rear, -1, of a module: at the last lug's place."""
     sprocket = module.add_body(name=name, pos=[0, 0, end * lug_places(robot)[-1]])
     inertia = SPROCKET_INERTIA * output_inertia(robot) * robot.lug_radius**2
@@ -229,7 +235,7 @@ def _add_sprocket(module: mujoco.MjsBody, robot: Robot, name: str, end: float, l
         )
 
 
-def contact_of_lugs(robot: Robot) -> dict[str, Any]:
+def contact_of_lugs(robot: Omnitrack) -> dict[str, Any]:
     """Fields of every geom that touches the wall: masks, friction, stiffness in time."""
     return {
         "contype": LUG_CONTYPE,
@@ -246,7 +252,7 @@ def contact_of_lugs(robot: Robot) -> dict[str, Any]:
     }
 
 
-def sized(robot: Robot, value: float, unit: str) -> float:
+def sized(robot: Omnitrack, value: float, unit: str) -> float:
     """A constant of this module, which is for a robot of scale 1, in a robot of its own scale."""
     return similar(value, unit, robot.scale)
 
@@ -257,18 +263,18 @@ def impedance(surface: float, deep: float, depth: float) -> list[float]:
     return [surface, deep, depth, 0.5, 2.0]
 
 
-def lug_pitch(robot: Robot) -> float:
+def lug_pitch(robot: Omnitrack) -> float:
     """Distance of neighbouring lugs along a track, m."""
     return robot.contact_length / robot.lugs_per_track
 
 
-def lug_places(robot: Robot) -> np.ndarray:
+def lug_places(robot: Omnitrack) -> np.ndarray:
     """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the
     contact length."""
     return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
 
 
-def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+def add_springs(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> None:
     """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
     pushes.
 
@@ -287,13 +293,13 @@ def add_springs(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
         spring.springlength = [free, sized(robot, FREE_SPRING_LENGTH, "m")]
 
 
-def spring_free_length(robot: Robot, preload: float) -> float:
+def spring_free_length(robot: Omnitrack, preload: float) -> float:
     """Arm travel at which the springs are free, m: preload over the stiffness of the module's
     springs."""
     return preload / robot.module_stiffness
 
 
-def add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> mujoco.MjsActuator:
+def add_roll_motor(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> mujoco.MjsActuator:
     """The servo that rolls a module: a position, rad."""
     motor = spec.add_actuator(
         name=f"roll_{number}",
@@ -306,14 +312,14 @@ def add_roll_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> mujoco.Mjs
     return motor
 
 
-def roll_damping(robot: Robot) -> float:
+def roll_damping(robot: Omnitrack) -> float:
     """Rate gain of a rotary servo, N m s/rad: critically damped for the rotor's inertia."""
     return 2 * math.sqrt(robot.roll_stiffness * robot.rotary_motor.reflected_inertia)
 
 
 def tie_joints(
     spec: mujoco.MjSpec,
-    robot: Robot,
+    robot: Omnitrack,
     name: str,
     follower: str,
     leader: str,
@@ -364,7 +370,7 @@ def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
     )
 
 
-def _add_force_sensors(spec: mujoco.MjSpec, robot: Robot, name: str, body: str) -> None:
+def _add_force_sensors(spec: mujoco.MjSpec, robot: Omnitrack, name: str, body: str) -> None:
     """Sensors ``contact_`` and ``touch_`` of a body: net contact, and sum of the normal forces, N.
 
     The net force does not tell the sum: where contacts have different normals, as at a rim, or
@@ -397,24 +403,24 @@ GEAR_TIME, GEAR_IMPEDANCE, FRICTION_IMPEDANCE = 0.004, (0.99, 0.99), (0.9995, 0.
 in gears and brakes; numerical."""
 
 
-def belt_inertia(robot: Robot) -> float:
+def belt_inertia(robot: Omnitrack) -> float:
     """Reflected inertia of the crawler gearmotor at the belt, kg: J / r²."""
     return robot.motor.reflected_inertia / robot.lug_radius**2
 
 
-def belt_force(robot: Robot) -> float:
+def belt_force(robot: Omnitrack) -> float:
     """Largest force of a crawler motor at the belt, N: its torque limit over the lug radius."""
     return robot.motor.torque_limit / robot.lug_radius
 
 
-def output_inertia(robot: Robot) -> float:
+def output_inertia(robot: Omnitrack) -> float:
     """Inertia at a belt that is the belt's own, kg: the rotor's where the motor drives this belt
     alone, else a small part of it."""
     own = 1.0 if drive_of(robot.drive).direct else OUTPUT_INERTIA
     return own * belt_inertia(robot)
 
 
-def add_belt_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
+def add_belt_motors(spec: mujoco.MjSpec, robot: Omnitrack) -> None:
     """Velocity servos ``belt_k`` of the robot's drive, m/s; their forces are in N at the belts.
 
     A motor that drives one belt alone acts on its upper run. Others act on the slide joint
@@ -443,13 +449,13 @@ def add_belt_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
             _hold_well(_add_tendon(spec, name, drive.relative[belt]), robot)
 
 
-def _hold_well(rubbing: mujoco.MjsJoint | mujoco.MjsTendon, robot: Robot) -> None:
+def _hold_well(rubbing: mujoco.MjsJoint | mujoco.MjsTendon, robot: Omnitrack) -> None:
     """Friction that lets what stands still creep by under 1 mm/s."""
     rubbing.solref_friction = [similar(GEAR_TIME, "s", robot.scale), 1.0]
     rubbing.solimp_friction = [*FRICTION_IMPEDANCE, 1.0, 0.5, 2.0]
 
 
-def _add_shaft(spec: mujoco.MjSpec, robot: Robot, number: int, row: np.ndarray) -> str:
+def _add_shaft(spec: mujoco.MjSpec, robot: Omnitrack, number: int, row: np.ndarray) -> str:
     """A motor's shaft, geared to belts with coefficients (3,); the name of its joint."""
     joint, inertia = f"shaft_{number}", drive_of(robot.drive).size * belt_inertia(robot)
     body = spec.worldbody.add_body(name=joint, mass=SHAFT_MASS, inertia=[SHAFT_MASS] * 3)

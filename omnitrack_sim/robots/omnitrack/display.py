@@ -23,7 +23,8 @@ from omnitrack_sim.record.display import (
     Track,
 )
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.display import lines
+from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
@@ -41,7 +42,7 @@ def belt_travel(trajectory: Trajectory) -> Array:
     return np.concatenate([np.zeros((1, speed.shape[1])), run])
 
 
-def smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, robot: Robot) -> Array:
+def smooth_belts(model: mujoco.MjModel, trajectory: Trajectory, robot: Omnitrack) -> Array:
     """Joint positions (T, nq) with the belts where they have run to: see ``show_belts``."""
     qpos = np.array(trajectory.qpos, float)
     show_belts(model, qpos, belt_travel(trajectory), look_pitch(robot))
@@ -64,11 +65,7 @@ def show_belts(model: mujoco.MjModel, qpos: Array, travel: Array, pitch: float) 
 def status_text(trajectory: Trajectory, row: int, part: str = "") -> StatusText:
     """Phase, part, time, distance, tilt and belt speeds of sample ``row``; ``part`` is the name of
     the part that the robot's centre is in."""
-    phase = trajectory.phases[int(trajectory["phase"][row])].replace("_", " ")
-    gear = "tail first" if trajectory["gear"][row] < 0 else ""
-    where = ", ".join(filter(None, (part and f"in {' '.join(part.split())}", gear)))
-    state = f"{trajectory.time[row]:5.2f} s     {1000 * trajectory['distance'][row]:5.0f} mm"
-    state += f"     tilt {np.degrees(trajectory['tilt'][row]):.0f}°"
+    text = lines(trajectory, row, part)
     bars = [
         Bar(
             str(module + 1),
@@ -78,7 +75,7 @@ def status_text(trajectory: Trajectory, row: int, part: str = "") -> StatusText:
         )
         for module, speed in enumerate(trajectory["belt_speed"][row].tolist())
     ]
-    return StatusText(phase, (where, state), "belt speed, mm/s", tuple(bars))
+    return text._replace(caption="belt speed, mm/s", bars=tuple(bars))
 
 
 def _casts(geom: str) -> bool:
@@ -86,7 +83,7 @@ def _casts(geom: str) -> bool:
     return not geom.startswith("look_spring")
 
 
-def _onboard(robot: Robot) -> Mount:
+def _onboard(robot: Omnitrack) -> Mount:
     # Nearer to the robot's centre than its tip, which may touch a plate; module 1 is upward.
     place = (0.0, 0.0, robot.scale * 0.066)
     return Mount("chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0)
@@ -95,7 +92,7 @@ def _onboard(robot: Robot) -> Mount:
 class LiveBelts:
     """Belts of a robot in a window, where they have run to."""
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: Omnitrack) -> None:
         self._model, self._pitch, self._travel = model, look_pitch(robot), np.zeros(MODULES)
 
     def advance(self, value: Callable[[str], Array], period: float) -> None:
@@ -121,7 +118,7 @@ def region_of(routes: RouteMap, location: Location, reach: float) -> tuple[bool,
 
 
 def window_figures(
-    value: Callable[[str], Array], routes: RouteMap, location: Location, robot: Robot
+    value: Callable[[str], Array], routes: RouteMap, location: Location, robot: Omnitrack
 ) -> Lines:
     """Return what modules 1 to 3 do at the wall, and how the robot is turned."""
     region, text = region_of(routes, location, robot.reach), "no tee turn ahead"
@@ -142,7 +139,7 @@ def _three(form: str, values: Array | tuple[int, int, int]) -> str:
     return " ".join(form.format(value) for value in values)
 
 
-def _page_onboard(robot: Robot) -> Mount:
+def _page_onboard(robot: Omnitrack) -> Mount:
     # Pages show the robot, so the camera stands before its eye.
     return _onboard(robot)._replace(position=(0.0, 0.0, robot.scale * 0.086))
 
@@ -200,13 +197,19 @@ _PAGE = PageDisplay(
     onboard=_page_onboard,
 )
 DISPLAY = RobotDisplay(
-    chassis="chassis",
     looks=build_looks,
     poses=smooth_belts,
     casts=_casts,
     status=status_text,
     onboard=_onboard,
     finite=("position", "distance", "tilt", "belt_speed"),
+    summary=(
+        (("distance", None), ("belt_speed", 1), ("normal_force", None)),
+        (("tilt", None), ("belt_speed", 2), ("contact_count", None)),
+        (("offset", None), ("belt_speed", 3), ("slip_velocity", None)),
+        (("roll", None), ("motor_torque", None), ("slip_ratio", None)),
+        (("pitch", None), ("traction", None), ("slide", None)),
+    ),
     page=_PAGE,
     live=LiveBelts,
     figures=window_figures,

@@ -9,7 +9,7 @@ import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
 from omnitrack_sim.walls.looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 from omnitrack_sim.walls.meshes import TriangleMesh, triangles_of
@@ -29,13 +29,13 @@ _MATERIALS = {
 }
 
 
-def look_pitch(robot: Robot) -> float:
+def look_pitch(robot: Omnitrack) -> float:
     """Distance of neighbouring lugs in pictures, m: a picture looks the same when a belt has run
     this far."""
     return robot.contact_length / LUGS_SHOWN
 
 
-def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> None:
+def add_robot_looks(spec: mujoco.MjSpec, robot: Omnitrack, coarse: bool = False) -> None:
     """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
     lugs (group 2). Lugs are drawn on their tracks, or on the module of a robot that has none.
 
@@ -72,7 +72,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Robot, coarse: bool = False) -> 
             setattr(geom, place, size * getattr(geom, place))
 
 
-def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
+def _dress_chassis(spec: mujoco.MjSpec, robot: Omnitrack, shaft: float) -> None:
     chassis = spec.body("chassis")
     add_look(chassis, "chassis_core", "abs", meshname="chassis_core")
     for end, side in MODULE_ENDS.items():
@@ -96,7 +96,7 @@ def _dress_chassis(spec: mujoco.MjSpec, robot: Robot, shaft: float) -> None:
     add_look(chassis, "eye", "lens", "sphere", pos=[0, 0, nose + 0.004], size=[0.0065, 0, 0])
 
 
-def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> None:
+def _dress_arm(arm: mujoco.MjsBody, robot: Omnitrack, number: int, shaft: float) -> None:
     """Brackets that carry the module at both ends, and the springs that push them out."""
     for end, side in MODULE_ENDS.items():
         z = side * shaft
@@ -108,7 +108,7 @@ def _dress_arm(arm: mujoco.MjsBody, robot: Robot, number: int, shaft: float) -> 
             add_look(arm, f"spring_{end}_{number}_{k}", "steel", meshname="spring", pos=place)
 
 
-def _dress_module(module: mujoco.MjsBody, robot: Robot, number: int) -> None:
+def _dress_module(module: mujoco.MjsBody, robot: Omnitrack, number: int) -> None:
     """Core of the module and the rounded ends of its tracks."""
     half, radius = robot.contact_length / 2, robot.lug_radius - 0.0058
     _drum(module, f"core_{number}", -half - 0.004, half + 0.004, radius)

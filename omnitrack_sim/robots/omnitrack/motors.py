@@ -32,7 +32,7 @@ class Motor(QuantityModel):
         >>> motor.no_load_speed  # rad/s
         3.62
         >>> strong = motor.model_copy(update={"torque_limit": 0.4})
-        >>> ot.Robot(motor=strong).motor.torque_limit
+        >>> ot.Omnitrack(motor=strong).motor.torque_limit
         0.4
     """
 

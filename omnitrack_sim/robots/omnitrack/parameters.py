@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
-from typing import Any, Self
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import (
     ModelWrapValidatorHandler,
     ValidationError,
@@ -16,7 +15,12 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.events import BeyondStop, Event, Overloaded
+from omnitrack_sim.record.metrics import METRICS, BeltRun, Metric
+from omnitrack_sim.record.timeline import Touch
+from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.omnitrack.quantity import (
     ROUNDING,
@@ -28,23 +32,32 @@ from omnitrack_sim.robots.omnitrack.quantity import (
     quantity_of,
     similar,
 )
+from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
 
-GRAVITY = 9.81
-"""Weight of a mass, N/kg, where a figure of the robot asks for it."""
-REFERENCE_BORE = 0.16
-"""Bore of the paper's pipe, m, for which control parameters with a unit are stated."""
-
-
+MOST_PRELOADS = 20.0
+"""Normal force of a module over the preload, or the robot's weight where that is more, from which
+on a result carries a note. Springs at their end press with 3 times the preload."""
+STOP_ROOM = 0.001
+"""Distance beyond its stop from which on an arm's place is noted, m, for a robot of scale 1."""
+CONTROLLERS = {
+    "jacobian": "omnitrack_sim.robots.omnitrack.control.jacobian:JacobianController",
+    "paper": "omnitrack_sim.paper.open_loop:PaperController",
+    "equal": "omnitrack_sim.paper.open_loop:EqualController",
+    "driven": "omnitrack_sim.robots.omnitrack.control.driven:DrivenController",
+    "policy": "omnitrack_sim.robots.omnitrack.policy.controller:PolicyController",
+}
+"""Shipped controllers, ``module:Class`` by the short name that ``control.kind`` may give. Only the
+one that a scenario names is imported, so a controller may itself name another one."""
 LONGEST_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 
 
-class Robot(QuantityModel):
+class Omnitrack(QuantityModel, Robot):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 
     SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
@@ -57,7 +70,7 @@ class Robot(QuantityModel):
 
     Example:
         >>> import omnitrack_sim as ot
-        >>> robot = ot.Robot(preload=30.0)
+        >>> robot = ot.Omnitrack(preload=30.0)
         >>> robot.nominal_bore, robot.mass
         (0.16, 1.0)
         >>> robot.scaled(2.0).nominal_bore
@@ -65,6 +78,15 @@ class Robot(QuantityModel):
         >>> robot.parameters()[2].name
         'lug_radius'
     """
+
+    scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.scene:build_scene"
+    plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.plant:TrackPlant"
+    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.diagnosis:TrackDiagnosis"
+    display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.display:DISPLAY"
+    understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
+    controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
+    slips: ClassVar[bool] = True
+    own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
         1.0, "1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES
@@ -271,7 +293,7 @@ class Robot(QuantityModel):
             for path, problem in robot._misfits()
         ]
         if faults:
-            raise ValidationError.from_exception_data("Robot", faults)
+            raise ValidationError.from_exception_data("Omnitrack", faults)
         return robot
 
     def _misfits(self) -> Iterator[tuple[str, str]]:
@@ -349,22 +371,6 @@ class Robot(QuantityModel):
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
         return self.scale * bore / self.nominal_bore
 
-    def own_length(self, length: ArrayLike) -> Array:
-        """Return lengths that are given for the paper's pipe, m, in proportion to this robot."""
-        # In this order a length such as 30 mm and its part of the bore give the same bits.
-        return np.asarray(length, float) / REFERENCE_BORE * self.nominal_bore
-
-    @property
-    def length_scale(self) -> float:
-        """Bore over the paper's, 1."""
-        return self.nominal_bore / REFERENCE_BORE
-
-    @property
-    def time_scale(self) -> float:
-        """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity
-        (``froude_exponent``)."""
-        return math.sqrt(self.length_scale)
-
     @property
     def module_distance(self) -> float:
         """Module axis from robot axis in the nominal pipe, m: l = R - r (Table 1)."""
@@ -397,14 +403,133 @@ class Robot(QuantityModel):
         return self.contact_length + 2 * self.lug_radius
 
     @property
-    def nose_room(self) -> float:
-        """Room, m, between the nose and the port of a goal where the robot arrives: D/32."""
-        return self.nominal_pipe_radius / 16
+    def bores(self) -> tuple[float, float]:
+        """Smallest and largest bore, m, that the arms reach."""
+        # The arms slide from the nominal pipe between their stops.
+        low, high = (self.nominal_pipe_radius + travel for travel in self.slide_range)
+        return 2 * low, 2 * high
+
+    def misfit(self, bore: float) -> str:
+        """See ``Robot``."""
+        low, high = self.bores
+        if low < bore < high:
+            return ""
+        made = f"robot.scale = {self.scale_for(bore):.4g} makes the robot for it"
+        return f"the arms reach bores from {low:.4g} to {high:.4g} m ({made})"
+
+    def check(self) -> None:
+        """See ``Robot``."""
+        drive_of(self.drive)
 
     @property
-    def standing_room(self) -> float:
-        """Room, m, between the nose and a fitting that the robot stops before to roll: D/8."""
-        return self.nominal_pipe_radius / 4
+    def top_speed(self) -> float:
+        """See ``feasible_belt_speed``."""
+        return self.feasible_belt_speed
+
+    @property
+    def drive_words(self) -> str:
+        """See ``Robot``."""
+        return f"motor {self.motor.name} (robot.motor)"
+
+    def slip_excess(self, steps: float) -> float:
+        """Return the share by which a typical turn's slip reads too large at a time step of
+        ``steps`` times 2 ms, the latter for scale 1.
+
+        Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
+        (``benchmarks/timestep.py``).
+        """
+        return 0.1 * steps**2.6
+
+    # See ``Robot``
+
+    @property
+    def joint_count(self) -> int:
+        """See ``Robot``."""
+        return JOINT_POSITIONS + drive_of(self.drive).shafts
+
+    @property
+    def joints(self) -> Mapping[str, slice]:
+        """See ``Robot``: ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``,
+        ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then
+        shafts."""
+        modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
+        shafts = [f"shaft_{i + 1}" for i in range(drive_of(self.drive).shafts)]
+        columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
+        return {"robot": slice(0, 7)} | columns
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """See ``Robot``."""
+        return CHANNELS
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """See ``Robot``."""
+        return METRICS
+
+    def run_record(
+        self, trajectory: Trajectory, no_load_slip: float, slip_excess: float
+    ) -> BeltRun:
+        """See ``Robot``."""
+        return BeltRun(
+            trajectory,
+            self.mass * GRAVITY,
+            no_load_slip,
+            self.lug_radius,
+            self.motor.torque_limit,
+            drive=drive_of(self.drive),
+            efficiency=self.motor.efficiency,
+            slip_excess=slip_excess,
+        )
+
+    def touch(self, trajectory: Trajectory) -> Touch:
+        """See ``Robot``."""
+        return Touch(
+            trajectory["contact_count"].sum(axis=-1) > 0,
+            trajectory["normal_force"],
+            trajectory["slip_velocity"],
+            trajectory["slip_ratio"],
+            trajectory["motor_torque"] * trajectory["belt_speed"] / self.lug_radius,
+        )
+
+    def strains(self, trajectory: Trajectory) -> list[Event]:
+        """Return notes on the largest force and travel of an arm that a run should not have
+        shown."""
+        events: list[Event] = []
+        low, high = self.slide_range
+        forces = np.nan_to_num(trajectory["normal_force"])  # (T, 3); no number if it diverged
+        slide = np.nan_to_num(trajectory["slide"])
+        beyond = np.maximum(low - slide, slide - high)
+        sample, module = np.unravel_index(forces.argmax(), forces.shape)
+        force, preload = float(forces[sample, module]), max(self.preload, self.mass * GRAVITY)
+        if force > MOST_PRELOADS * preload:
+            time = float(trajectory.time[sample])
+            events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
+        sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)
+        depth = float(beyond[sample, arm])
+        if depth > STOP_ROOM * self.scale:
+            time = float(trajectory.time[sample])
+            events.append(BeyondStop(0, time, int(arm) + 1, 1000 * depth))
+        return events
+
+    def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
+        """Yield the bore for which the robot is not made, though its arms reach it: where the
+        springs press the modules most unlike they do in the nominal bore."""
+        forces = {bore: self.spring_force(bore / 2) for bore in bores}
+        narrowest, widest = min(forces), max(forces)
+        # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
+        if forces[narrowest] > 2 * self.preload:
+            bore = narrowest
+        elif forces[widest] < self.preload / 2:
+            bore = widest
+        else:
+            return
+        held = f"press each module with {forces[bore]:.3g} N" if forces[bore] else "are slack"
+        yield (
+            f"in the bore of {bore:.4g} m the springs {held}, in the robot's own of "
+            f"{self.nominal_bore:.4g} m with robot.preload, {self.preload:.3g} N; robot.scale = "
+            f"{self.scale_for(bore):.4g} makes the robot for it"
+        )
 
     def parameters(self) -> list[Parameter]:
         """The parameter table: every field, and those of its motors as ``motor.NAME``, with value,

@@ -23,7 +23,7 @@ from omnitrack_sim.pipes import (
     Tee,
     route,
 )
-from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
@@ -127,7 +127,7 @@ def _specs() -> dict[str, mujoco.MjSpec]:
 def _robot_spec() -> mujoco.MjSpec:
     """The robot alone where nothing pulls on it: keyframe ``start`` with its springs free."""
     spec = new_spec("omnitrack_robot")
-    robot = Robot()
+    robot = Omnitrack()
     spec.option.gravity = [0, 0, 0]
     chassis = add_turning_robot(spec, robot)
     add_robot_looks(spec, robot)
@@ -174,7 +174,7 @@ def _scene_route(fitting: Fitting) -> Route:
 
 def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
     """A pipe run that begins upward, with the robot in its entry: keyframe ``start``."""
-    way, robot = _scene_route(fitting), Robot()
+    way, robot = _scene_route(fitting), Omnitrack()
     spec = new_spec(f"omnitrack_scene_{name}")
     add_walls(spec, way.network)
     chassis = add_turning_robot(spec, robot)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mujoco
 
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.walls.geoms import TIMESTEP, add_exact_walls, add_plates, add_walls, new_spec
@@ -18,8 +18,8 @@ each robot: a step no longer costs 9 ns for each wall piece, and states do not c
 
 
 def build_scene(
+    robot: Omnitrack,
     network: Assembly,
-    robot: Robot,
     *,
     plates: Sequence[tuple[int, str]] = (),
     timestep: float = TIMESTEP,
@@ -66,7 +66,7 @@ def build_scene(
 
 def build_looks(
     network: Assembly,
-    robot: Robot,
+    robot: Omnitrack,
     plates: Sequence[tuple[int, str]] = (),
     coarse: bool = True,
 ) -> mujoco.MjSpec:

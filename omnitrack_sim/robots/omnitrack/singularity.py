@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.robots.omnitrack import MODULES, Robot
+from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,
     outer_sector,
@@ -174,7 +174,7 @@ def worst_theta5(modules: ArrayLike = 3) -> Array:
     return np.where(modules % 2 == 1, np.pi / modules, 0.0)
 
 
-_DEFAULT = Robot()
+_DEFAULT = Omnitrack()
 SHORTEST, LONGEST = 1e-6, 1000.0
 """Least and largest length of robot and tee, m."""
 LEAST_TURN = 1e-6

@@ -17,7 +17,7 @@ import math
 import mujoco
 
 from omnitrack_sim.record.channels import TRACKS
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_IMPEDANCE,
     add_arm,
@@ -43,7 +43,7 @@ SERVO_BANDWIDTH = 500.0
 a velocity servo of MuJoCo has none, and would climb slower than it is asked."""
 
 
-def add_turning_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+def add_turning_robot(spec: mujoco.MjSpec, robot: Omnitrack) -> mujoco.MjsBody:
     """Add the robot to the world at the origin, robot frame = world frame; returns the chassis.
 
     Bodies ``chassis``, ``arm_i``, ``module_i`` for i = 1, 2, 3 and ``lug_i_k``. Joints ``robot``
@@ -73,7 +73,7 @@ def add_turning_robot(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     return chassis
 
 
-def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number: int) -> None:
+def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Omnitrack, number: int) -> None:
     """Balls along the module that turn as one. A positive belt speed drives forward on the side
     that faces the wall at roll 0, and backward on the other."""
     places = lug_places(robot)
@@ -100,7 +100,7 @@ def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Robot, number:
             tie_joints(spec, robot, f"chain_{name}", name, f"lug_{number}_0")
 
 
-def _add_belt_motor(spec: mujoco.MjSpec, robot: Robot, number: int) -> None:
+def _add_belt_motor(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> None:
     """Velocity servo on a belt, up to the speed at which the motor has its full torque left."""
     force, speed = belt_force(robot), robot.motor.full_torque_speed * robot.lug_radius
     motor = spec.add_actuator(

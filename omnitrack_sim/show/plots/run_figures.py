@@ -235,14 +235,6 @@ class PanelGrid:
         )
 
 
-SUMMARY: tuple[tuple[tuple[str, int | None], ...], ...] = (
-    (("distance", None), ("belt_speed", 1), ("normal_force", None)),
-    (("tilt", None), ("belt_speed", 2), ("contact_count", None)),
-    (("offset", None), ("belt_speed", 3), ("slip_velocity", None)),
-    (("roll", None), ("motor_torque", None), ("slip_ratio", None)),
-    (("pitch", None), ("traction", None), ("slide", None)),
-)
-"""Channel of each panel of the summary, row by row, and the module where it shows only one."""
 OF_ROBOT = ("distance", "tilt", "offset")
 """Channels of the robot, in the first row of a comparison."""
 OF_MODULES = ("normal_force", "motor_torque", "slip_ratio")
@@ -288,40 +280,51 @@ def plot_summary(
 def _summary(result: Result) -> Figure:
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
-    grid = PanelGrid(rows=len(SUMMARY) + bool(errors), columns=len(SUMMARY[0]))
-    # The three panels of belt speeds have one scale, so that modules can be compared.
-    speeds = [values_of(trajectory, name) for name in ("belt_speed", "belt_speed_command")]
-    speed_limits = limits_of(trajectory.schema["belt_speed"].display, np.stack(speeds))
-    for row, panels in enumerate(SUMMARY):
+    summary = result.scenario.display.summary
+    grid = PanelGrid(rows=len(summary) + bool(errors), columns=len(summary[0]))
+    for row, panels in enumerate(summary):
         for column, (channel, module) in enumerate(panels):
             label = trajectory.schema[channel].display.label(module)
             axis = grid.add(row, column, label)
             shade(axis, trajectory)
             draw_panel(axis, trajectory, channel, module)
-            if channel == "belt_speed" and speed_limits is not None:
-                axis.set_ylim(*speed_limits)
+            if module is not None and (limits := _limits_of_all(trajectory, channel)) is not None:
+                axis.set_ylim(*limits)
     for column, (channel, display) in enumerate(errors.items()):
-        axis = grid.add(len(SUMMARY), column, display.label())
+        axis = grid.add(len(summary), column, display.label())
         shade(axis, trajectory)
         draw_error(axis, trajectory, channel)
     headline(grid.figure, result.scenario.name, _outcome(result), LEFT, result.success)
-    grid.legend(_line_handles(bool(errors)), 0.28)
+    grid.legend(_line_handles(result, bool(errors)), 0.28)
     grid.legend(_phase_handles(trajectory), 0.43)
     return grid.figure
+
+
+def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] | None:
+    """Limits for the panels of single modules: one scale, so that they can be compared."""
+    display = trajectory.schema[channel].display
+    names = (channel, display.command) if display.command else (channel,)
+    return limits_of(display, np.stack([values_of(trajectory, name) for name in names]))
 
 
 def _outcome(result: Result) -> str:
     return f"{result.outcome.value.replace('_', ' ')} after {result.duration_s:.2f} s"
 
 
-def _line_handles(estimates: bool) -> list[Any]:
+def _line_handles(result: Result, estimates: bool) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    columns = result.scenario.display.page.columns
     lines: list[Any] = [
-        Line2D([], [], color=colour, label=f"module {i + 1}", **LINES[i])
-        for i, colour in enumerate(MODULE_COLOURS)
+        Line2D([], [], color=colour, label=name, **LINES[i])
+        for i, (name, colour) in enumerate(columns)
     ]
+    if not columns:
+        schema, panels = result.trajectory.schema, sum(result.scenario.display.summary, ())
+        most = max(len(schema[channel].columns) for channel, _ in panels)
+        lines = [Line2D([], [], color=f"C{i % 10}", label=str(i + 1)) for i in range(most)]
+        return lines
     lines.append(Line2D([], [], label="command", **COMMAND))
     if estimates:
         lines.append(Patch(fc=BAND_COLOUR, label=f"{BAND:.0f} sigma of the estimate"))

@@ -162,7 +162,7 @@ def plotted(trajectory: Trajectory, display: PageDisplay) -> list[str]:
     own = [
         name
         for name, channel in trajectory.schema.items()
-        if name not in RECORDED and len(channel.columns) <= MOST_COLUMNS
+        if name not in {*RECORDED, *display.plotted} and len(channel.columns) <= MOST_COLUMNS
     ]
     return [*display.plotted, *own]
 

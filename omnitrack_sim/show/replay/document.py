@@ -16,7 +16,6 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, finite, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
-from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
@@ -209,7 +208,7 @@ def _page_run(result: Result) -> contents.PageRun:
         events=contents.events_table(result),
         arrows=display.arrows(trajectory, list(np.moveaxis(badges, 1, 0))),
         onboard=display.onboard(robot),
-        scale=robot.scale,
+        scale=robot.length_scale,
         badges=display.badges,
         tracks=display.tracks,
         travel=display.travel(trajectory),
@@ -245,7 +244,7 @@ def heading_table(result: Result) -> dict[str, Any]:
 
 def _figure_rows(result: Result) -> list[dict[str, Any]]:
     """The metrics of a run in the order of its file, with a row for each entry of a table."""
-    known = {metric.name: metric for metric in METRICS}
+    known = {metric.name: metric for metric in result.scenario.robot.metrics}
     rows = []
     for name, value in result.metrics.items():
         metric = known.get(name)

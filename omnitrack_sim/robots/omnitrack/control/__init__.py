@@ -1,14 +1,9 @@
 """From observation to command: routes, tracking, alignment, recovery; pure, over n robots."""
 
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    CONTROLLERS,
-    Command,
-    Controller,
-    ControlSetup,
-    Observation,
-    Settings,
-)
+from omnitrack_sim.robots.control import Controller, ControlSetup, Observation, Settings
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
+from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 
 __all__ = [
     "CONTROLLERS",

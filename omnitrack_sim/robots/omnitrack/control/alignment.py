@@ -27,9 +27,9 @@ from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.fittings.base import Manoeuvre
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
-from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign, turn_from_roll
 from omnitrack_sim.robots.omnitrack.singularity import best_theta5, safe_margin, sector_angle
 
@@ -402,8 +402,8 @@ class Aligner:
         self._aside = each["aside_tee_turn"]  # (n, AIMS)
         self._step = self.robot.roll_rate * setup.period  # rad
         self.learn()
-        self.roll[rows] = self.roll_target[rows] = setup.roll[rows]
-        self._belt_sign[rows] = belt_sign(setup.roll[rows])
+        self.roll[rows] = self.roll_target[rows] = setup.command.roll[rows]
+        self._belt_sign[rows] = belt_sign(setup.command.roll[rows])
         self.attempts[rows], self.deadline[rows], self._inside[rows] = 0, np.inf, False
         # Without alignment every passage counts as dealt with.
         first = self.routes.first[setup.location.route]
@@ -419,7 +419,7 @@ class Aligner:
         """
         routes, required = self.routes, manoeuvres(self.routes)
         fixed = self.settings.safe_margin[:, None]
-        sector = sector_angle(routes.corner_radius, self.settings.reach[:, None], np.pi / 2)
+        sector = sector_angle(routes.corner_radius, self.robot.reach, np.pi / 2)
         margin = np.where(np.isnan(fixed), safe_margin(sector), fixed)  # (n, Q) rad
         self.best = np.zeros((AIMS, SIDES, *margin.shape))  # (AIMS, SIDES, n, Q) rad
         self.aim = np.zeros(self.best.shape)  # rad, half-width of the range about it

@@ -24,20 +24,22 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Array, angle_between, cross, unit
 from omnitrack_sim.base.table import Angle, NotNegative, Part, Table, Unit
 from omnitrack_sim.record.events import Driven, Event
-from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.gear import carried_out
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    Command,
+from omnitrack_sim.robots.control import (
     Controller,
     ControlSetup,
     Observation,
     controller_of,
     parameters_model,
 )
+from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
+from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.control.gear import carried_out
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds
+from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.parameters import REFERENCE_BORE
+from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.robot import REFERENCE_BORE
 
 BY_HAND = "by_hand"
 """Phase of a robot that obeys its driver."""
@@ -118,7 +120,7 @@ class DrivenTable(Table):
         Raises:
             InputError: there is no such class.
         """
-        return controller_of(self.autopilot)
+        return controller_of(self.autopilot, CONTROLLERS)
 
     @property
     def autopilot_model(self) -> type[BaseModel]:
@@ -152,7 +154,7 @@ class DrivenController:
             if table.autopilot not in self._first_phase:
                 self._first_phase[table.autopilot] = len(self.phases)
                 self.phases += tuple(getattr(table.autopilot_class, "phases", ("drive",)))
-        self.roll = np.array(setup.roll, float)
+        self.roll = np.array(setup.command.roll, float)
         self._roll_target = self.roll.copy()
         self._speed, self._heading = np.zeros(n), np.zeros((n, 3))
         self._steered = np.zeros(n, bool)  # robots that have a heading
@@ -264,7 +266,7 @@ class DrivenController:
             setup.routes.radius.take(observation.location.passage),
             setup.settings.speed_limit,
         )
-        if not setup.drive.steers:
+        if not drive_of(setup.robot.drive).steers:
             # What cannot be given is not asked.
             straight = np.minimum(np.abs(self._speed), setup.settings.speed_limit)
             speed = np.repeat((gear * np.copysign(straight, self._speed))[:, None], 3, axis=1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.robots.omnitrack.control.interface import Command
+from omnitrack_sim.robots.omnitrack.control.command import Command
 
 SWAPPED = [0, 2, 1]
 """Modules in the turned robot's order."""

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import TURNED
 from omnitrack_sim.base.table import NotNegative, Table, Unit
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
-from omnitrack_sim.robots.omnitrack.control.interface import Command, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.robots.omnitrack.control.tracking import (
     Sway,
@@ -20,6 +21,7 @@ from omnitrack_sim.robots.omnitrack.control.tracking import (
     TrackingTable,
     wall_speeds,
 )
+from omnitrack_sim.robots.omnitrack.drive import drive_of
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT, BACK_OFF = range(6)
 _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, None: CRUISE}
@@ -134,7 +136,7 @@ class JacobianController:
             part.reset(rows, setup)
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.tracking = Tracking(setup, "tracking")
-        self._steers = setup.drive.steers
+        self._steers = drive_of(setup.robot.drive).steers
         self._turn_speed = setup.each("tracking.turn_speed")
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale

@@ -13,8 +13,8 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.record.events import BackedOff, Event
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
-from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 
 
 class RecoveryTable(Table):

@@ -19,10 +19,10 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
-from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
-from omnitrack_sim.robots.omnitrack.parameters import REFERENCE_BORE
+from omnitrack_sim.robots.robot import REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""

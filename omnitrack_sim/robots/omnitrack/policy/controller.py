@@ -14,17 +14,13 @@ from pydantic import Field, ValidationInfo, field_validator
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import FileName, Table
+from omnitrack_sim.robots.control import ControlSetup, Observation, controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
+from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
-from omnitrack_sim.robots.omnitrack.control.interface import (
-    Command,
-    ControlSetup,
-    Observation,
-    controller_of,
-    parameters_model,
-)
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, Feature, FeatureInput, FloatRows
 from omnitrack_sim.robots.omnitrack.policy.file import (
     DECISION_PERIOD,
@@ -81,7 +77,7 @@ class Decisions:
         self._base: Any = None  # a shipped controller, with ``reset``
         self.phases: tuple[str, ...] = ("decide",)
         if acting.base is not None:
-            base: Any = controller_of(acting.base)
+            base: Any = controller_of(acting.base, CONTROLLERS)
             self._defaults = [parameters_model(base)()] * n
             self._base = base(replace(setup, parameters=self._defaults))
             self.phases = base.phases
@@ -90,8 +86,8 @@ class Decisions:
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
         self.setup = setup
-        self.action[rows], self.roll[rows] = 0.0, setup.roll[rows]
-        self._forward[rows] = belt_sign(setup.roll[rows])
+        self.action[rows], self.roll[rows] = 0.0, setup.command.roll[rows]
+        self._forward[rows] = belt_sign(setup.command.roll[rows])
         self._offset[rows], self._tick[rows] = 0.0, 0
         self._legs.reset(rows, setup)
         if self._base is not None:
@@ -152,7 +148,7 @@ class Decisions:
         # A base that stands to roll or backs off follows a plan, which no decision may disturb.
         speed = np.where(rests[:, None], base.belt_speed, base.belt_speed + speed)
         speed = np.minimum(np.maximum(speed, -limit), limit)
-        roll = setup.roll if base.roll is None else base.roll
+        roll = setup.command.roll if base.roll is None else base.roll
         self.roll = roll + self._offset[:, None]
         return base._replace(belt_speed=speed, roll=self.roll.copy())
 

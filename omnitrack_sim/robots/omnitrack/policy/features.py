@@ -23,8 +23,8 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
 from omnitrack_sim.base.rotations import Array, dot
 from omnitrack_sim.base.text import shown
+from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.control.interface import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 
 ACTIONS = ("wall_speed_1", "wall_speed_2", "wall_speed_3", "roll_rate")

@@ -1,44 +1,23 @@
-"""Sensors: functions from the state of the physics to measured quantities.
+"""Sensors of the robot: functions from the state of the physics to its channels.
 
-The shipped ones read their channels without error; forces and velocities are those of the last
-physics step. All sums over x, y and z are taken in one order, so that a robot reads the same bits
-alone and in a batch.
+They read without error; forces and velocities are those of the last physics step. All sums over x,
+y and z are taken in one order, so that a robot reads the same bits alone and in a batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
-from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Robot
+from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A channel and the function that reads it for n robots at once.
-
-    Attributes:
-        channel: name, shape, unit, meaning, and how it looks to a robot that drives tail first.
-        read: from a ``State`` to an array of its own: n, then the channel's shape.
-
-    Example:
-        >>> channel = ot.Channel("height", (), "m", "height of the centre", "world")
-        >>> sensor = ot.Sensor(channel, lambda state: state["position"][:, 2])
-        >>> sim = ot.Simulation([ot.load_scenario("straight")], sensors=[sensor])
-        >>> sim.observation.height.shape
-        (1,)
-    """
-
-    channel: Channel
-    read: Callable[[State], Array]
+from omnitrack_sim.robots.sensor import Sensor, State
 
 
 @dataclass(frozen=True)
@@ -80,87 +59,6 @@ class Addresses:
     touch: NDArray[np.intp]
     belt_motors: NDArray[np.intp]
     roll_motors: NDArray[np.intp]
-
-
-MOST_UNREAD = 50
-"""Moments that may go unread before a sensor that looks back is read: each keeps the one before it
-in memory."""
-
-
-class State(dict[str, Array]):
-    """State of the physics of n robots at one moment. Sensors read it, and each other by name.
-
-    ``state["motor_torque"]`` is the value of that sensor at this moment. It is computed when it is
-    first asked for, and once however often; a state stays what it was when the physics has moved
-    on.
-
-    Args:
-        arrays: by the names of the attributes ``time`` to ``xmat``.
-        at, robot, sensors: see below.
-        before: the state at the moment before, or start values.
-
-    Attributes:
-        time: (n,) s.
-        qpos: (n, nq).
-        qvel: (n, nv).
-        sensordata: (n, ns).
-        actuator_force: (n, nu).
-        xpos: (n, 3 nbody) m, world frame.
-        xmat: (n, 9 nbody), row by row.
-        at: addresses of the robot's parts.
-        robot: its parameters.
-        sensors: by the names of their channels.
-        shared: what sensors keep for each other within one moment.
-    """
-
-    time: Array
-    qpos: Array
-    qvel: Array
-    sensordata: Array
-    actuator_force: Array
-    xpos: Array
-    xmat: Array
-
-    def __init__(
-        self,
-        arrays: Mapping[str, Array],
-        at: Addresses,
-        robot: Robot,
-        sensors: Mapping[str, Sensor],
-        before: State | Mapping[str, Array],
-    ) -> None:
-        super().__init__()
-        self.__dict__.update(arrays)
-        self.at, self.robot, self.sensors, self._before = at, robot, sensors, before
-        self.shared: dict[str, Any] = {}
-        self._unread = before._unread + 1 if isinstance(before, State) else 0
-        if self._unread > MOST_UNREAD:
-            self.last("contact_position")
-
-    def __missing__(self, name: str) -> Array:
-        if name not in self.sensors:
-            raise KeyError(f"no sensor reads {name!r} (choose from: {', '.join(self.sensors)})")
-        value = self[name] = self.sensors[name].read(self)
-        if name == "contact_position":
-            # The one shipped sensor that looks back has done so: earlier moments may be forgotten.
-            self._before, self._unread = dict(self._before), 0
-        return value
-
-    def last(self, name: str, start: Array | None = None) -> Array:
-        """The value, at the moment before, of ``contact_position`` or of a user's own sensor.
-
-        Own sensors are read at every control step, so a sensor may add up what it sees.
-
-        Args:
-            name: of the channel.
-            start: what to return at the first moment.
-
-        Raises:
-            KeyError: there was no such value, and no ``start`` is given.
-        """
-        if start is not None and name not in self._before:
-            return start
-        return self._before[name]
 
 
 _COS, _SIN = (f(MODULE_ANGLES)[:, None] for f in (np.cos, np.sin))  # (3, 1)
@@ -280,6 +178,8 @@ _READ: dict[str, Callable[[State], Array]] = {
     "roll": lambda state: state.qpos.take(state.at.roll, axis=1),
 }
 SENSORS = tuple(
-    Sensor(channel, _READ[name]) for name, channel in CHANNELS.items() if channel.source == "plant"
+    Sensor(channel, _READ[name], looks_back=name == "contact_position")
+    for name, channel in CHANNELS.items()
+    if channel.source == "plant"
 )
 """One sensor for each channel of the schema that the plant measures."""

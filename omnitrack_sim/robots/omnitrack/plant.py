@@ -1,29 +1,31 @@
-"""The plant: n robots in one batch. The only door to MuJoCo's state."""
+"""Plant of the omnidirectional robot: motors, endless chains, springs."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import batch
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, set_rows, with_rows
-from omnitrack_sim.record.channels import CHANNELS, TRACKS
-from omnitrack_sim.robots.omnitrack import Robot
+from omnitrack_sim.record.channels import TRACKS, Channel
+from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_CONAFFINITY,
     LUG_CONTYPE,
     MODULE_ENDS,
     friction_tendons,
     lug_pitch,
+    spring_free_length,
 )
-from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.senses import SENSORS, Sensor, State
-from omnitrack_sim.senses.sensor import Addresses
+from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
+from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
+from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
+from omnitrack_sim.robots.plant import Plant, Start
+from omnitrack_sim.robots.sensor import Sensor
 
 NUMBERS = (1, 2, 3)
 BOTH_TRACKS_COSINE = 0.5
@@ -36,71 +38,52 @@ SEATING_HALVINGS = 20
 robots of different sizes would not start alike."""
 
 
-@dataclass(frozen=True)
-class Start:
-    """Start values and physical constants that differ between the n robots of one batch.
+class TrackPlant(Plant):
+    """n robots of one model; see ``Plant``.
 
     Attributes:
-        position, quaternion: (n, 3) m and (n, 4), start pose of the robot in the world.
-        slide, roll: (n, 3) m and rad, start values of the joints.
-        friction: (n,) Coulomb coefficient of the lugs on the wall.
-        gravity: (n, 3) m/s², world frame.
-        spring_free: (n,) m, arm travel at which the springs are free.
-        roll_torque: (n,) N m, limit of the rotary motors.
+        motors: between the commands and the belts.
     """
 
-    position: Array
-    quaternion: Array
-    slide: Array
-    roll: Array
-    friction: Array
-    gravity: Array
-    spring_free: Array
-    roll_torque: Array
-
-
-class Plant:
-    """n copies of a model, each with its own start, friction, gravity and springs, stepped on
-    ``threads`` threads.
-
-    Attributes:
-        n: number of robots. qpos: (n, nq) joint positions, the engine's own array.
-        diverged: (n,) bool, robots whose physics has gone wrong.
-    """
+    array_names = ("time", "qpos", "qvel", "sensordata", "actuator_force", "xpos", "xmat")
 
     def __init__(
         self,
         model: mujoco.MjModel,
-        robot: Robot,
+        robot: Omnitrack,
         start: Start,
+        period: float,
         threads: int = 1,
-        sensors: Sequence[Sensor] = SENSORS,
-    ):
-        self.model, self.robot = model, robot
-        self.n = len(start.friction)
-        # Where MuJoCo passes over what never moves, each robot needs an MjData.
-        sleeps = bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
-        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=sleeps)
-        self._pitch_of_lugs = lug_pitch(robot)
-        self._at = _addresses(model)
-        self._bind()
-        self._sensors = {sensor.channel.name: sensor for sensor in sensors}
-        self._own = [name for name in self._sensors if name not in CHANNELS]
-        self._last: State | dict[str, Array] = {"contact_position": np.zeros((self.n, 3, 3))}
-        self.diverged = np.zeros(self.n, bool)
-        self._warnings = self._count_warnings()
-        self.reset(np.arange(self.n), start)
+        sensors: Sequence[Sensor] = (),
+    ) -> None:
+        self._drive = drive_of(robot.drive)
+        torque = [each.motor.torque_limit for each in start.robots]
+        self.motors = SpeedLoop(
+            self._drive, robot.motor, np.array(torque), robot.lug_radius, len(torque)
+        )
+        self._body = robot
+        super().__init__(model, robot, start, period, threads, sensors)
+
+    def shipped_sensors(self) -> Sequence[Sensor]:
+        """See ``Plant``."""
+        return SENSORS
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Modules (n, 3) with a motor at its torque limit."""
+        return self.motors.saturated
 
     def reset(self, rows: NDArray[np.intp], start: Start) -> None:
-        """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
+        """See ``Plant``."""
         model = self.model
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
         self._force_range[rows] = model.actuator_forcerange
         if self._gears:
             self._gear_loss[rows] = model.tendon_frictionloss
-        if self.robot.brake_force > 0:
+        if self._body.brake_force > 0:
             self._belt_loss[rows] = model.dof_frictionloss
         self._set_start(rows, start)
+        self.motors.reset(rows, np.array([each.motor.torque_limit for each in start.robots]))
         places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
         set_rows(self, rows, diverged=False)
@@ -109,8 +92,9 @@ class Plant:
         self._warnings[rows] = self._count_warnings()[rows]
 
     def _bind(self) -> None:
+        self._at = _addresses(self.model)
         b, model, at = self._batch, self.model, self._at
-        self.qpos, self._ctrl = b.bind("qpos"), b.bind("ctrl")
+        self._pitch_of_lugs = lug_pitch(self._body)
         self._force_range = b.expand("actuator_forcerange")
         self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
         self._body_conaffinity = b.expand("body_conaffinity")
@@ -121,36 +105,47 @@ class Plant:
         self._lugs = np.array([[colliding[bodies == body] for body in pair] for pair in at.tracks])
         self._belts = at.belts
         self._at_wall = np.ones((self.n, 3, 2), bool)
-        self._drive = drive_of(self.robot.drive)
         self._gears: list[tuple[int, int]] = []
         if not self._drive.direct:
             shafts = [f"shaft_{k + 1}" for k in range(self._drive.motors)]
             self._shafts = [model.joint(name).qposadr[0] for name in shafts]
-        if self.robot.gear_friction > 0:
+        if self._body.gear_friction > 0:
             self._gears = [(i, model.tendon(n).id) for i, n in friction_tendons(self._drive)]
             self._gear_loss = b.expand("tendon_frictionloss")
-        if self.robot.brake_force > 0:
+        if self._body.brake_force > 0:
             self._belt_loss = b.expand("dof_frictionloss")
-        names = ("time", "qpos", "qvel", "sensordata", "actuator_force", "xpos", "xmat")
-        self._arrays = {name: b.bind(name) for name in names}
-        for name in ("xpos", "xmat"):
-            self._arrays[name] = self._arrays[name].reshape(self.n, -1)
         self._belt_motors, self._roll_motors = _slice(at.belt_motors), _slice(at.roll_motors)
+        self._last = {"contact_position": np.zeros((self.n, 3, 3))}
+        three = np.zeros((self.n, 3))
+        self.command = Command(
+            belt_speed=three,
+            roll=three,
+            phase=np.zeros(self.n, int),
+            resting=np.zeros(self.n, bool),
+            brake=three,
+            over=np.zeros(self.n, bool),
+        )
 
-    def _set_start(self, robots: NDArray[np.intp], start: Start) -> None:
+    def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
         b, model, at = self._batch, self.model, self._at
         springs = [model.tendon(f"spring_{e}_{i}").id for e in MODULE_ENDS for i in NUMBERS]
-        each = robots[:, None]
+        each = rows[:, None]
         touching = np.flatnonzero(model.geom_contype == LUG_CONTYPE)
         b.expand("geom_friction")[each, touching, 0] = start.friction[:, None]
-        b.expand("opt.gravity")[robots] = start.gravity
-        b.expand("tendon_lengthspring")[each, springs, 0] = start.spring_free[:, None]
-        torque = start.roll_torque[:, None, None] * np.array([-1.0, 1.0])
+        b.expand("opt.gravity")[rows] = start.gravity
+        own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
+        spring_free = np.array([spring_free_length(r, r.preload) for r in own])
+        b.expand("tendon_lengthspring")[each, springs, 0] = spring_free[:, None]
+        roll_torque = np.array([r.roll_torque for r in own])
+        torque = roll_torque[:, None, None] * np.array([-1.0, 1.0])
         self._force_range[each, at.roll_motors] = torque
-        self.qpos[robots, :3], self.qpos[robots, 3:7] = start.position, start.quaternion
-        self.qpos[each, at.slide], self.qpos[each, at.roll] = start.slide, start.roll
+        self.qpos[rows, :3], self.qpos[rows, 3:7] = start.position, start.quaternion
+        slide = start.bore_radius - np.array([r.nominal_pipe_radius for r in own])
+        roll = np.repeat(start.roll[:, None], MODULES, axis=1)
+        self.qpos[each, at.slide], self.qpos[each, at.roll] = slide[:, None], roll
         # The servos' set points are where the modules stand: nothing rolls at the start.
-        self._ctrl[each, at.roll_motors] = start.roll
+        self._ctrl[each, at.roll_motors] = roll
+        self.command = self.command._replace(roll=with_rows(self.command.roll, rows, roll))
 
     def _seat_arms(self, robots: NDArray[np.intp]) -> None:
         """Move each arm of ``robots`` (k,) to where its springs and the wall are in equilibrium, by
@@ -161,7 +156,7 @@ class Plant:
         """
         acceleration = self._batch.bind("qacc")
         slides, dofs = (robots[:, None], self._at.slide), (robots[:, None], self._at.slide_dofs)
-        room = SEATING_ROOM * self.robot.lug_radius
+        room = SEATING_ROOM * self._body.lug_radius
         low = self.qpos[slides] - room
         high = low + 2 * room
         for _ in range(SEATING_HALVINGS):
@@ -173,44 +168,13 @@ class Plant:
         self.qpos[slides] = high  # on the side where the wall carries
         self._batch.forward(robots)
 
-    def read(self) -> State:
-        """Values of all sensors at this moment, (n, ...) by the names of their channels.
-
-        Forces and velocities are those of the last physics step.
-        """
-        # The engine writes into its arrays again; a state stays what it was.
-        arrays = {name: array.copy() for name, array in self._arrays.items()}
-        self._last = State(arrays, self._at, self.robot, self._sensors, self._last)
-        # A user's own sensor may add up what it sees, so it is read at every step.
-        for name in self._own:
-            self._last[name]
-        return self._last
-
-    def data(self, robot: int) -> mujoco.MjData:
-        """Return a copy of MuJoCo's data of one robot as it is now."""
-        return self._batch.get_data(robot)
-
-    def step(
-        self,
-        active: NDArray[np.bool_],
-        motors: tuple[Array, Array, Array],
-        roll: Array,
-        substeps: int,
-        brake: Array | None = None,
-    ) -> None:
-        """Advance the ``active`` robots by ``substeps`` physics steps.
-
-        Args:
-            active: (n,) bool.
-            motors: set points (n, m) m/s of the motors of the drive, least and largest force (n, m)
-                N, see ``SpeedLoop.advance``.
-            roll: (n, 3) rad asked of the rotary motors.
-            substeps: physics steps.
-            brake: (n, 3) part of the brakes' force, 0 to 1; none: they are off.
-        """
+    def step(self, active: NDArray[np.bool_], command: Command, substeps: int) -> None:
+        """See ``Plant``; the motors hold the belts' speeds and the modules' roll."""
+        belts, torque = self._last["belt_speed"], self._last["motor_torque"]
+        motors = self.motors.advance(command.belt_speed, belts, torque, self.period)
+        self._rub(command.brake)
         set_point, lowest, highest = motors
-        self._rub(brake)
-        self._ctrl[:, self._belt_motors], self._ctrl[:, self._roll_motors] = set_point, roll
+        self._ctrl[:, self._belt_motors], self._ctrl[:, self._roll_motors] = set_point, command.roll
         self._force_range[:, self._belt_motors, 0] = lowest
         self._force_range[:, self._belt_motors, 1] = highest
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
@@ -223,17 +187,26 @@ class Plant:
             if not self._drive.direct:
                 # Shafts are tied to their belts and have to be moved back with them.
                 self.qpos[:, self._shafts] -= self._drive.motor_values(back[..., 0])
-            self.qpos[:, self._at.sprockets] -= back / self.robot.lug_radius
+            self.qpos[:, self._at.sprockets] -= back / self._body.lug_radius
         self._leave_out_far_tracks()
-        try:
-            self._batch.step(active, nstep=substeps)
-        except batch.SimulationError as error:
-            self.diverged[error.ids] = True
-        warnings = self._count_warnings()
-        # A sum is finite where all its terms are, unless they are beyond all reason.
-        if warnings.tobytes() != self._warnings.tobytes() or not math.isfinite(self.qpos.sum()):
-            broken = ~np.isfinite(self.qpos).all(axis=-1)
-            self.diverged = self.diverged | (warnings > self._warnings) | broken
+        self._advance(active, substeps)
+
+    def seen(
+        self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
+    ) -> Mapping[str, Array]:
+        """See ``Plant``: nose and tail are alike, so a robot in reverse sees itself mirrored."""
+        return seen(readings, gear, channels)
+
+    def carried_out(self, command: Command, gear: NDArray[np.int_]) -> Command:
+        """See ``Plant``."""
+        if command.brake is not None and not self._body.brake_force and np.any(command.brake):
+            raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
+        return carried_out(command, gear)
+
+    def commanded(self, command: Command) -> Mapping[str, Array]:
+        """See ``Plant``."""
+        roll: Any = command.roll
+        return {"belt_speed_command": command.belt_speed, "roll_command": roll}
 
     def _rub(self, brake: Array | None) -> None:
         """Set the friction of the gears and of the brakes for the next steps."""
@@ -242,9 +215,10 @@ class Plant:
             forces = self._arrays["actuator_force"].take(self._at.belt_motors, axis=1)
             passed = np.abs(self._drive.belt_values(forces))
             for belt, tendon in self._gears:
-                self._gear_loss[:, tendon] = self.robot.gear_friction * passed[:, belt]
-        if self.robot.brake_force > 0:
-            force = 0.0 if brake is None else self.robot.brake_force * brake
+                self._gear_loss[:, tendon] = self._body.gear_friction * passed[:, belt]
+        if self._body.brake_force > 0:
+            part = 0.0 if brake is None else np.minimum(np.maximum(brake, 0.0), 1.0)
+            force = self._body.brake_force * part
             self._belt_loss[:, self._at.belt_dofs[:, 0]] = force
 
     def _leave_out_far_tracks(self) -> None:
@@ -266,11 +240,6 @@ class Plant:
         self._body_conaffinity[:, tracks] = at_wall * LUG_CONAFFINITY
         # A geom touches where either mask fits, so both have to go.
         self._geom_conaffinity[:, self._lugs] = at_wall[..., None] * LUG_CONAFFINITY
-
-    def _count_warnings(self) -> NDArray[np.int64]:
-        """MuJoCo warnings of each robot so far, (n,)."""
-        last_info_and_number = self._batch.warning  # (n, kinds, 2)
-        return last_info_and_number[:, :, 1].sum(axis=-1)
 
 
 def _slice(indices: NDArray[np.intp]) -> slice:

@@ -1,11 +1,10 @@
-"""Interface of controllers of n robots: setup, observation, command; shipped ones by name."""
+"""Interface of controllers of n robots: setup, observation, command."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,11 @@ from pydantic import BaseModel
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import named
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.base.text import did_you_mean, shown
+from omnitrack_sim.base.text import did_you_mean
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Event
-from omnitrack_sim.robots.omnitrack import Robot
-from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 
 
 class Observation:
@@ -72,64 +69,62 @@ class Observation:
         return f"Observation({len(self.leg)} robots, {len(self._readings)} channels)"
 
 
-_COLUMNS = {"belt_speed": (3,), "roll": (3,), "phase": (), "resting": (), "brake": (3,), "over": ()}
-"""Shapes of the arrays of a command, of one robot."""
-
-
-class Command(NamedTuple):
-    """Commands to n robots until the next control step. Fields that are None keep their values.
+class Actuation(NamedTuple):
+    """Command to the actuators of n robots until the next control step. Fields that are None keep
+    their values.
 
     Attributes:
-        belt_speed: (n, 3) m/s asked of the crawler motors.
-        roll: (n, 3) rad asked of the rotary motors.
+        ctrl: (n, nu) MuJoCo's control inputs, in the order of the model's actuators.
         phase: (n,) index into the controller's ``phases``.
         resting: (n,) bool, robots that stand still or drive backward on purpose, which the monitor
             does not count as stuck; none when left out.
         events: decisions of the controller, kept in the result.
-        brake: (n, 3) part of ``robot.brake_force``, 0 to 1, by which the belts are braked; all off
-            when left out, and to be 0 where the robot has no brakes.
         over: (n,) bool, robots whose run is over after this control period; none when left out.
 
     Example:
         >>> import numpy as np
-        >>> import omnitrack_sim as ot
-        >>> ot.Command(belt_speed=np.full((2, 3), 0.1), roll=np.zeros((2, 3)))
-        Command(2 robots: belt_speed, roll, events)
+        >>> ot.Actuation(np.zeros((2, 6))).ctrl.shape
+        (2, 6)
     """
 
-    belt_speed: Array
-    roll: Array | None = None
+    ctrl: Array
     phase: NDArray | None = None
     resting: NDArray[np.bool_] | None = None
     events: Sequence[Event] = ()
-    brake: Array | None = None
     over: NDArray[np.bool_] | None = None
 
-    def __repr__(self) -> str:
-        names = [name for name, value in zip(self._fields, self, strict=True) if value is not None]
-        try:
-            robots = f"{len(self.belt_speed)} robots"
-        except TypeError:  # no array yet, and refused where it is used
-            robots = f"belt_speed {shown(self.belt_speed)}, which is no (n, 3)"
-        return f"Command({robots}: {', '.join(names)})"
 
-    def checked(self, n: int) -> Command:
-        """The same with arrays for ``n`` robots.
+MOMENTARY = ("resting", "events", "brake", "over")
+"""Fields of a command that hold for one control period; all others stand until they change."""
+_Command = TypeVar("_Command", bound=NamedTuple)
 
-        Raises:
-            ValueError: one has another shape.
-        """
-        changes = {}
-        for name, columns in _COLUMNS.items():
-            value, shape = getattr(self, name), (n, *columns)
-            # The usual case passes without a copy: commands come at every control step.
-            if value is None or (isinstance(value, np.ndarray) and value.shape == shape):
-                continue
-            array = np.asarray(value)
-            if array.shape != shape:
-                raise ValueError(f"command.{name} has shape {array.shape}, expected {shape}")
-            changes[name] = array
-        return self._replace(**changes) if changes else self
+
+def checked(command: _Command, start: _Command) -> _Command:
+    """Return a command with arrays of the shapes that those of ``start`` have.
+
+    Raises:
+        ValueError: one has another shape.
+    """
+    changes = {}
+    for name, value, like in zip(command._fields, command, start, strict=True):
+        # The usual case passes without a copy: commands come at every control step.
+        if value is None or name == "events" or np.shape(like) == getattr(value, "shape", None):
+            continue
+        array = np.asarray(value)
+        if array.shape != like.shape:
+            raise ValueError(f"command.{name} has shape {array.shape}, expected {like.shape}")
+        changes[name] = array
+    return command._replace(**changes) if changes else command
+
+
+def with_command_rows(command: _Command, rows: NDArray[np.intp], other: _Command) -> _Command:
+    """Return a command with the rows (k,) of all its arrays (n, ...) taken from another one."""
+    changes = {
+        name: with_rows(value, rows, other_value[rows])
+        for name, value, other_value in zip(command._fields, command, other, strict=True)
+        if isinstance(value, np.ndarray) and isinstance(other_value, np.ndarray)
+    }
+    return command._replace(**changes)
 
 
 @dataclass(frozen=True)
@@ -141,7 +136,6 @@ class Settings:
     retry: NDArray[np.bool_]
     speed_limit: Array  # m/s
     safe_margin: Array  # rad; nan: by the reach
-    reach: Array  # m
 
     def with_rows(self, robots: NDArray[np.intp], rows: Settings) -> Settings:
         """Copy with the values of ``robots`` (k,) taken from the k ``rows``."""
@@ -160,41 +154,37 @@ class ControlSetup:
     Attributes:
         routes: the routes of all robots. It grows when robots are sent onto new routes: look up
             again what was looked up in it when ``routes.version`` has changed.
-        robot: shared by all robots of the batch.
+        robot: its parameters, shared by all robots of the batch.
         settings: speeds, margins and switches, common to all controllers.
         parameters: for each robot, ``[control.parameters]`` as the controller's own model; empty
             tables where it has none.
         location: locations of the robots at the start.
-        roll: (n, 3) rad, roll of the modules at the start.
+        command: that the robots carry out at the start, with a value in every field.
         period: s between two steps.
         gravity: (n, 3) m/s², world frame, as a robot with an inertial unit knows it.
+        model: MuJoCo's model of pipes and robot.
 
     Example:
         >>> import omnitrack_sim as ot
         >>> setup = ot.Simulation([ot.load_scenario("straight")] * 2).setup
-        >>> setup.n, setup.period, setup.drive.name
+        >>> setup.n, setup.period, setup.robot.drive
         (2, 0.01, 'three_motors')
     """
 
     routes: RouteMap
-    robot: Robot
+    robot: Any
     settings: Settings
     parameters: Sequence[Any]
     location: Location
-    roll: Array
+    command: Any
     period: float
     gravity: Array
-
-    @cached_property
-    def drive(self) -> Drive:
-        """The robot's motors and gears. Where ``drive.steers`` is false, the motors realise belt
-        speeds only in part: a differential their mean."""
-        return drive_of(self.robot.drive)
+    model: Any = None
 
     @property
     def n(self) -> int:
         """Number of robots."""
-        return len(self.roll)
+        return len(self.gravity)
 
     def each(self, path: str) -> NDArray:
         """Return a parameter of all robots (n,) by its dotted path: ``"recovery.retries"``."""
@@ -207,10 +197,14 @@ class ControlSetup:
 class Controller(Protocol):
     """Protocol of controllers: turn observations into commands for n robots.
 
+    What ``step`` returns is the kind of command of the robot: ``ot.Command`` of the package's own,
+    ``ot.Actuation`` of every other one.
+
     A class of a user's own needs no more than these two methods and inherits from nothing. It may
     also have
 
-    * ``phases``: names of its phases, which ``Command.phase`` indexes; ``("drive",)`` by default;
+    * ``phases``: names of its phases, which a command's ``phase`` indexes; ``("drive",)`` by
+      default;
     * ``Parameters``: a pydantic model of its own ``[control.parameters]``.
 
     Example:
@@ -228,38 +222,42 @@ class Controller(Protocol):
 
     def __init__(self, setup: ControlSetup) -> None: ...
 
-    def step(self, observation: Observation) -> Command:
+    def step(self, observation: Observation) -> Any:
         """Return the command for the next control period."""
         ...
 
 
-CONTROLLERS = {
-    "jacobian": "omnitrack_sim.robots.omnitrack.control.jacobian:JacobianController",
-    "paper": "omnitrack_sim.paper.open_loop:PaperController",
-    "equal": "omnitrack_sim.paper.open_loop:EqualController",
-    "driven": "omnitrack_sim.robots.omnitrack.control.driven:DrivenController",
-    "policy": "omnitrack_sim.robots.omnitrack.policy.controller:PolicyController",
-}
-"""Shipped controllers, ``module:Class`` by the short name that ``control.kind`` may give. Only the
-one that a scenario names is imported, so a controller may itself name another one."""
+class Still:
+    """Controller that leaves all actuators as they are at the start."""
+
+    def __init__(self, setup: ControlSetup) -> None:
+        self._command = setup.command
+
+    def step(self, observation: Observation) -> Any:
+        """Return the command of the start."""
+        return self._command
 
 
 class NoParameters(Table):
     """``[control.parameters]`` of a controller that has none."""
 
 
-def controller_of(kind: str) -> type[Controller]:
+def controller_of(kind: str, shipped: Mapping[str, str]) -> type[Controller]:
     """The controller class that ``control.kind`` names.
+
+    Args:
+        kind: short name of a shipped controller, or ``module:Class``.
+        shipped: ``module:Class`` by the short names; see ``Robot.controllers``.
 
     Raises:
         InputError: there is no such class, or it has no ``step``.
     """
-    if kind in CONTROLLERS:
-        return named(CONTROLLERS[kind], "control.kind", {})
-    controller = named(kind, "control.kind", CONTROLLERS)
+    if kind in shipped:
+        return named(shipped[kind], "control.kind", {})
+    controller = named(kind, "control.kind", shipped)
     if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
         problem = f"is {kind!r}, which is no class with a step"
-        raise InputError(Fault("control.kind", problem, (*CONTROLLERS, "module:Object")))
+        raise InputError(Fault("control.kind", problem, (*shipped, "module:Object")))
     return controller
 
 

@@ -1,0 +1,144 @@
+"""A robot of somebody else: an MJCF file as it is."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+import mujoco
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.table import FileName, Positive, Unit
+from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.robot import Robot
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+class Mjcf(Robot):
+    """Robot of an MJCF file; all that it does is done by a controller of your own.
+
+    Its nose and tail are the ends of what can touch the wall, along ``forward``, in the state in
+    which the file has it.
+
+    Example:
+        >>> from pathlib import Path
+        >>> _ = Path("ball.xml").write_text(
+        ...     "<mujoco><worldbody><body name='ball'><freejoint/>"
+        ...     "<geom size='0.07'/></body></worldbody></mujoco>"
+        ... )
+        >>> robot = ot.Mjcf(file="ball.xml")
+        >>> robot.chassis, round(robot.length, 3), round(robot.nominal_bore, 3)
+        ('ball', 0.14, 0.14)
+    """
+
+    file: Annotated[str, Field(max_length=4096), FileName("sha256")]
+    """MJCF or URDF file, relative to the scenario."""
+    sha256: Annotated[str | None, Field(validate_default=True)] = None
+    """Of that file. Left out, it is filled in; another file than it says is refused, so that a
+    saved run repeats itself or says why not. Files that it names in turn are not in it."""
+    body: str = ""
+    """Chassis: the body whose pose is the robot's. Left out: the first one with a free joint."""
+    forward: Axis = "z"
+    """Axis of the chassis that points to the robot's nose."""
+    bore: Annotated[Positive | None, Unit("m")] = None
+    """Inner diameter of the pipe that it is made for. Left out: twice its largest extent
+    from its axis along the two others."""
+
+    @field_validator("file")
+    @classmethod
+    def _can_be_read(cls, file: str) -> str:
+        try:
+            mujoco.MjSpec.from_file(file)
+        except (ValueError, OSError) as error:
+            raise ValueError(f"cannot be read: {' '.join(str(error).split())}") from None
+        return file
+
+    @field_validator("sha256")
+    @classmethod
+    def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
+        if "file" not in info.data:
+            return sha256  # a fault that is told already
+        digest = hashlib.sha256(Path(info.data["file"]).read_bytes()).hexdigest()
+        if sha256 not in (None, digest):
+            raise ValueError(f"the file has changed: it has {digest}")
+        return digest
+
+    @field_validator("body")
+    @classmethod
+    def _is_a_body(cls, body: str, info: ValidationInfo) -> str:
+        if body and "file" in info.data:
+            names = [b.name for b in mujoco.MjSpec.from_file(info.data["file"]).bodies[1:]]
+            if body not in names:
+                raise ValueError(f"there is no body {body!r} (choose from: {', '.join(names)})")
+        return body
+
+    def spec(self) -> mujoco.MjSpec:
+        """See ``Robot``."""
+        return mujoco.MjSpec.from_file(self.file)
+
+    @property
+    def chassis(self) -> str:
+        """See ``Robot``."""
+        if self.body:
+            return self.body
+        model = compiled(self)  # type: ignore[arg-type]  # a frozen model is hashable
+        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        return model.body(model.jnt_bodyid[free[0]]).name if len(free) else ""
+
+    @cached_property
+    def _extent(self) -> tuple[float, float, float]:
+        """Tail and nose along the forward axis from the chassis' origin, and the largest distance
+        from that axis, m."""
+        model = compiled(self)  # type: ignore[arg-type]
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+        corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T  # (8, 3)
+        boxes = model.geom_aabb[touching]
+        local = boxes[:, None, :3] + corners * boxes[:, None, 3:]
+        frames = data.geom_xmat[touching].reshape(-1, 3, 3)
+        points = np.einsum("gij,gkj->gki", frames, local) + data.geom_xpos[touching, None]
+        body = model.body(self.chassis).id
+        own = data.xmat[body].reshape(3, 3) @ _turn(self.forward)
+        x, y, z = ((points.reshape(-1, 3) - data.xpos[body]) @ own).T
+        return float(z.min()), float(z.max()), float(np.abs([x, y]).max())
+
+    @property
+    def frame(self) -> Pose:
+        """See ``Robot``."""
+        tail, nose, _ = self._extent
+        turn = _turn(self.forward)
+        return Pose(turn, turn @ [0.0, 0.0, (tail + nose) / 2])
+
+    @property
+    def start_frame(self) -> Pose:
+        """See ``Robot``."""
+        model = compiled(self)  # type: ignore[arg-type]
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        body = model.body(self.chassis).id
+        return Pose(data.xmat[body].reshape(3, 3), data.xpos[body]).compose(self.frame)
+
+    @property
+    def length(self) -> float:
+        """See ``Robot``."""
+        tail, nose, _ = self._extent
+        return nose - tail
+
+    @property
+    def nominal_bore(self) -> float:
+        """See ``Robot``."""
+        return 2 * self._extent[2] if self.bore is None else self.bore
+
+
+def _turn(forward: Axis) -> Array:
+    """Rotation (3, 3) whose z is an axis of the chassis."""
+    z = np.zeros(3)
+    z["xyz".index(forward[-1])] = -1.0 if forward.startswith("-") else 1.0
+    x = np.roll(np.abs(z), 1)
+    return np.stack([x, np.cross(z, x), z], axis=-1)

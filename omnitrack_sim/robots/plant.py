@@ -1,0 +1,544 @@
+"""The plant: n robots of one model in exact pipes, in one batch. The only door to MuJoCo's
+state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import batch
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.rotations import (
+    Array,
+    Pose,
+    cross,
+    dot,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    set_rows,
+)
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.robots.control import Actuation
+from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.sensor import Sensor, State
+from omnitrack_sim.walls.around import add_pipes
+from omnitrack_sim.walls.geoms import add_plates, leave_no_log
+
+WALLS = "wall_"
+"""Names of the geoms of pipes begin like this."""
+SLOTS = 4
+"""Contacts of a body whose forces are added up: the largest ones."""
+TOUCH = "touch_of_"
+"""Names of the contact sensors that the scene adds begin like this."""
+
+
+@dataclass(frozen=True)
+class PlantSettings:
+    """Seating of a robot in its pipe.
+
+    Attributes:
+        seating_time: s, for the robot's own pipe of 160 mm, for which springs and limbs settle
+            while the chassis is held in its place.
+        misfit: part of the bore by which a robot may be in the wall when it is seated.
+    """
+
+    seating_time: float = 0.3
+    misfit: float = 0.01
+
+
+SETTINGS = PlantSettings()
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start of n robots of one batch, and what differs between them.
+
+    Attributes:
+        position, quaternion: (n, 3) m and (n, 4), pose of the chassis in the world.
+        friction: (n,) Coulomb coefficient of the walls.
+        gravity: (n, 3) m/s², world frame.
+        bore_radius: (n,) m, of the pipe that each starts in.
+        roll: (n,) rad, of modules that roll.
+        robots: n, the parameters of each: ``Robot.own_values`` may differ.
+    """
+
+    position: Array
+    quaternion: Array
+    friction: Array
+    gravity: Array
+    bore_radius: Array
+    roll: Array
+    robots: Sequence[Robot]
+
+
+def scene(
+    robot: Robot,
+    network: Assembly,
+    *,
+    plates: Sequence[tuple[int, str]],
+    timestep: float,
+    looks: bool,
+    **of_primitives: Any,
+) -> mujoco.MjSpec:
+    """Return a robot in exact pipes as one model, ready to compile; arguments as of
+    ``Robot.to_spec``.
+
+    Beside the robot's own sensors the model has one for each of its bodies that can touch the wall.
+    """
+    leave_no_log()
+    spec = robot.spec()
+    spec.option.timestep = timestep
+    bodies = touching_bodies(spec)
+    add_pipes(spec, network, friction=1.0)
+    more = [end for end in plates if end not in network.closed_ends]
+    add_plates(spec, network, more, looks)
+    if not looks:
+        for body in bodies:
+            _add_touch(spec, body)
+    return spec
+
+
+def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
+    """Names of the bodies of a model that have geoms which can touch, in order; those without a
+    name get one by their number."""
+    for i, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = f"body_{i}"
+    bodies = spec.bodies[1:]
+    return [b.name for b in bodies if any(g.contype | g.conaffinity for g in b.geoms)]
+
+
+@cache
+def compiled(robot: Robot) -> mujoco.MjModel:
+    """Return the model of a robot alone, with the sensors that ``scene`` adds."""
+    leave_no_log()
+    spec = robot.spec()
+    for body in touching_bodies(spec):
+        _add_touch(spec, body)
+    return spec.compile()
+
+
+def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
+    """Sensor of the contacts of a body with the walls: for each of the largest ones whether there
+    is one, its force in the frame of the contact, and the speed at which the surfaces slide."""
+    fields = mujoco.mjtConDataField
+    wanted = (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_LINVEL)
+    largest_first = 2
+    spec.add_sensor(
+        name=f"{TOUCH}{body}",
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        objname=body,
+        reftype=mujoco.mjtObj.mjOBJ_BODY,
+        refname="world",
+        intprm=[sum(1 << int(f) for f in wanted), largest_first, SLOTS],
+    )
+
+
+class Plant:
+    """n copies of a model, each with its own start, friction and gravity, stepped on ``threads``
+    threads.
+
+    Args:
+        model: pipes and robot; see ``scene``.
+        robot: parameters.
+        start: of the robots.
+        period: s, between two control steps.
+        threads: native threads; 0 uses all cores.
+        sensors: of a user's own.
+
+    Raises:
+        InputError: the robot has no free chassis, or does not fit into its pipe.
+
+    Attributes:
+        n: number of robots.
+        model, robot, period: as given.
+        qpos: (n, nq) joint positions, the engine's own array.
+        diverged: (n,) bool, robots whose physics has gone wrong.
+        command: that the robots carry out at the start, with an array in every field.
+    """
+
+    command: Any
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        robot: Robot,
+        start: Start,
+        period: float,
+        threads: int = 1,
+        sensors: Sequence[Sensor] = (),
+    ) -> None:
+        self.model, self.robot, self.period = model, robot, period
+        self.n = len(start.friction)
+        # Where MuJoCo passes over what never moves, each robot needs an MjData.
+        sleeps = bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=sleeps)
+        shipped = self.shipped_sensors()
+        self._sensors = {sensor.channel.name: sensor for sensor in (*shipped, *sensors)}
+        self._own = [sensor.channel.name for sensor in sensors]
+        self._looks_back = [sensor.channel.name for sensor in shipped if sensor.looks_back]
+        self._last: State | dict[str, Array] = {}
+        self.diverged = np.zeros(self.n, bool)
+        self.qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
+        self._arrays = {name: self._batch.bind(name) for name in self.array_names}
+        for name in ("xpos", "xmat", "site_xpos"):
+            if name in self._arrays:
+                self._arrays[name] = self._arrays[name].reshape(self.n, -1)
+        self._bind()
+        self._warnings = self._count_warnings()
+        self.reset(np.arange(self.n), start)
+
+    array_names = (
+        *("time", "qpos", "qvel", "sensordata", "actuator_force", "actuator_velocity", "ctrl"),
+        *("xpos", "xmat", "site_xpos"),
+    )
+    """Arrays of the engine that sensors read."""
+
+    def reset(self, rows: NDArray[np.intp], start: Start) -> None:
+        """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
+        self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        set_rows(self, rows, diverged=False)
+        self._set_start(rows, start)
+        self._warnings[rows] = self._count_warnings()[rows]
+
+    def read(self) -> State:
+        """Values of all sensors at this moment, (n, ...) by the names of their channels.
+
+        Forces and velocities are those of the last physics step.
+        """
+        # The engine writes into its arrays again; a state stays what it was.
+        arrays = {name: array.copy() for name, array in self._arrays.items()}
+        self._last = State(
+            arrays, self._at, self.robot, self._sensors, self._last, self._looks_back
+        )
+        # A user's own sensor may add up what it sees, so it is read at every step.
+        for name in self._own:
+            self._last[name]
+        return self._last
+
+    def data(self, robot: int) -> mujoco.MjData:
+        """Return a copy of MuJoCo's data of one robot as it is now."""
+        return self._batch.get_data(robot)
+
+    def step(self, active: NDArray[np.bool_], command: Any, substeps: int) -> None:
+        """Advance the ``active`` robots by ``substeps`` physics steps.
+
+        Args:
+            active: (n,) bool.
+            command: that they carry out, with an array in every field that stands until it changes.
+            substeps: physics steps.
+        """
+        self._ctrl[:] = command.ctrl
+        self._advance(active, substeps)
+
+    def seen(
+        self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
+    ) -> Mapping[str, Array]:
+        """Return the readings of robots as their controllers receive them.
+
+        Args:
+            readings: (n, ...) by the names of the channels.
+            gear: (n,) 1 nose first, -1 tail first.
+            channels: schema of the readings.
+        """
+        return readings
+
+    def carried_out(self, command: Any, gear: NDArray[np.int_]) -> Any:
+        """Return the command that robots carry out for one that their controllers give, which
+        takes the robot as ``seen`` shows it."""
+        return command
+
+    def commanded(self, command: Any) -> Mapping[str, Array]:
+        """Values (n, ...) of the recorded channels that say what the robots were asked."""
+        return {"ctrl": command.ctrl}
+
+    # What robots differ in
+
+    def shipped_sensors(self) -> Sequence[Sensor]:
+        """Sensors of the channels that every robot of this kind has."""
+        return (*_POSE_SENSORS, *_model_sensors(self.model))
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Motors at their limit (n, m)."""
+        return np.zeros((self.n, 0), bool)
+
+    def _bind(self) -> None:
+        """Look up addresses, and ask the engine for what differs between the robots."""
+        self._at = _Root.of(self.model, self.robot)
+        self._walls = np.array(
+            [i for i in range(self.model.ngeom) if self.model.geom(i).name.startswith(WALLS)]
+        )
+        self._friction = self._batch.expand("geom_friction")
+        self._gravity = self._batch.expand("opt.gravity")
+        self.command = Actuation(
+            ctrl=np.zeros((self.n, self.model.nu)),
+            phase=np.zeros(self.n, int),
+            resting=np.zeros(self.n, bool),
+            over=np.zeros(self.n, bool),
+        )
+
+    def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
+        """Place robots ``rows`` and have them settle in their pipes."""
+        self._friction[rows[:, None], self._walls, 0] = start.friction[:, None]
+        self._gravity[rows] = 0.0
+        self._ctrl[rows] = 0.0
+        place = self._at.placed(start.position, start.quaternion)
+        qvel = self._batch.bind("qvel")
+        at, size = self._at.qpos, self.robot.time_scale
+        steps = math.ceil(SETTINGS.seating_time * size / self.model.opt.timestep)
+        chosen = np.zeros(self.n, bool)
+        chosen[rows] = True
+        for _ in range(steps):
+            # The chassis is held: what hangs on it comes to rest between springs and wall.
+            self.qpos[rows[:, None], at] = place
+            qvel[rows[:, None], self._at.qvel] = 0.0
+            self._batch.step(chosen)
+        self.qpos[rows[:, None], at] = place
+        qvel[rows] = 0.0
+        self._gravity[rows] = start.gravity
+        self._batch.bind("time")[rows] = 0.0
+        self._batch.forward(rows)
+        self._check_fit(rows, start)
+
+    def _check_fit(self, rows: NDArray[np.intp], start: Start) -> None:
+        """Refuse robots that are in the wall where they have settled."""
+        data = self._batch.get_data(int(rows[0]))
+        depths = [-contact.dist for contact in data.contact[: data.ncon]]
+        most, bore = max(depths, default=0.0), 2 * float(start.bore_radius[0])
+        if most <= SETTINGS.misfit * bore:
+            return
+        geom = data.contact[int(np.argmax(depths))].geom
+        body = next(
+            self.model.body(self.model.geom_bodyid[g]).name for g in geom if g not in self._walls
+        )
+        problem = (
+            f"does not fit: body {body!r} is {1000 * most:.1f} mm deep in the wall of a bore of "
+            f"{1000 * bore:.4g} mm once it has settled, its chassis on the axis"
+        )
+        raise InputError(Fault("robot", problem))
+
+    def _advance(self, active: NDArray[np.bool_], substeps: int) -> None:
+        """Advance the ``active`` robots (n,), and find those whose physics goes wrong."""
+        try:
+            self._batch.step(active, nstep=substeps)
+        except batch.SimulationError as error:
+            self.diverged[error.ids] = True
+        warnings = self._count_warnings()
+        # A sum is finite where all its terms are, unless they are beyond all reason.
+        if warnings.tobytes() != self._warnings.tobytes() or not math.isfinite(self.qpos.sum()):
+            broken = ~np.isfinite(self.qpos).all(axis=-1)
+            self.diverged = self.diverged | (warnings > self._warnings) | broken
+
+    def _count_warnings(self) -> NDArray[np.int64]:
+        """MuJoCo warnings of each robot so far, (n,)."""
+        last_info_and_number = self._batch.warning  # (n, kinds, 2)
+        return last_info_and_number[:, :, 1].sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class _Root:
+    """Addresses of a robot's chassis and of the free joint that carries it.
+
+    Attributes:
+        qpos, qvel: (7,) and (6,), of the free joint.
+        chassis: (3,) in ``xpos``. axes: (9,) in ``xmat``.
+        own: the robot's frame in that of the chassis.
+        ends: (6,) in ``site_xpos``, of nose and tail; empty where the z axis is the chassis' own.
+        start: of the free body in the robot's frame, in the model's initial state.
+    """
+
+    qpos: NDArray[np.intp]
+    qvel: NDArray[np.intp]
+    chassis: NDArray[np.intp]
+    axes: NDArray[np.intp]
+    own: Pose
+    ends: NDArray[np.intp]
+    start: Pose
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, robot: Robot) -> _Root:
+        """Find a robot's chassis.
+
+        Raises:
+            InputError: there is no such body, or it cannot move freely.
+        """
+        chassis = robot.chassis
+        names = tuple(model.body(i).name for i in range(1, model.nbody) if model.body(i).name)
+        if chassis not in names:
+            problem = f"there is no body {chassis!r} in the robot's model"
+            raise InputError(Fault("robot.chassis", problem, names, given=chassis))
+        body = model.body(chassis).id
+        root = model.body_rootid[body]
+        joint = model.body_jntadr[root]
+        if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+            problem = f"{chassis!r} hangs on {model.body(root).name!r}, which has no free joint"
+            raise InputError(Fault("robot.chassis", problem))
+        qpos = model.jnt_qposadr[joint] + np.arange(7)
+        place = model.qpos0[qpos]
+        root_pose = Pose(matrix_from_quaternion(place[3:]), place[:3])
+        ends = [model.site(name).id for name in robot.ends or ()]
+        return cls(
+            qpos=qpos,
+            qvel=model.jnt_dofadr[joint] + np.arange(6),
+            chassis=3 * body + np.arange(3),
+            axes=9 * body + np.arange(9),
+            own=robot.frame,
+            ends=np.array([3 * site + axis for site in ends for axis in range(3)], np.intp),
+            start=robot.start_frame.inverse().compose(root_pose),
+        )
+
+    def placed(self, position: Array, quaternion: Array) -> Array:
+        """Return the free joint's positions (n, 7) for poses of the robot."""
+        rotation = matrix_from_quaternion(quaternion)
+        origin = position + _turned(rotation, self.start.position)
+        turned = np.stack([_turned(rotation, c) for c in self.start.rotation.T], axis=-1)
+        return np.concatenate([origin, quaternion_from_matrix(turned)], axis=1)
+
+
+def _axes(state: State) -> Array:
+    """Rotation (n, 3, 3) of the chassis."""
+    return state.xmat.take(state.at.axes, axis=1).reshape(-1, 3, 3)
+
+
+def _turned(rotation: Array, vector: Array) -> Array:
+    """Vectors (n, 3) that ``rotation`` (n, 3, 3) makes of one (3,), in one order of sums."""
+    x, y, z = vector
+    return x * rotation[..., 0] + y * rotation[..., 1] + z * rotation[..., 2]
+
+
+def _position(state: State) -> Array:
+    place = state.xpos.take(state.at.chassis, axis=1)
+    return place + _turned(_axes(state), state.at.own.position)
+
+
+def _rotation(state: State) -> Array:
+    axes = _axes(state)
+    own = np.stack([_turned(axes, column) for column in state.at.own.rotation.T], axis=-1)
+    if not len(state.at.ends):
+        return own
+    # The chassis may roll about the way, or wind round it: nose and tail tell the axis.
+    ends = state.site_xpos.take(state.at.ends, axis=1)
+    z = ends[:, :3] - ends[:, 3:]
+    z /= np.sqrt(dot(z, z))[:, None]
+    x = own[..., 0] - dot(own[..., 0], z)[:, None] * z
+    x /= np.sqrt(dot(x, x))[:, None]
+    return np.stack([x, cross(z, x), z], axis=-1)
+
+
+def _spin(state: State) -> Array:
+    """Rotation rate (n, 3) rad/s of the free body, in the robot's axes at the start."""
+    spin = state.qvel.take(state.at.qvel[3:], axis=1)
+    return np.stack([dot(spin, row) for row in state.at.start.rotation], axis=1)
+
+
+_READ = {
+    "time": lambda state: state.time,
+    "position": _position,
+    "quaternion": lambda state: quaternion_from_matrix(state["rotation"]),
+    "rotation": _rotation,
+    "angular_velocity": _spin,
+}
+_POSE_SENSORS = tuple(
+    Sensor(channel, _READ[name]) for name, channel in COMMON.items() if channel.source == "plant"
+)
+
+
+def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
+    """Channels of a robot that follow from its model: actuators, contacts of bodies, and the named
+    sensors of the model."""
+    ctrl = Channel("ctrl", (model.nu,), "1", "control inputs, by actuator", source="command")
+    channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
+    return {channel.name: channel for channel in channels}
+
+
+def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
+    """Sensors of the channels that follow from a robot's model."""
+    names = [model.sensor(i).name for i in range(model.nsensor)]
+    touch = [model.sensor(name).adr[0] for name in names if name.startswith(TOUCH)]
+    width = SLOTS * 7
+    slots = (np.array(touch, int)[:, None] + np.arange(width)).reshape(-1, SLOTS, 7)
+    bodies = ", ".join(name.removeprefix(TOUCH) for name in names if name.startswith(TOUCH))
+
+    def contacts(state: State) -> Array:
+        """(n, bodies, slots, 7): found, force and velocity in the contact's frame."""
+        return state.sensordata.take(slots, axis=1)
+
+    def force(state: State) -> Array:
+        return np.abs(contacts(state)[..., 1]).sum(axis=-1)
+
+    def speed(state: State) -> Array:
+        contact = contacts(state)
+        share = np.abs(contact[..., 1])
+        slip = np.hypot(contact[..., 5], contact[..., 6])
+        total = share.sum(axis=-1)
+        return (share * slip).sum(axis=-1) / np.where(total > 0, total, 1.0)
+
+    def power(state: State) -> Array:
+        return state.actuator_force * state.actuator_velocity
+
+    nu, nb = (model.nu,), (len(touch),)
+    shown = f"bodies in order: {bodies}"
+    sensors = [
+        Sensor(
+            Channel(
+                "actuator_force", nu, "N, N m", "force of each actuator, in the model's own order"
+            ),
+            lambda state: state.actuator_force,
+        ),
+        Sensor(
+            Channel("actuator_velocity", nu, "m/s, rad/s", "speed of each actuator's length"),
+            lambda state: state.actuator_velocity,
+        ),
+        Sensor(Channel("actuator_power", nu, "W", "force times speed of each actuator"), power),
+        Sensor(
+            Channel(
+                "wall_force",
+                nb,
+                "N",
+                f"normal forces between the wall and each body, added up; {shown}",
+            ),
+            force,
+        ),
+        Sensor(
+            Channel(
+                "contact_speed",
+                nb,
+                "m/s",
+                "speed of each body's surface over the wall where "
+                f"it touches, mean by force; 0 without contact; {shown}",
+            ),
+            speed,
+        ),
+        Sensor(
+            Channel("qpos", (model.nq,), "m, rad", "joint positions", recorded=False),
+            lambda state: state.qpos,
+        ),
+        Sensor(
+            Channel("qvel", (model.nv,), "m/s, rad/s", "joint velocities", recorded=False),
+            lambda state: state.qvel,
+        ),
+    ]
+    for name in names:
+        if name and not name.startswith(TOUCH):
+            sensors.append(_named_sensor(model, name))
+    return sensors
+
+
+def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
+    """Sensor of a channel with the values of a named sensor of the model."""
+    sensor = model.sensor(name)
+    kind = mujoco.mjtSensor(int(sensor.type[0])).name.removeprefix("mjSENS_").lower()
+    at = sensor.adr[0] + np.arange(sensor.dim[0])
+    shape = () if len(at) == 1 else (len(at),)
+    channel = Channel(name, shape, "", f"sensor of the model: {kind}")
+    return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))

@@ -1,0 +1,373 @@
+"""Robot: what the simulator asks of one. A robot is a table of a scenario file, with its own kind.
+
+The folders of this room are the robots of the package. One of a user's own is a class that
+inherits from ``Robot`` and is named ``module:Class`` in the file, or an MJCF file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import (
+    SerializeAsAny,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_serializer,
+)
+from pydantic_core import PydanticCustomError
+
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import name_of, named
+from omnitrack_sim.base.reading import KIND_FAULT
+from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.table import Table
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.record.display import RobotDisplay
+from omnitrack_sim.record.events import Event
+from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
+from omnitrack_sim.record.timeline import Touch
+from omnitrack_sim.record.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import mujoco
+
+STANDARD = "omnitrack"
+"""Kind of a robot of a file that does not say one."""
+ROBOTS: Mapping[str, str] = {
+    STANDARD: "omnitrack_sim.robots.omnitrack.parameters:Omnitrack",
+    "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
+}
+"""Shipped robots, ``module:Class`` by the short name that ``robot.kind`` may give."""
+GRAVITY = 9.81
+"""Weight of a mass, N/kg, where a figure of a robot asks for it."""
+REFERENCE_BORE = 0.16
+"""Bore of the paper's pipe, m, for which parameters of control and monitor with a unit are
+stated."""
+
+
+SPECIAL: Mapping[str, Any] = {
+    "physics.collider": "exact",
+    "start.roll_deg": 0.0,
+    "sensing.kind": "truth",
+}
+"""Keys of a scenario that mean something to some robots alone, with what they are for all
+others."""
+
+
+def robot_class(kind: str) -> type[Robot]:
+    """Return the class of robots that ``robot.kind`` names.
+
+    Raises:
+        InputError: there is no such class.
+    """
+    if kind in ROBOTS:
+        return named(ROBOTS[kind], "robot.kind", {})
+    robot = named(kind, "robot.kind", ROBOTS)
+    if not (isinstance(robot, type) and issubclass(robot, Robot)):
+        problem = f"is {kind!r}, which is no ot.Robot"
+        raise InputError(Fault("robot.kind", problem, (*ROBOTS, "module:Class")))
+    return robot
+
+
+class Robot(Table):
+    """Base class of robots: a frozen table of parameters, and what is derived from them.
+
+    A subclass declares its parameters as fields with a default, unit and meaning each, and needs
+    ``spec``, ``nominal_bore`` and ``length``; all else has a default. In the robot's frame z points
+    to the nose, and the origin lies half-way between nose and tail.
+
+    Attributes:
+        kind: name in files, of a class.
+        scene: ``module:function`` that makes the model of robot and pipes; see ``to_spec``.
+        plant_class: ``module:Class`` of the plant, which steps the physics; see ``Plant``.
+        display_name: ``module:Object`` of what films and pages show; see ``RobotDisplay``.
+        diagnosis_class: ``module:Class`` of what finds causes of failures; see ``Diagnosis``.
+        controllers: ``module:Class`` of shipped controllers by the short name that
+            ``control.kind`` may give; the first is the default.
+        understands: keys of a scenario that have a meaning for this kind of robot alone, of
+            ``SPECIAL``.
+        slips: its metrics have the slip without load, which takes a short run of its own.
+        own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
+            differ; see ``Plant.reset``.
+
+    Example:
+        >>> import mujoco
+        >>> class Ball(ot.Robot):
+        ...     radius: float = 0.05
+        ...     @property
+        ...     def nominal_bore(self):
+        ...         return 0.16
+        ...     @property
+        ...     def length(self):
+        ...         return 2 * self.radius
+        ...     def spec(self):
+        ...         spec = mujoco.MjSpec()
+        ...         ball = spec.worldbody.add_body(name="chassis")
+        ...         _ = ball.add_freejoint(), ball.add_geom(size=[self.radius, 0, 0])
+        ...         return spec
+        >>> Ball(radius=0.06).length
+        0.12
+    """
+
+    OTHER_KEYS: ClassVar[tuple[str, ...]] = ("kind",)
+    understands: ClassVar[tuple[str, ...]] = ()
+    scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
+    plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
+    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
+    display_name: ClassVar[str] = "omnitrack_sim.robots.display:DISPLAY"
+    controllers: ClassVar[Mapping[str, str]] = {"still": "omnitrack_sim.robots.control:Still"}
+    slips: ClassVar[bool] = False
+    own_values: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
+        """Return the class of the ``kind`` that stands in ``value``; the standard robot's without
+        one."""
+        try:
+            return robot_class(str(value.get("kind", STANDARD)))
+        except InputError:
+            return cls
+
+    @property
+    def kind(self) -> str:
+        """Name of the class in files: the short one of a shipped robot, else ``module:Class``."""
+        name = name_of(type(self))
+        return next((short for short, shipped in ROBOTS.items() if shipped == name), name)
+
+    @model_serializer(mode="wrap")
+    def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values = handler(self)
+        return values if self.kind == STANDARD else {"kind": self.kind, **values}
+
+    @property
+    def chassis(self) -> str:
+        """Name of the body that carries the robot's frame."""
+        return "chassis"
+
+    @property
+    def frame(self) -> Pose:
+        """The robot's frame in that of the chassis."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @property
+    def ends(self) -> tuple[str, str] | None:
+        """Names of sites at nose and tail, between which the robot's z axis lies; None: it is the
+        chassis' own."""
+        return None
+
+    # Size
+
+    @property
+    def nominal_bore(self) -> float:
+        """Inner diameter of the pipe that the robot is made for, m."""
+        raise NotImplementedError
+
+    @property
+    def length(self) -> float:
+        """Nose to tail along the robot axis, m."""
+        raise NotImplementedError
+
+    @property
+    def bores(self) -> tuple[float, float]:
+        """Smallest and largest bore, m, that the robot fits; bores beyond them are refused."""
+        return 0.0, math.inf
+
+    def misfit(self, bore: float) -> str:
+        """Return why the robot does not fit a bore of ``bore`` m; "" where it does."""
+        low, high = self.bores
+        fits = low < bore < high
+        return "" if fits else f"the robot is for bores from {low:.4g} to {high:.4g} m"
+
+    def check(self) -> None:
+        """Refuse names of things that are not there.
+
+        Raises:
+            InputError: at the key.
+        """
+
+    @property
+    def nose_room(self) -> float:
+        """Room, m, between the nose and the port of a goal where the robot arrives: D/32."""
+        return self.nominal_bore / 32
+
+    @property
+    def standing_room(self) -> float:
+        """Room, m, between the nose and a fitting that the robot stops before: D/8."""
+        return self.nominal_bore / 8
+
+    def own_length(self, length: ArrayLike) -> Array:
+        """Return lengths that are given for the paper's pipe, m, in proportion to this robot."""
+        # In this order a length such as 30 mm and its part of the bore give the same bits.
+        return np.asarray(length, float) / REFERENCE_BORE * self.nominal_bore
+
+    @property
+    def length_scale(self) -> float:
+        """Bore over the paper's, 1."""
+        return self.nominal_bore / REFERENCE_BORE
+
+    @property
+    def time_scale(self) -> float:
+        """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity."""
+        return math.sqrt(self.length_scale)
+
+    @property
+    def top_speed(self) -> float:
+        """Speed of its fastest part, m/s, that the motors hold; infinite where nothing is known."""
+        return math.inf
+
+    @property
+    def drive_words(self) -> str:
+        """Subject of a sentence on ``top_speed``."""
+        return "the robot's drive"
+
+    def slip_excess(self, steps: float) -> float:
+        """Return the share by which slip reads too large at a time step of ``steps`` times the
+        default one of a robot of this size; not a number where it has not been measured."""
+        return math.nan
+
+    # Model
+
+    @property
+    def start_frame(self) -> Pose:
+        """The robot's frame in the world of ``spec``, in its initial state."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return the robot alone as a MuJoCo model, ready to compile; in its initial state its
+        frame is the world's: z along the pipe, the origin on the pipe's axis."""
+        raise NotImplementedError
+
+    def to_spec(
+        self,
+        network: Assembly,
+        *,
+        plates: Sequence[tuple[int, str]],
+        timestep: float,
+        wall_tolerance: float,
+        staves: int | None,
+        exact: bool,
+        looks: bool,
+    ) -> mujoco.MjSpec:
+        """Return the robot and the pipes as one model, ready to compile.
+
+        Args:
+            network: pipes, placed in the world.
+            plates: ports (part index, port) that are closed by a plate.
+            timestep: s.
+            wall_tolerance, staves: of walls of primitives.
+            exact: exact walls.
+            looks: for pictures.
+        """
+        make = named(self.scene, "scene", {})
+        return make(
+            self,
+            network,
+            plates=plates,
+            timestep=timestep,
+            wall_tolerance=wall_tolerance,
+            staves=staves,
+            exact=exact,
+            looks=looks,
+        )
+
+    def plant(self, model: mujoco.MjModel, start: Any, *more: Any) -> Any:
+        """Return the plant of n robots; arguments as of ``Plant``."""
+        return named(self.plant_class, "plant_class", {})(model, self, start, *more)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joint positions, ``nq`` of the model."""
+        return self._model.nq
+
+    @property
+    def joints(self) -> Mapping[str, slice]:
+        """Columns of joint positions by the names of the joints."""
+        model = self._model
+        starts = [*model.jnt_qposadr.tolist(), model.nq]
+        names = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
+        return {name: slice(*starts[i : i + 2]) for i, name in enumerate(names)}
+
+    @property
+    def mass(self) -> float:
+        """Whole robot, kg."""
+        return float(self._model.body_mass.sum())
+
+    @property
+    def _model(self) -> mujoco.MjModel:
+        return named("omnitrack_sim.robots.plant:compiled", "robot", {})(self)
+
+    @property
+    def display(self) -> RobotDisplay:
+        """What films and pages show of the robot."""
+        # It has looks, which need MuJoCo and the boolean kernel.
+        return named(self.display_name, "display_name", {})
+
+    # What is measured, and how it is judged
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """Channels that are measured, by name, in the order of the file."""
+        own = named("omnitrack_sim.robots.plant:model_channels", "robot", {})(self._model)
+        return {**COMMON, **own}
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Metrics of each run."""
+        return COMMON_METRICS
+
+    def run_record(self, trajectory: Trajectory, no_load_slip: float, slip_excess: float) -> Run:
+        """Return what the metrics of a run are computed from.
+
+        Args:
+            trajectory: the record.
+            no_load_slip: m/s, see ``run.no_load_slips``.
+            slip_excess: share by which slip reads too large at the run's time step.
+        """
+        return Run(trajectory, self.mass * GRAVITY)
+
+    def touch(self, trajectory: Trajectory) -> Touch:
+        """Return the contacts and the power of a run, for its timeline."""
+        force, speed = trajectory["wall_force"], trajectory["contact_speed"]
+        return Touch(force > 0, force, speed, None, trajectory["actuator_power"])
+
+    def diagnosis(self, limits: Any, period: float, n: int) -> Any:
+        """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
+        return named(self.diagnosis_class, "diagnosis_class", {})(self, limits, period, n)
+
+    def strains(self, trajectory: Trajectory) -> list[Event]:
+        """Return notes on forces or travel that a run should not have shown."""
+        return []
+
+    def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
+        """Yield remarks on a run through bores (m) before it begins."""
+        return iter(())
+
+
+def _read(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    """Read a table with the class of its ``kind``."""
+    if isinstance(data, Robot):
+        return data
+    if not isinstance(data, Mapping):
+        return robot_class(STANDARD).model_validate(data)
+    table = {key: value for key, value in data.items() if key != "kind"}
+    try:
+        robot = robot_class(str(data.get("kind", STANDARD)))
+    except InputError as error:
+        fault = error.faults[0]
+        context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
+        raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
+    if info.mode == "json":  # strict, as ``reading.checked`` is
+        return robot.model_validate_json(json.dumps(table), strict=True)
+    return robot.model_validate(table)
+
+
+RobotOfKind = Annotated[SerializeAsAny[Robot], WrapValidator(_read)]
+"""A robot as a table of a file, which its key ``kind`` reads."""
