@@ -112,7 +112,7 @@ def shipped_scenarios() -> ByName[Path]:
         'tee_turn.toml'
     """
     folder = _scenario_folder()
-    groups = ("*.toml", "paper/*.toml", "missions/*.toml")
+    groups = ("*.toml", "paper/*.toml", "missions/*.toml", "robots/*.toml")
     files = [path for group in groups for path in sorted(folder.glob(group))]
     return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)
 

@@ -227,15 +227,16 @@ class Controller(Protocol):
         ...
 
 
-class Still:
-    """Controller that leaves all actuators as they are at the start."""
+class OwnController:
+    """The controller that a robot brings along, ``Robot.controller``: it has a method ``command``
+    that takes an observation and returns the control inputs (n, nu)."""
 
     def __init__(self, setup: ControlSetup) -> None:
-        self._command = setup.command
+        self._own, self._start = setup.robot.controller(), setup.command
 
     def step(self, observation: Observation) -> Any:
-        """Return the command of the start."""
-        return self._command
+        """Return the inputs of the robot's own controller, or those of the start."""
+        return self._start if self._own is None else Actuation(self._own.command(observation))
 
 
 class NoParameters(Table):

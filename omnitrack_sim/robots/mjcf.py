@@ -122,7 +122,7 @@ class Mjcf(Robot):
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         body = model.body(self.chassis).id
-        return Pose(data.xmat[body].reshape(3, 3), data.xpos[body]).compose(self.frame)
+        return Pose(data.xmat[body].reshape(3, 3), data.xpos[body]) @ self.frame
 
     @property
     def length(self) -> float:

@@ -43,6 +43,9 @@ STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
 ROBOTS: Mapping[str, str] = {
     STANDARD: "omnitrack_sim.robots.omnitrack.parameters:Omnitrack",
+    "presser": "omnitrack_sim.robots.presser:Presser",
+    "inchworm": "omnitrack_sim.robots.inchworm:Inchworm",
+    "snake": "omnitrack_sim.robots.snake:Snake",
     "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
 }
 """Shipped robots, ``module:Class`` by the short name that ``robot.kind`` may give."""
@@ -123,7 +126,7 @@ class Robot(Table):
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
     display_name: ClassVar[str] = "omnitrack_sim.robots.display:DISPLAY"
-    controllers: ClassVar[Mapping[str, str]] = {"still": "omnitrack_sim.robots.control:Still"}
+    controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 
@@ -161,6 +164,17 @@ class Robot(Table):
     def ends(self) -> tuple[str, str] | None:
         """Names of sites at nose and tail, between which the robot's z axis lies; None: it is the
         chassis' own."""
+        return None
+
+    @property
+    def start_ctrl(self) -> Array | None:
+        """Control inputs (nu,) while the robot settles in its pipe and until its controller's first
+        command; None: zeros."""
+        return None
+
+    def controller(self) -> Any:
+        """Return the robot's own controller, see ``OwnController``; None: it has none, and its
+        actuators stay as they are at the start."""
         return None
 
     # Size

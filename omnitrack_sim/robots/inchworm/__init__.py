@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.robots.plant import length_between
+from omnitrack_sim.robots.robot import Robot
 
 ENDS = ("rear", "front")
 """The clamps."""
 
 
-@dataclass(frozen=True)
-class Inchworm:
+class Inchworm(Robot):
     """An inchworm whose clamps hold in turn while its spindle extends and contracts.
 
     A closed clamp of eight pads carries ``8 * friction * grip`` N along a straight. Each cycle of
@@ -27,14 +29,6 @@ class Inchworm:
     as the spindle is shorter by the weight in front of it when the front clamp closes, and longer
     by the weight behind it when the rear clamp closes.
 
-    Attributes:
-        bore: m, of the pipe that its pads are set for.
-        grip: N, of each pad of a closed clamp.
-        friction: of the pads, where the walls state none.
-        stride: m, by which the spindle extends; 0.05 at most.
-        stretch_time: s, in which it extends or contracts.
-        switch_time: s, that a clamp gets to close, and that it gets to open.
-
     Example:
         >>> from omnitrack_sim.robots.inchworm import Inchworm
         >>> model = Inchworm(grip=30.0).spec().compile()
@@ -42,16 +36,31 @@ class Inchworm:
         ['spindle', 'rear_grip', 'front_grip']
     """
 
-    bore: float = 0.16
-    grip: float = 25.0
-    friction: float = 0.8
-    stride: float = 0.05
-    stretch_time: float = 0.5
-    switch_time: float = 0.1
+    bore: Annotated[Positive, Unit("m")] = 0.16
+    """Of the pipe that its pads are set for."""
+    grip: Annotated[Positive, Unit("N")] = 25.0
+    """Of each pad of a closed clamp."""
+    friction: Annotated[Positive, Unit("1")] = 0.8
+    """Of the pads, where the walls state none."""
+    stride: Annotated[Positive, Unit("m")] = 0.05
+    """By which the spindle extends; 0.05 at most."""
+    stretch_time: Annotated[Positive, Unit("s")] = 0.5
+    """In which it extends or contracts."""
+    switch_time: Annotated[Positive, Unit("s")] = 0.1
+    """That a clamp gets to close, and that it gets to open."""
 
-    chassis: ClassVar[str] = "chassis"
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
+
+    @property
+    def nominal_bore(self) -> float:
+        """See ``Robot``."""
+        return self.bore
+
+    @property
+    def length(self) -> float:
+        """See ``Robot``."""
+        return length_between(self, self.nose, self.tail)
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
@@ -63,6 +72,11 @@ class Inchworm:
             body.pos += (self.bore - 0.16) / 2 * outwards / np.linalg.norm(outwards)
             spec.geom(pad).friction[0] = self.friction
         return spec
+
+    @property
+    def start_ctrl(self) -> Array:
+        """See ``Robot``: both clamps are closed."""
+        return np.array([0.0, self.grip, self.grip])
 
     def controller(self) -> Gait:
         """Return the controller of the gait, which needs the time alone."""

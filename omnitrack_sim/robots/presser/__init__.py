@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.robots.plant import length_between
+from omnitrack_sim.robots.robot import Robot
 
 
-@dataclass(frozen=True)
-class Presser:
+class Presser(Robot):
     """A wall-presser that drives straight on by six wheels of the same speed.
 
     Its springs hold it: it climbs while ``3 * preload * friction`` exceeds its weight. On the
@@ -25,28 +27,35 @@ class Presser:
 
     where r ends in the middle of the tyre's sinkage, 0.1 mm at 40 N.
 
-    Attributes:
-        bore: m, of the pipe that its arms are set for.
-        preload: N, of each arm's spring at that bore.
-        friction: of the tyres, where the walls state none.
-        speed: m/s, of the tyres without load; 0.087 is the motors' at 12 V.
-
     Example:
         >>> from omnitrack_sim.robots.presser import Presser
         >>> Presser(preload=50.0).spec().compile().nu
         6
     """
 
-    bore: float = 0.16
-    preload: float = 40.0
-    friction: float = 0.8
-    speed: float = 0.087
+    bore: Annotated[Positive, Unit("m")] = 0.16
+    """Of the pipe that its arms are set for."""
+    preload: Annotated[Positive, Unit("N")] = 40.0
+    """Of each arm's spring at that bore."""
+    friction: Annotated[Positive, Unit("1")] = 0.8
+    """Of the tyres, where the walls state none."""
+    speed: Annotated[Positive, Unit("m/s")] = 0.087
+    """Of the tyres without load; 0.087 is the motors' at 12 V."""
 
-    chassis: ClassVar[str] = "chassis"
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
     WHEEL_RADIUS: ClassVar[float] = 0.024
     """m."""
+
+    @property
+    def nominal_bore(self) -> float:
+        """See ``Robot``."""
+        return self.bore
+
+    @property
+    def length(self) -> float:
+        """See ``Robot``."""
+        return length_between(self, self.nose, self.tail)
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the

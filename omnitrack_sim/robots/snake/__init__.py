@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.robots.plant import length_between
+from omnitrack_sim.robots.robot import Robot
 
 LINKS, CENTRE = 8, 4
 """Number of links, and the one, counted from the tail, that the others hang on."""
@@ -21,8 +24,7 @@ SHELL = {"contype": 0, "conaffinity": 0, "mass": 0.0, "group": 2}
 """Attributes of geoms that are only drawn."""
 
 
-@dataclass(frozen=True)
-class Snake:
+class Snake(Robot):
     """A snake that presses itself against the wall as a helix, and rolls about its own length.
 
     Its joints lie on a helix, each by ``turn`` further about the pipe's axis. The joints want a
@@ -36,30 +38,37 @@ class Snake:
     rolls about its link, which lies at 90 degrees - turn / 2 to the helix' radius there. It is held
     where the helix has about one and a half turns; with one and a quarter it falls.
 
-    Attributes:
-        bore: m, of the pipe that the helix is made for.
-        friction: of the rubber, where the walls state none.
-        turn: rad, of the helix from joint to joint: 1.2 makes one and a half turns of eight links.
-        squeeze: by which the commanded helix is wider than the bore allows, part of its radius.
-        stiffness: N m/rad, of the joints' position loops.
-        rate: rad/s, of the links about themselves.
-
     Example:
         >>> from omnitrack_sim.robots.snake import Snake
         >>> Snake().spec().compile().nu
         14
     """
 
-    bore: float = 0.16
-    friction: float = 0.8
-    turn: float = 1.2
-    squeeze: float = 0.1
-    stiffness: float = 8.0
-    rate: float = 2.5
+    bore: Annotated[Positive, Unit("m")] = 0.16
+    """Of the pipe that the helix is made for."""
+    friction: Annotated[Positive, Unit("1")] = 0.8
+    """Of the rubber, where the walls state none."""
+    turn: Annotated[Positive, Unit("rad")] = 1.2
+    """Of the helix from joint to joint: 1.2 makes one and a half turns of eight links."""
+    squeeze: Annotated[Positive, Unit("1")] = 0.1
+    """By which the commanded helix is wider than the bore allows, part of its radius."""
+    stiffness: Annotated[Positive, Unit("N m/rad")] = 8.0
+    """Of the joints' position loops."""
+    rate: Annotated[Positive, Unit("rad/s")] = 2.5
+    """Of the links about themselves."""
 
-    chassis: ClassVar[str] = "chassis"
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
+
+    @property
+    def nominal_bore(self) -> float:
+        """See ``Robot``."""
+        return self.bore
+
+    @property
+    def length(self) -> float:
+        """See ``Robot``."""
+        return length_between(self, self.nose, self.tail)
 
     def directions(self, squeeze: float = 0.0) -> Array:
         """Return unit vectors (8, 3) along the links, tail to head, with the joints on a helix
@@ -147,6 +156,16 @@ class Snake:
         for offset, half in ((0.0, 0.008), (0.022, 0.002), (-0.022, 0.002)):
             size = [1.01 * RADIUS, half, 0]
             body.add_geom(size=size, pos=[0, 0, middle + offset], **band)
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """See ``Robot``: links wind round the way."""
+        return self.nose, self.tail
+
+    @property
+    def start_ctrl(self) -> Array:
+        """See ``Robot``: the helix presses against the wall."""
+        return joint_angles(self.directions(self.squeeze), np.zeros(1)).ravel()
 
     def controller(self) -> Rolling:
         """Return the controller of the rolling helix, which needs the time alone."""
