@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from omnitrack_sim.base.text import clipped, printable
-from omnitrack_sim.record.metrics import METRICS
+from omnitrack_sim.record.metrics import COMMON_METRICS, METRICS
 from omnitrack_sim.results.html import LONGEST, safe, table_html
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.scenario.model import unit_of
@@ -23,7 +23,7 @@ _DIGITS, _MOST_DIGITS = 4, 12
 """Of a number as people read it, and at most where two numbers hardly differ."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
-_UNITS = {metric.name: metric.unit for metric in METRICS}
+_UNITS = {metric.name: metric.unit for metric in (*METRICS, *COMMON_METRICS)}
 
 
 @dataclass(frozen=True)

@@ -327,7 +327,10 @@ class Plant:
 
     def _check_fit(self, rows: NDArray[np.intp], start: Start) -> None:
         """Refuse robots that are in the wall where they have settled."""
-        data = self._batch.get_data(int(rows[0]))
+        # All stand in the same pipes; the batch keeps no contacts.
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.qpos[rows[0]]
+        mujoco.mj_fwdPosition(self.model, data)
         depths = [-contact.dist for contact in data.contact[: data.ncon]]
         most, bore = max(depths, default=0.0), 2 * float(start.bore_radius[0])
         if most <= SETTINGS.misfit * bore:

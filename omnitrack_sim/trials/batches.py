@@ -12,7 +12,6 @@ from typing import Any
 from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import BackedOff, FellOff
-from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario, set_value, validate
@@ -214,7 +213,7 @@ def _row(index: int, result: Result) -> Row:
         "collider": result.provenance["collider"],
         "events": " | ".join(map(str, result.events)),
     }
-    for metric in (*METRICS, *result.scenario.own_metrics):
+    for metric in result.scenario.all_metrics:
         value = result.metrics[metric.name]
         if isinstance(value, list):
             row |= {f"{metric.name}_{i}": item for i, item in enumerate(value, start=1)}

@@ -20,7 +20,7 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
-from omnitrack_sim.record.metrics import METRICS, Metric
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.comparison import differing
 from omnitrack_sim.results.html import LONGEST
 from omnitrack_sim.results.provenance import environment
@@ -113,7 +113,7 @@ def _result_columns(bases: Iterable[Scenario]) -> list[pa.Field]:
     import pyarrow as pa
 
     # A metric of several bases has one column.
-    own = {metric.name: metric for base in bases for metric in base.own_metrics}
+    metrics = {metric.name: metric for base in bases for metric in base.all_metrics}
     return [
         column("model", pa.string()),
         column("scenario_sha256", pa.string()),
@@ -123,7 +123,7 @@ def _result_columns(bases: Iterable[Scenario]) -> list[pa.Field]:
         column("reason", pa.string()),
         *(
             column(name, pa.float64(), metric.unit)
-            for metric in (*METRICS, *own.values())
+            for metric in metrics.values()
             if metric.in_tables
             for name in metric_columns(metric)
         ),

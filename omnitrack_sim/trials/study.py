@@ -13,7 +13,7 @@ from pydantic import Field
 from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_STUDY_TRIALS, MOST_TRIALS
 from omnitrack_sim.base.errors import Fault, ScenarioError, StudyError, SweepError
 from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, checked, read_file
-from omnitrack_sim.record.metrics import METRICS, Metric
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.scenario import Scenario, override
 from omnitrack_sim.trials.batches import FORMAT, matches, sha256_of, value_at
 from omnitrack_sim.trials.study_tables import (
@@ -372,8 +372,7 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
 
 def metrics_of(bases: Sequence[Scenario]) -> dict[str, Metric]:
     """Return all metrics of trials of these scenarios, by name."""
-    own = [metric for base in bases for metric in base.own_metrics]
-    return {metric.name: metric for metric in (*METRICS, *own)}
+    return {metric.name: metric for base in bases for metric in base.all_metrics}
 
 
 def _disagreements(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:

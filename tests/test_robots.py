@@ -1,0 +1,293 @@
+"""Robots of other kinds in scenarios: the protocol, the plant, results, missions, sweeps, films."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as iio
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.naming import name_of
+from omnitrack_sim.robots.robot import ROBOTS
+from omnitrack_sim.scenario import validate
+
+ROOMS = ("walls", "pipes", "show", "sim")
+PIPES = [{"kind": "straight", "length": 0.5}]
+SHORT = {"run.time_limit": 0.6}
+
+
+class Ball(ot.Robot):
+    """A ball that does nothing."""
+
+    radius: float = 0.05
+    preload: float = 1.0
+
+    @property
+    def nominal_bore(self):
+        return 0.16
+
+    @property
+    def length(self):
+        return 2 * self.radius
+
+    def spec(self):
+        spec = mujoco.MjSpec()
+        ball = spec.worldbody.add_body(name="chassis")
+        _ = ball.add_freejoint(), ball.add_geom(size=[self.radius, 0, 0])
+        return spec
+
+
+class Rod(Ball):
+    """A rod of 200 mm across the pipe."""
+
+    def spec(self):
+        spec = mujoco.MjSpec()
+        rod = spec.worldbody.add_body(name="chassis")
+        kind, ends = mujoco.mjtGeom.mjGEOM_CAPSULE, [-0.09, 0, 0, 0.09, 0, 0]
+        _ = rod.add_freejoint(), rod.add_geom(type=kind, size=[0.01, 0, 0], fromto=ends)
+        return spec
+
+
+def ball(**changes: Any) -> ot.Scenario:
+    """A ball in a straight pipe that lies level."""
+    data = {"robot": {"kind": name_of(Ball)}, "pipes": PIPES, "start": {"axis": [1, 0, 0]}}
+    return validate(data, changes={"start.distance": 0.2, **SHORT, **changes})
+
+
+@pytest.fixture(scope="module")
+def run() -> ot.Result:
+    """A presser that has begun to climb."""
+    return ot.run(ot.load_scenario("robots/presser_elbow", SHORT))
+
+
+@pytest.mark.parametrize("kind", ["presser", "inchworm", "snake"])
+def test_a_robot_drives_through_a_scenario(kind):
+    """Each of the shipped robots makes headway up a pipe, in contact with the wall all the time."""
+    changes = {"run.time_limit": 4.0, "run.expected_outcome": "timed_out"}
+    result = ot.run(ot.load_scenario(f"robots/{kind}_elbow", changes))
+    assert result.as_expected
+    assert result.metrics["mean_speed_m_s"] > 0.02
+    settled = result.trajectory.time > 0.5
+    assert (result.trajectory["wall_force"][settled] > 0).any(axis=1).all()
+    assert np.abs(result.trajectory["tilt"]).max() < np.radians(20)
+
+
+def test_climbing_costs_the_energy_of_the_height(run):
+    """The work of the actuators is at least what the weight gains; cost of transport agrees."""
+    robot, metrics = run.scenario.robot, run.metrics
+    weight = robot.mass * 9.81
+    # Samples every 20 ms miss a little of the start.
+    assert metrics["energy_j"] > 0.98 * weight * metrics["distance_m"]
+    cost = metrics["energy_j"] / (weight * metrics["distance_m"])
+    assert metrics["cost_of_transport"] == pytest.approx(cost)
+
+
+def test_rolling_wheels_hardly_slip_and_carry_the_preload(run):
+    """Each wheel presses with half of its arm's spring and rolls: its contact moves by under a
+    hundredth of the way."""
+    after = run.trajectory.time > 0.3
+    wheels = run.trajectory["wall_force"][after]
+    pressed = wheels[:, wheels.max(axis=0) > 0]
+    assert pressed.shape[1] == 6
+    assert pressed.mean(axis=0) == pytest.approx(np.full(6, 20.0), rel=0.2)
+    slip = run.trajectory["contact_speed"][after].max()
+    assert slip < 0.05 * run.metrics["mean_speed_m_s"]
+
+
+def test_a_run_reads_back_as_it_was_saved(run, tmp_path):
+    """Channels of the robot's model, joints and scenario come back with the folder."""
+    back = ot.load_result(run.save(tmp_path / "run"))
+    assert back.scenario == run.scenario
+    assert back.qpos.tobytes() == run.qpos.tobytes()
+    assert list(back.trajectory.schema) == list(run.trajectory.schema)
+    for name in run.trajectory:
+        assert np.array_equal(back.trajectory[name], run.trajectory[name]), name
+    assert back.trajectory.schema["wall_force"].unit == "N"
+    assert back.joints == run.joints
+    assert "<svg" in back._repr_html_()
+
+
+def test_robots_of_a_batch_are_alone():
+    """Friction, gravity and orientation are each one's own; the bytes are those of single runs."""
+    base = ot.load_scenario("robots/presser_elbow", {"run.time_limit": 0.3})
+    other = ot.override(base, {"world.friction": 0.4, "start.theta5_deg": 40.0})
+    both = ot.run_batch([base, other], threads=2)
+    for scenario, result in zip([base, other], both, strict=True):
+        alone = ot.run(scenario, threads=1)
+        assert result.trajectory.qpos.tobytes() == alone.trajectory.qpos.tobytes()
+    assert both[0].trajectory.qpos.tobytes() != both[1].trajectory.qpos.tobytes()
+
+
+def test_a_ball_without_friction_falls_as_balls_do():
+    """Down a vertical pipe it gains g t; in a level one it comes to rest, with its weight on the
+    wall."""
+    falling = ot.run(ball(**{"start.axis": [0, 0, -1], "run.time_limit": 0.2}))
+    drop = falling.metrics["distance_m"]
+    assert drop == pytest.approx(9.81 / 2 * 0.2**2, rel=0.03)
+    resting = ot.run(ball(**{"world.friction": 0.5, "run.time_limit": 2.0}))
+    weight = resting.scenario.robot.mass * 9.81
+    assert resting.trajectory["wall_force"][-1] == pytest.approx([weight], rel=0.01)
+
+
+def test_a_robot_that_does_not_fit_is_refused():
+    """A rod across a pipe is in the wall by half of what it is too long."""
+    with pytest.raises(ot.InputError, match=r"does not fit: body 'chassis' is 20.* mm deep"):
+        ot.run(ball(**{"robot.kind": name_of(Rod)}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "words"),
+    [
+        ({"robot": {"kind": "presse"}}, "robot.kind", "did you mean 'presser'"),
+        ({"robot": {"kind": "presser", "prelaod": 3}}, "robot.prelaod", "preload"),
+        ({"robot": "gone.xml"}, "robot.file", "cannot be read"),
+        ({"robot": "presser", "physics": {"collider": "primitives"}}, "physics.collider", "kind"),
+        ({"robot": "presser", "sensing": {"kind": "onboard"}}, "sensing.kind", "kind"),
+        ({"robot": "presser", "start": {"roll_deg": 20}}, "start.roll_deg", "kind"),
+        ({"robot": "presser", "control": {"kind": "jacobian"}}, "control.kind", "own"),
+    ],
+)
+def test_what_means_nothing_is_refused(changes, where, words):
+    """The fault is at its key and has the valid choices."""
+    with pytest.raises(ot.ScenarioError) as caught:
+        validate({"pipes": PIPES, **changes})
+    fault = next(fault for fault in caught.value.faults if fault.where == where)
+    assert words in str(fault)
+
+
+def test_another_kind_brings_its_own_controller():
+    """An override of the kind leaves nothing of the robot before."""
+    scenario = ot.override(ot.load_scenario("straight"), {"robot.kind": "presser"})
+    assert type(scenario.robot).__name__ == "Presser"
+    assert scenario.control.kind == "own"
+    assert scenario.model_dump(mode="json")["robot"]["kind"] == "presser"
+    back = ot.override(scenario, {"robot.kind": "omnitrack"})
+    assert back.robot == ot.Omnitrack()
+    assert back.control.kind == "jacobian"
+
+
+def test_an_mjcf_file_is_a_robot(tmp_path, monkeypatch):
+    """Its path is relative to the scenario, its nose lies along ``forward``, and another file than
+    the scenario's digest says is refused."""
+    monkeypatch.chdir(tmp_path)
+    text = (
+        "<mujoco><worldbody><body name='hull' pos='0 0 3'><freejoint/>"
+        "<geom type='capsule' size='0.03' fromto='-0.05 0 0 0.05 0 0'/></body>"
+        "</worldbody></mujoco>"
+    )
+    Path("hull.xml").write_text(text)
+    Path("mine.toml").write_text(
+        'robot = { kind = "mjcf", file = "hull.xml", forward = "x", bore = 0.1 }\n'
+        "[start]\ndistance = 0.3\naxis = [1, 0, 0]\n[run]\ntime_limit = 0.1\n"
+        '[[pipes]]\nkind = "straight"\nlength = 0.6\ninner_diameter = 0.1\n'
+    )
+    scenario = ot.load_scenario("mine.toml")
+    assert scenario.robot.length == pytest.approx(0.16)
+    result = ot.run(scenario)
+    assert result.trajectory["distance"][0] == pytest.approx(0.3, abs=1e-6)
+    assert result.trajectory["tilt"].max() < 1e-3
+    Path("hull.xml").write_text(text.replace("0.03", "0.031"))
+    with pytest.raises(ot.ScenarioError, match="the file has changed"):
+        ot.override(scenario, {"run.time_limit": 0.2})
+
+
+def test_a_controller_of_ones_own_answers_with_inputs():
+    """It sees joints, sensors by name and its place; its inputs are recorded."""
+
+    class Push:
+        phases = ("push",)
+
+        def __init__(self, setup):
+            self.model = setup.model
+
+        def step(self, observation):
+            assert observation.qpos.shape[1] == self.model.nq
+            assert observation.location.distance.shape == (1,)
+            return ot.Actuation(np.full((1, self.model.nu), 2.0))
+
+    result = ot.run(
+        ot.load_scenario("robots/presser_elbow", {"run.time_limit": 0.2}), controller=Push
+    )
+    assert (result.trajectory["ctrl"][1:] == 2.0).all()
+    assert result.trajectory.phases == ("push",)
+
+
+def test_a_command_for_another_robot_is_refused():
+    """A robot takes the kind of command that its plant carries out."""
+    sim = ot.Simulation([ot.load_scenario("robots/presser_elbow")])
+    with pytest.raises(TypeError, match="Actuation"):
+        sim.step(ot.Command(np.zeros((1, 3))))
+    with pytest.raises(ValueError, match=r"command.ctrl has shape \(1, 2\), expected \(1, 6\)"):
+        sim.step(ot.Actuation(np.zeros((1, 2))))
+
+
+def test_a_sweep_has_the_robots_metrics(tmp_path):
+    """A sweep over a parameter of another robot fills its table with that robot's metrics."""
+    (tmp_path / "grip.toml").write_text(
+        'base = "robots/presser_elbow"\n[set]\n"run.time_limit" = 0.2\n'
+        '[[axes]]\npath = "robot.preload"\nkind = "list"\nvalues = [20.0, 40.0]\n'
+    )
+    sweep = ot.load_sweep(tmp_path / "grip.toml")
+    result = ot.run_sweep(sweep, out=tmp_path / "sweep", workers=1)
+    force = result.table["wall_force_mean_n"].to_numpy()
+    assert force[1] == pytest.approx(2 * force[0], rel=0.1)
+
+
+def test_a_film_shows_the_robot_in_its_pipe(run, tmp_path):
+    """Orange of the presser's chassis is seen, and moves up the picture."""
+    first = ot.render_frame(run, time=0.0, width=320, height=240)
+    assert first.shape == (240, 320, 3)
+    red, blue = (first[..., i].astype(int) for i in (0, 2))
+    assert np.count_nonzero((red > 150) & (red - blue > 80)) > 20
+    path = ot.render_strip(run, path=tmp_path / "strip.png", count=2, width=160, height=120)
+    assert iio.imread(path).std() > 10
+
+
+def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):
+    """Nine panels of its own channels, and a page that holds its bodies."""
+    figure = ot.plot_summary(run)
+    titles = " ".join(axis.get_title() + axis.get_ylabel() for axis in figure.axes)
+    assert len(figure.axes) == 9
+    assert "Wall force" in titles
+    page = ot.render_replay(run)
+    assert "wall_force" in page.html
+    assert "chassis" in page.html
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_rooms_know_no_robot_by_name(room):
+    """No module of these rooms imports a folder of a robot, but for what is that robot's alone: its
+    own senses, and driving it by hand."""
+    alone = {"sim/onboard.py", "show/viewer/player.py", "show/viewer/teleoperation.py"}
+    package = Path(ot.__file__).parent
+    folders = tuple(
+        f"omnitrack_sim.robots.{path.name}"
+        for path in (package / "robots").iterdir()
+        if path.is_dir()
+    )
+    for path in sorted((package / room).rglob("*.py")):
+        names = [
+            node.module or ""
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom)
+        ]
+        known = [name for name in names if name.startswith(folders)]
+        assert not known or path.relative_to(package).as_posix() in alone, (path, known)
+
+
+def test_shipped_robots_have_pages_and_names():
+    """Each short name leads to a class that says the same name."""
+    for kind in set(ROBOTS) - {"mjcf"}:
+        scenario = validate(
+            {
+                "robot": kind,
+                "pipes": [{"kind": "straight", "length": 1.5}],
+                "start": {"distance": 0.5},
+            }
+        )
+        assert scenario.robot.kind == kind
