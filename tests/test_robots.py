@@ -253,7 +253,7 @@ def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):
     figure = ot.plot_summary(run)
     titles = " ".join(axis.get_title() + axis.get_ylabel() for axis in figure.axes)
     assert len(figure.axes) == 9
-    assert "Wall force" in titles
+    assert "Force on the wall" in titles
     page = ot.render_replay(run)
     assert "wall_force" in page.html
     assert "chassis" in page.html
