@@ -55,6 +55,10 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     # A saved scenario.json writes every key, also those that nothing was given for.
     data = _without_none(data) | {"name": name}
     has_pipes = bool(data.get("pipes"))
+    standard = isinstance(scenario.robot, Omnitrack)
+    if not standard:
+        # The default of a controller is the robot's.
+        data["control"] = {**data.get("control", {}), "kind": scenario.control.kind}
     meanings = meanings_of(Scenario)
     lines = [*_comment(title), "#", *_comment(_HEAD), ""]
     for key in ("name", "seed", *(() if has_pipes else ("network",))):
@@ -62,7 +66,7 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     lines += _pipes(data["pipes"], scenario) if has_pipes else _table("mission", Mission, data)
     for key, info in Scenario.model_fields.items():
         if key == "robot":
-            lines += _robot(data.get("robot", {}))
+            lines += _robot(data.get("robot", {})) if standard else _own_robot(data, scenario)
         elif key == "control":
             lines += _control(data, scenario)
         elif isinstance(info.default, BaseModel):
@@ -179,6 +183,16 @@ def _robot(values: Mapping[str, Any]) -> list[str]:
         return [*lines, "", "[robot.motor]", *like, *_motor(motor, UNSET)]
     lines += _figure("motor", quantity_of(fields["motor"]), "simulation", values)
     return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
+
+
+def _own_robot(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
+    """The parameters of a robot of another kind."""
+    robot, given = scenario.robot, data.get("robot")
+    values = given if isinstance(given, Mapping) else {}
+    head, *lines = _table("robot", type(robot), {"robot": values})[1:]
+    first = lines.index("[robot]") if "[robot]" in lines else -1
+    kind = f"kind = {as_toml(robot.kind)}"
+    return ["", head, *lines[: first + 1], kind, *lines[first + 1 :]]
 
 
 def _motor(values: Mapping[str, Any], mark: str) -> list[str]:
