@@ -11,9 +11,10 @@ import pytest
 from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
+from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
 
-OWN = (*EACH.values(), *CARRIED)
+OWN = (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in Omnitrack.own_values))
 """Paths that robots of one batch may differ in."""
 SCENARIOS = {"tee": rolling_tee, "mission": there_and_back}
 

@@ -122,13 +122,12 @@ def _beside(rng: random.Random, value: float) -> Any:
 @cache
 def limits() -> tuple[float, ...]:
     """Every limit that the tables of files and the robot set on a number."""
-    from omnitrack_sim import Network, Scenario
+    from omnitrack_sim import Network, Omnitrack, Scenario
     from omnitrack_sim.trials.axes import AXES
     from omnitrack_sim.trials.sweep import SweepFile
 
-    found = {
-        limit for model in (Scenario, Network, SweepFile, *AXES.values()) for limit in _of(model)
-    }
+    models = (Scenario, Omnitrack, Network, SweepFile, *AXES.values())
+    found = {limit for model in models for limit in _of(model)}
     return tuple(sorted({*found, 1000.0}))
 
 

@@ -141,7 +141,9 @@ class Recording:
             one with a free joint, or else the first one with a joint.
 
     Attributes:
-        model, pipes, period: as above.
+        model: as given.
+        pipes: as given.
+        period: as given.
         body: number of the body.
 
     Raises:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.base.table import NotNegative, Positive, Unit
 from omnitrack_sim.robots.plant import length_between
 from omnitrack_sim.robots.robot import Robot
 
@@ -50,7 +50,7 @@ class Snake(Robot):
     """Of the rubber, where the walls state none."""
     turn: Annotated[Positive, Unit("rad")] = 1.2
     """Of the helix from joint to joint: 1.2 makes one and a half turns of eight links."""
-    squeeze: Annotated[Positive, Unit("1")] = 0.1
+    squeeze: Annotated[NotNegative, Unit("1")] = 0.1
     """By which the commanded helix is wider than the bore allows, part of its radius."""
     stiffness: Annotated[Positive, Unit("N m/rad")] = 8.0
     """Of the joints' position loops."""

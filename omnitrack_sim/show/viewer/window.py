@@ -112,7 +112,7 @@ class Window:
         spec.light("sun").diffuse = SUN
         self.model = spec.compile()
         self._data = mujoco.MjData(self.model)
-        self._parts, self._chassis = network.parts, scenario.display.chassis
+        self._parts, self._chassis = network.parts, scenario.robot.chassis
         self._insides = [self.model.geom(f"look_inside_{part.name}").id for part in self._parts]
         self._back, self._size = follow_direction(network), scenario.robot.scale
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()

@@ -241,7 +241,7 @@ class DrivenController:
             self.setup,
             parameters=[parameters] * self.setup.n,
             location=observation.location,
-            roll=self._roll_in_gear(observation),
+            command=self.setup.command._replace(roll=self._roll_in_gear(observation)),
         )
         return table.autopilot_class(setup)
 
