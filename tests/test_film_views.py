@@ -10,7 +10,7 @@ from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack.display import status_text
+from omnitrack_sim.robots.omnitrack.track_display import status_text
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames

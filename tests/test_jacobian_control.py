@@ -15,8 +15,8 @@ from omnitrack_sim.robots.omnitrack.control.alignment import (
     orientation_error,
     preferred_theta5,
 )
-from omnitrack_sim.robots.omnitrack.plant import TrackPlant
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
+from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
 
 

@@ -17,7 +17,7 @@ from omnitrack_sim.paper.plots.over_time import contact_map_figure
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
-from omnitrack_sim.robots.omnitrack.display import status_text
+from omnitrack_sim.robots.omnitrack.track_display import status_text
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, figure_bytes

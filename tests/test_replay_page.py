@@ -12,8 +12,8 @@ import pytest
 from pages import TOLERANCE, needs_browser, opened, picture
 
 from omnitrack_sim import Result, load_scenario, override, render_replay, run
-from omnitrack_sim.robots.omnitrack.display import smooth_belts
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.track_display import smooth_belts
 
 pytestmark = needs_browser
 

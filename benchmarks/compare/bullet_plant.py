@@ -26,8 +26,8 @@ from omnitrack_sim.robots.omnitrack.body import (
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.plant import BOTH_TRACKS_COSINE, NUMBERS, TrackPlant
 from omnitrack_sim.robots.omnitrack.sensors import AT_REST, SENSORS
+from omnitrack_sim.robots.omnitrack.track_plant import BOTH_TRACKS_COSINE, NUMBERS, TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.sim.simulation import MakePlant
 

@@ -9,7 +9,7 @@ import numpy as np
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import lug_places
-from omnitrack_sim.robots.omnitrack.plant import NUMBERS
+from omnitrack_sim.robots.omnitrack.track_plant import NUMBERS
 
 SLIDER_MASS = 1e-3
 """Mass of the link between slide and pitch joint, kg; taken off the arm."""

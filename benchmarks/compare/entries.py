@@ -18,8 +18,8 @@ from omnitrack_sim import override
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
-from omnitrack_sim.robots.omnitrack.plant import TrackPlant
 from omnitrack_sim.robots.omnitrack.track import line_record
+from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.simulation import MakePlant
 from omnitrack_sim.walls.geoms import add_exact_walls, add_walls, new_spec

@@ -16,9 +16,9 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import as_omnitrack
-from omnitrack_sim.robots.omnitrack.display import show_belts
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
+from omnitrack_sim.robots.omnitrack.track_display import show_belts
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.playback import FARTHEST, playback_of

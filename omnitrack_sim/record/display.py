@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
+from omnitrack_sim.record.channels import Display
 from omnitrack_sim.record.trajectory import Trajectory
 
 Colour = tuple[float, float, float]
@@ -46,7 +47,21 @@ class StatusText(NamedTuple):
     bars: tuple[Bar, ...] = ()
 
 
-class Mount(NamedTuple):
+class Curve(NamedTuple):
+    """Values over time with their appearance.
+
+    Attributes:
+        display: title, unit and limits.
+        values: (T, n).
+        names: of the columns; empty for a single one.
+    """
+
+    display: Display
+    values: Array
+    names: tuple[str, ...] = ()
+
+
+class CarriedCamera(NamedTuple):
     """A camera that a body carries.
 
     Attributes:
@@ -130,7 +145,7 @@ class PageDisplay:
     arrows: Callable[[Trajectory, Sequence[Array]], list[ForceArrow]]
     state: tuple[tuple[str, str, float, int, str], ...]
     headline: Mapping[str, str]
-    onboard: Callable[[Any], Mount]
+    onboard: Callable[[Any], CarriedCamera]
 
 
 class LiveLooks(Protocol):
@@ -172,7 +187,7 @@ class RobotDisplay:
     poses: Callable[[Any, Trajectory, Any], Array]
     casts: Callable[[str], bool]
     status: Callable[[Trajectory, int, str], StatusText]
-    onboard: Callable[[Any], Mount]
+    onboard: Callable[[Any], CarriedCamera]
     finite: tuple[str, ...]
     summary: tuple[tuple[tuple[str, int | None], ...], ...]
     page: PageDisplay

@@ -125,7 +125,7 @@ class Robot(Table):
     scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.display:DISPLAY"
+    display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()

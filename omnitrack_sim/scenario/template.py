@@ -53,12 +53,12 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
         TOML that is read as the same scenario of another name.
     """
     # A saved scenario.json writes every key, also those that nothing was given for.
-    data = _without_none(data) | {"name": name}
+    data = {**_without_none(data), "name": name}
     has_pipes = bool(data.get("pipes"))
     standard = isinstance(scenario.robot, Omnitrack)
     if not standard:
         # The default of a controller is the robot's.
-        data["control"] = {**data.get("control", {}), "kind": scenario.control.kind}
+        data = data | {"control": {**data.get("control", {}), "kind": scenario.control.kind}}
     meanings = meanings_of(Scenario)
     lines = [*_comment(title), "#", *_comment(_HEAD), ""]
     for key in ("name", "seed", *(() if has_pipes else ("network",))):

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.record.display import Mount
+from omnitrack_sim.record.display import CarriedCamera
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.walls.looks import ROBOT_GROUP
+from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 FARTHEST = 1e5
 """Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
@@ -62,7 +62,7 @@ class Playback:
     backward: NDArray[np.bool_]
     estimate: Array
     mocap: Array
-    mounts: Mapping[str, Mount]
+    mounts: Mapping[str, CarriedCamera]
     size: float = 1.0
     extremes: tuple[int, ...] = (0,)
 

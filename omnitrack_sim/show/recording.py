@@ -24,7 +24,7 @@ from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 from omnitrack_sim.record.channels import Display
-from omnitrack_sim.record.display import ForceArrow, Mount, StatusText
+from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, StatusText
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.show.film.overlay import LEFT, ForceArrows, MapPanel, StatusPanel
@@ -106,26 +106,6 @@ class WallContacts(NamedTuple):
     normal: NDArray[Any]
     normal_force: NDArray[Any]
     distance: NDArray[Any]
-
-
-class Curve(NamedTuple):
-    """Values over time with their appearance.
-
-    Attributes:
-        display: title, unit and limits.
-        values: (T, n).
-        names: of the columns; empty for a single one.
-    """
-
-    display: Display
-    values: Array
-    names: tuple[str, ...] = ()
-
-    def panel(self, channel: str) -> dict[str, Any]:
-        """Return the plot of a page."""
-        colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
-        more = {"names": self.names, "colours": colours} if self.names else {}
-        return {"channel": channel, "first": not self.names} | more | asdict(self.display)
 
 
 class Recording:
@@ -377,14 +357,16 @@ class Recording:
         """Cameras of films: ``side``, ``follow``, and those of the model by name."""
         return (*STANDARD, *(name for name in self._mounts() if name not in STANDARD))
 
-    def _mounts(self) -> dict[str, Mount]:
+    def _mounts(self) -> dict[str, CarriedCamera]:
         """Return the cameras of the model that have a name, each fixed to its body."""
         model, mounts = self.model, {}
         for i in range(model.ncam):
             frame = matrix_from_quaternion(np.array(model.cam_quat[i])).tolist()
             place, angle = tuple(model.cam_pos[i].tolist()), float(model.cam_fovy[i])
             body = int(model.cam_bodyid[i])
-            mounts[model.camera(i).name] = Mount(body, place, tuple(map(tuple, frame)), angle)
+            mounts[model.camera(i).name] = CarriedCamera(
+                body, place, tuple(map(tuple, frame)), angle
+            )
         return {name: mount for name, mount in mounts.items() if name}
 
     def _check_samples(self) -> None:
@@ -632,7 +614,7 @@ class Recording:
         data = page_data([run], pack) | {
             "map": map_table(run.playback, landmarks, pack) if several else None,
             "pictures": None,
-            "panels": [curve.panel(name) for name, curve in self.curves().items()],
+            "panels": [_panel(name, curve) for name, curve in self.curves().items()],
             "columns": [],
             "state": [("distance", "", 1e3, 0, " mm"), ("speed", "", 1e3, 0, " mm/s")],
             "headline": {row["name"]: row["name"] for row in run.heading["figures"]},
@@ -807,6 +789,13 @@ def _checked_period(period: Any) -> float:
     if not 0 <= period < np.inf:
         raise InputError(Fault("period", f"is {period!r}; a number from 0 on, s, is needed"))
     return float(period)
+
+
+def _panel(channel: str, curve: Curve) -> dict[str, Any]:
+    """Return the plot of a curve on a page."""
+    colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
+    more = {"names": curve.names, "colours": colours} if curve.names else {}
+    return {"channel": channel, "first": not curve.names} | more | asdict(curve.display)
 
 
 def _chassis(model: mujoco.MjModel, body: str | None) -> int:

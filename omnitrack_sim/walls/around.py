@@ -25,7 +25,7 @@ from omnitrack_sim.walls.geoms import (
     add_rims,
 )
 from omnitrack_sim.walls.guard import add_guard, register
-from omnitrack_sim.walls.looks import PIPE_GROUP, add_pipe_insides
+from omnitrack_sim.walls.pipe_looks import PIPE_GROUP, add_pipe_insides
 from omnitrack_sim.walls.rays import RayWalls
 from omnitrack_sim.walls.record import kinds
 

@@ -11,8 +11,8 @@ from manifold3d import CrossSection, Manifold
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
-from omnitrack_sim.walls.looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 from omnitrack_sim.walls.meshes import TriangleMesh, triangles_of
+from omnitrack_sim.walls.pipe_looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 
 LOWER_TRACK_SHADE = 0.30
 """Brightness of a lower track beside its upper one, so that roll is seen."""

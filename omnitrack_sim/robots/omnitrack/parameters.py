@@ -80,9 +80,9 @@ class Omnitrack(QuantityModel, Robot):
     """
 
     scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.scene:build_scene"
-    plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.plant:TrackPlant"
-    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.diagnosis:TrackDiagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.display:DISPLAY"
+    plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackPlant"
+    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_diagnosis:TrackDiagnosis"
+    display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_display:DISPLAY"
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
     controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
     slips: ClassVar[bool] = True

@@ -28,8 +28,8 @@ from omnitrack_sim.robots.omnitrack.body import spring_free_length
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
 from omnitrack_sim.walls.geoms import add_walls, new_spec
-from omnitrack_sim.walls.looks import add_cameras, add_pipe_looks
 from omnitrack_sim.walls.meshes import fitting_mesh, stl_bytes
+from omnitrack_sim.walls.pipe_looks import add_cameras, add_pipe_looks
 
 FITTINGS: Mapping[str, Fitting] = {
     "straight": Straight(0.5),

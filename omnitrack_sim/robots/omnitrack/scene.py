@@ -52,7 +52,7 @@ def build_scene(
     add_robot(spec, robot, line_tracks=exact)
     if looks:
         from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
-        from omnitrack_sim.walls.looks import add_cameras, add_pipe_looks
+        from omnitrack_sim.walls.pipe_looks import add_cameras, add_pipe_looks
 
         add_robot_looks(spec, robot)
         add_pipe_looks(spec, network)

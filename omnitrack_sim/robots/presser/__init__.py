@@ -39,7 +39,7 @@ class Presser(Robot):
     """Of each arm's spring at that bore."""
     friction: Annotated[Positive, Unit("1")] = 0.8
     """Of the tyres, where the walls state none."""
-    speed: Annotated[Positive, Unit("m/s")] = 0.087
+    speed: Annotated[float, Unit("m/s")] = 0.087
     """Of the tyres without load; 0.087 is the motors' at 12 V."""
 
     nose: ClassVar[str] = "nose"

@@ -54,7 +54,7 @@ class Snake(Robot):
     """By which the commanded helix is wider than the bore allows, part of its radius."""
     stiffness: Annotated[Positive, Unit("N m/rad")] = 8.0
     """Of the joints' position loops."""
-    rate: Annotated[Positive, Unit("rad/s")] = 2.5
+    rate: Annotated[float, Unit("rad/s")] = 2.5
     """Of the links about themselves."""
 
     nose: ClassVar[str] = "nose"

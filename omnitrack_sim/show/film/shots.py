@@ -13,10 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, unit
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.record.display import Mount
+from omnitrack_sim.record.display import CarriedCamera
 from omnitrack_sim.show.playback import Playback
-from omnitrack_sim.walls.looks import FIELD_OF_VIEW, camera_frame, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS
+from omnitrack_sim.walls.pipe_looks import (
+    FIELD_OF_VIEW,
+    camera_frame,
+    follow_direction,
+    view_direction,
+)
 
 
 class PixelRect(NamedTuple):
@@ -382,7 +387,7 @@ class OnboardCamera(FilmCamera):
 
     lamp = True
 
-    def __init__(self, playback: Playback, aspect: float, mount: Mount) -> None:
+    def __init__(self, playback: Playback, aspect: float, mount: CarriedCamera) -> None:
         super().__init__(playback, aspect)
         self._mount = mount
 

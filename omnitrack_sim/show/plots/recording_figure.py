@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.display import Curve
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.run_figures import LEFT, RIGHT, PanelGrid, limits_of
@@ -25,17 +25,6 @@ COLUMNS = 3
 """Panels beside each other."""
 _GAP, _BELOW, _TALLEST = 0.5, 0.6, 3.0  # inches between views, below them; largest height
 _WAY = (0.82, 0.0, 0.42)
-
-
-class Curve(Protocol):
-    """See ``recording.Curve``."""
-
-    @property
-    def display(self) -> Display: ...
-    @property
-    def values(self) -> Array: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
 
 
 def plot_recording(

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.record.display import FORCES, ForceArrow, Mount, PageDisplay, Track
+from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, PageDisplay, Track
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
@@ -29,8 +29,13 @@ from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
 from omnitrack_sim.show.whereabouts import Landmarks, stays
-from omnitrack_sim.walls.looks import FIELD_OF_VIEW, PIPE_LOOK, follow_direction, view_direction
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
+from omnitrack_sim.walls.pipe_looks import (
+    FIELD_OF_VIEW,
+    PIPE_LOOK,
+    follow_direction,
+    view_direction,
+)
 
 STEPS = 65534
 """Steps between the lowest and the highest number of a column that is rounded to its own range."""
@@ -129,7 +134,7 @@ class PageRun:
     fittings: list[dict[str, Any]]
     events: dict[str, Any]
     arrows: list[ForceArrow]
-    onboard: Mount | None
+    onboard: CarriedCamera | None
     scale: float
     badges: tuple[str, ...] = ()
     tracks: Mapping[str, Track] = field(default_factory=dict)

@@ -24,7 +24,7 @@ from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.replay import contents
 from omnitrack_sim.show.whereabouts import Landmarks
-from omnitrack_sim.walls.looks import follow_direction
+from omnitrack_sim.walls.pipe_looks import follow_direction
 
 FORMATS = ("html",)
 SAME_POSE = 1e-6

@@ -19,7 +19,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.display import Lines
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.shots import DISTANCE, in_the_way, over_the_shoulder, upright
-from omnitrack_sim.walls.looks import (
+from omnitrack_sim.walls.pipe_looks import (
     FIELD_OF_VIEW,
     INSIDE_GROUP,
     ROBOT_GROUP,

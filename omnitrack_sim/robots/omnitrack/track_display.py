@@ -14,21 +14,21 @@ from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.record.display import (
     FORCES,
     Bar,
+    CarriedCamera,
     ForceArrow,
     Lines,
-    Mount,
     PageDisplay,
     RobotDisplay,
     StatusText,
     Track,
 )
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.display import lines
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
+from omnitrack_sim.robots.plain_display import lines
 
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
@@ -83,10 +83,12 @@ def _casts(geom: str) -> bool:
     return not geom.startswith("look_spring")
 
 
-def _onboard(robot: Omnitrack) -> Mount:
+def _onboard(robot: Omnitrack) -> CarriedCamera:
     # Nearer to the robot's centre than its tip, which may touch a plate; module 1 is upward.
     place = (0.0, 0.0, robot.scale * 0.066)
-    return Mount("chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0)
+    return CarriedCamera(
+        "chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0
+    )
 
 
 class LiveBelts:
@@ -139,7 +141,7 @@ def _three(form: str, values: Array | tuple[int, int, int]) -> str:
     return " ".join(form.format(value) for value in values)
 
 
-def _page_onboard(robot: Omnitrack) -> Mount:
+def _page_onboard(robot: Omnitrack) -> CarriedCamera:
     # Pages show the robot, so the camera stands before its eye.
     return _onboard(robot)._replace(position=(0.0, 0.0, robot.scale * 0.086))
 

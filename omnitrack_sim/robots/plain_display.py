@@ -12,8 +12,8 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import (
+    CarriedCamera,
     Lines,
-    Mount,
     PageDisplay,
     RobotDisplay,
     StatusText,
@@ -21,7 +21,7 @@ from omnitrack_sim.record.display import (
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
-from omnitrack_sim.walls.looks import ROBOT_GROUP
+from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""
@@ -67,12 +67,12 @@ def lines(trajectory: Trajectory, row: int, part: str) -> StatusText:
     return StatusText(phase, (where, state))
 
 
-def _onboard(robot: Robot) -> Mount:
+def _onboard(robot: Robot) -> CarriedCamera:
     """A camera at the nose."""
     frame = robot.frame
     place = frame.apply([0.0, 0.0, robot.length / 2])
     x, y, z = (tuple(row) for row in (frame.rotation @ LOOKS_AHEAD).tolist())
-    return Mount(robot.chassis, tuple(place.tolist()), (x, y, z), 88.0)
+    return CarriedCamera(robot.chassis, tuple(place.tolist()), (x, y, z), 88.0)
 
 
 class Still:
