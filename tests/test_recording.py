@@ -396,7 +396,7 @@ def test_the_section_of_the_page_runs(tmp_path, monkeypatch, capsys):
     """Its lines make all of their files, of the robot of the page; of a tenth of a second here."""
     monkeypatch.chdir(tmp_path)
     text = PAGE.read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    code = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[0]
     lines = re.search(r"```text\n(recording = .*?)```", text, flags=re.DOTALL)
     assert lines is not None
     short = lines[1].replace("data.time < 8", "data.time < 4.1")

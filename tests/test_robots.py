@@ -10,6 +10,7 @@ import imageio.v3 as iio
 import mujoco
 import numpy as np
 import pytest
+from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
@@ -50,6 +51,24 @@ class Rod(Ball):
         rod = spec.worldbody.add_body(name="chassis")
         kind, ends = mujoco.mjtGeom.mjGEOM_CAPSULE, [-0.09, 0, 0, 0.09, 0, 0]
         _ = rod.add_freejoint(), rod.add_geom(type=kind, size=[0.01, 0, 0], fromto=ends)
+        return spec
+
+
+class Twins(Ball):
+    """Two balls, one 20 mm deep in the other."""
+
+    def spec(self):
+        spec = mujoco.MjSpec()
+        chassis = spec.worldbody.add_body(name="chassis")
+        _ = chassis.add_freejoint(), chassis.add_geom(size=[0.03, 0, 0])
+        other = chassis.add_body(name="other", pos=[0, 0, 0.04])
+        hinge = other.add_joint(axis=[1, 0, 0])
+        hinge.armature = 0.01
+        other.add_geom(size=[0.001, 0, 0])
+        middle = other.add_body(name="middle")  # neighbours do not touch in MuJoCo
+        slide = middle.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+        slide.stiffness[0] = 1e6
+        middle.add_geom(size=[0.03, 0, 0])
         return spec
 
 
@@ -257,6 +276,23 @@ def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):
     page = ot.render_replay(run)
     assert "wall_force" in page.html
     assert "chassis" in page.html
+
+
+def test_the_command_tells_figures_of_the_robots_own(tmp_path):
+    """`omnitrack run` and `compare` of another robot end without a word of modules."""
+    changes = ["--set", "run.time_limit=0.3", "--set", "run.expected_outcome=timed_out"]
+    folder = str(tmp_path / "a")
+    told = omnitrack("run", "robots/presser_network", *changes, "--no-video", "--out", folder)
+    assert told.returncode == 0, told.stderr
+    assert "wall_force_max_n" in told.stdout
+    assert "module" not in told.stdout
+    again = omnitrack("compare", folder, folder, "--out", str(tmp_path / "both.png"))
+    assert again.returncode == 0, again.stderr
+
+
+def test_limbs_that_touch_each_other_are_no_misfit():
+    """Only the wall is what a robot has to fit into."""
+    assert ot.Simulation([ball(**{"robot.kind": name_of(Twins)})]).n == 1
 
 
 @pytest.mark.parametrize("room", ROOMS)

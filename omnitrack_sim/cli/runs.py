@@ -117,7 +117,8 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
 
 def print_result(result: Result, target: Path) -> None:
     colour = "green" if result.success else "yellow"
-    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(result.outcome.advice)}")
+    advice = result.scenario.robot.advice(result.outcome)
+    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(advice)}")
     out.say(f"  {plain(result.reason)}")
     for event in result.events:
         out.say(f"  {plain(str(event))}")
@@ -126,17 +127,16 @@ def print_result(result: Result, target: Path) -> None:
         out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
         out.print(_visit_table(result))
+        part = "module" if result.scenario.robot.slips else "body"
         out.say(
-            "  tilt: largest; slip: mean ratio; force: least normal force of a module, 0.1 s mean"
+            f"  tilt: largest; slip: mean ratio; force: least normal force of a {part}, 0.1 s mean"
         )
     out.print(_module_table(result))
     metrics = result.metrics
     out.say(
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
         f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
-        f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J; slip without "
-        f"load {metrics['no_load_slip_m_s']:.1e} m/s, about {metrics['slip_excess']:.0%} too large "
-        "by the time step"
+        f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J{_slip(result)}"
     )
     if result.scenario.sensing.kind == "onboard":
         out.say(
@@ -207,6 +207,17 @@ def _visit_table(result: Result) -> Table:
     return table
 
 
+def _slip(result: Result) -> str:
+    """Words on the slip of a robot that has a slip without load."""
+    metrics = result.metrics
+    if not result.scenario.robot.slips:
+        return ""
+    return (
+        f"; slip without load {metrics['no_load_slip_m_s']:.1e} m/s, about "
+        f"{metrics['slip_excess']:.0%} too large by the time step"
+    )
+
+
 _ROWS = {
     "slip_ratio_mean": ("mean slip ratio", "1", 3),
     "slip_distance_m": ("slip distance", "m", 4),
@@ -222,7 +233,19 @@ _ROWS = {
 }
 
 
+def _figure_table(result: Result) -> Table:
+    """Figures of a robot whose metrics have one value each."""
+    table = table_of("figure", "unit", "value")
+    for metric in result.scenario.robot.metrics:
+        value = result.metrics[metric.name]
+        if isinstance(value, float):
+            table.add_row(metric.name, metric.unit, f"{value:.4g}")
+    return table
+
+
 def _module_table(result: Result) -> Table:
+    if not all(key in result.metrics for key in _ROWS):
+        return _figure_table(result)
     table = table_of("figure", "unit", *(f"module {i}" for i in (1, 2, 3)))
     for key, (label, unit, digits) in _ROWS.items():
         values = result.metrics[key]

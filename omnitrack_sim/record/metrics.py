@@ -358,7 +358,8 @@ COMMON_METRICS: tuple[Metric, ...] = (
     Metric(
         "wall_force_mean_n",
         "N",
-        "forces between the wall and the bodies of the robot, added up, mean over time",
+        "forces between the wall and all bodies of the robot together, mean over time; it may be "
+        "more than the largest of one body",
         lambda r: float(r.mean(r.trajectory["wall_force"].sum(axis=1))),
     ),
     Metric(

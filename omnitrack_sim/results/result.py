@@ -206,7 +206,7 @@ class Result:
         return {
             "name": self.scenario.name,
             "outcome": self.outcome.value,
-            "advice": self.outcome.advice,
+            "advice": self.scenario.robot.advice(self.outcome),
             "reason": self.reason,
             "success": self.success,
             "as_expected": self.as_expected,

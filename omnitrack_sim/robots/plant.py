@@ -332,17 +332,22 @@ class Plant:
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.qpos[rows[0]]
         mujoco.mj_fwdPosition(self.model, data)
-        depths = [-contact.dist for contact in data.contact[: data.ncon]]
-        most, bore = max(depths, default=0.0), 2 * float(start.bore_radius[0])
+        walls = set(self._walls.tolist())
+        # Limbs may touch each other as they like.
+        with_wall = [
+            (-float(data.contact[i].dist), geoms)
+            for i in range(data.ncon)
+            if len(walls & set(geoms := data.contact[i].geom.tolist())) == 1
+        ]
+        most, pair = max(with_wall, default=(0.0, []))
+        bore = 2 * float(start.bore_radius[0])
         if most <= SETTINGS.misfit * bore:
             return
-        geom = data.contact[int(np.argmax(depths))].geom
-        body = next(
-            self.model.body(self.model.geom_bodyid[g]).name for g in geom if g not in self._walls
-        )
+        geom = next(g for g in pair if g not in walls)
+        body = self.model.body(self.model.geom_bodyid[geom]).name
         problem = (
             f"does not fit: body {body!r} is {1000 * most:.1f} mm deep in the wall of a bore of "
-            f"{1000 * bore:.4g} mm once it has settled, its chassis on the axis"
+            f"{1000 * bore:.4g} mm once it has settled with its axis on the pipe's"
         )
         raise InputError(Fault("robot", problem))
 

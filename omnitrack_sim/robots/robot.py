@@ -31,7 +31,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.record.display import RobotDisplay
-from omnitrack_sim.record.events import Event
+from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
@@ -355,6 +355,15 @@ class Robot(Table):
     def diagnosis(self, limits: Any, period: float, n: int) -> Any:
         """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
         return named(self.diagnosis_class, "diagnosis_class", {})(self, limits, period, n)
+
+    def advice(self, outcome: Outcome) -> str:
+        """Return what an outcome means for a robot of this kind, and what to try."""
+        if outcome is Outcome.STUCK:
+            return (
+                "The robot made no headway: look at tilt, wall force and actuator force in the "
+                "summary plot."
+            )
+        return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
         """Return notes on forces or travel that a run should not have shown."""

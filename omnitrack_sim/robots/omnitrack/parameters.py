@@ -16,7 +16,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.record.events import BeyondStop, Event, Overloaded
+from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import METRICS, BeltRun, Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
@@ -491,6 +491,10 @@ class Omnitrack(QuantityModel, Robot):
             trajectory["slip_ratio"],
             trajectory["motor_torque"] * trajectory["belt_speed"] / self.lug_radius,
         )
+
+    def advice(self, outcome: Outcome) -> str:
+        """See ``Robot``."""
+        return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
         """Return notes on the largest force and travel of an arm that a run should not have

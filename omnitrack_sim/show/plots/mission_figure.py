@@ -147,10 +147,13 @@ class _Mission:
         name, outcome = result.scenario.name, _outcome(result)
         headline(self.figure, name, outcome, _LEFT, result.success, _RIGHT)
         slip = [leg.slip for leg in self.travel]
+        of_modules = "slip_ratio" in self.trajectory
         text = "slip ratio: mean magnitude of the modules over 10 mm"
-        self._draw_column(_LEFT, top + 0.36, text, "viridis", slip)
+        other = "slip speed at contacts, mean of the bodies over 10 mm [mm/s]"
+        self._draw_column(_LEFT, top + 0.36, text if of_modules else other, "viridis", slip)
         force = [leg.force for leg in self.travel]
-        text = "least normal force of a module [N]"
+        text, other = "least normal force of a module [N]", "force on the wall, all bodies [N]"
+        text = text if of_modules else other
         self._draw_column(_LEFT + _COLUMN + _GUTTER, top + 0.36, text, "plasma", force)
         self._draw_legend()
         self._draw_time_chart()
@@ -410,8 +413,9 @@ class LegTravel:
     Attributes:
         tail_first: it was driven tail first.
         rows: (n + 1,) samples that bound the pieces.
-        slip: (n,) mean slip ratio of the modules, as a magnitude.
-        force: (n,) N, least normal force of a module.
+        slip: (n,) mean slip ratio of the modules, as a magnitude; of robots without modules the
+            slip speed of their contacts, mm/s.
+        force: (n,) N, least normal force of a module; of other robots that of all bodies.
     """
 
     tail_first: bool
@@ -421,8 +425,12 @@ class LegTravel:
 
 
 def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
-    slip = np.abs(trajectory["slip_ratio"]).mean(axis=1)
-    force = running_mean(trajectory["normal_force"], trajectory.time, FORCE_WINDOW).min(axis=1)
+    if "slip_ratio" in trajectory:
+        slip = np.abs(trajectory["slip_ratio"]).mean(axis=1)
+        force = running_mean(trajectory["normal_force"], trajectory.time, FORCE_WINDOW).min(axis=1)
+    else:
+        slip = 1e3 * trajectory["contact_speed"].mean(axis=1)
+        force = running_mean(trajectory["wall_force"], trajectory.time, FORCE_WINDOW).sum(axis=1)
     known = np.isfinite(trajectory["position"]).all(axis=1) & np.isfinite(trajectory["distance"])
     for leg in np.unique(trajectory["leg"]).tolist():
         rows = np.flatnonzero(known & (trajectory["leg"] == leg))

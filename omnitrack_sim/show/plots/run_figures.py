@@ -225,6 +225,8 @@ class PanelGrid:
     def legend(self, handles: list, down: float) -> None:
         """A legend from the left, ``down`` inches below the top, in several lines where it is
         long."""
+        if not handles:
+            return
         names = [handle.get_label() for handle in handles]
         lines = -(-sum(len(name) + 5 for name in names) // _LONGEST_LEGEND)
         self.figure.legend(
@@ -321,10 +323,7 @@ def _line_handles(result: Result, estimates: bool) -> list[Any]:
         for i, (name, colour) in enumerate(columns)
     ]
     if not columns:
-        schema, panels = result.trajectory.schema, sum(result.scenario.display.summary, ())
-        most = max(len(schema[channel].columns) for channel, _ in panels)
-        lines = [Line2D([], [], color=f"C{i % 10}", label=str(i + 1)) for i in range(most)]
-        return lines
+        return []  # the columns of different panels are of different things: bodies, actuators
     lines.append(Line2D([], [], label="command", **COMMAND))
     if estimates:
         lines.append(Patch(fc=BAND_COLOUR, label=f"{BAND:.0f} sigma of the estimate"))
@@ -391,9 +390,13 @@ def _labels(comparison: Comparison) -> list[str]:
 
 
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:
-    grid, runs = PanelGrid(rows=1 + MODULE_COUNT, columns=3), (comparison.a, comparison.b)
+    runs = (comparison.a, comparison.b)
+    # Robots without modules are compared by what all have.
+    modules = all(set(OF_MODULES) <= set(run.trajectory) for run in runs)
+    rows = 1 + MODULE_COUNT if modules else 1
+    grid = PanelGrid(rows=rows, columns=3)
     end = max(float(run.trajectory.time[-1]) for run in runs)
-    for column, channels in enumerate(zip(OF_ROBOT, *3 * [OF_MODULES], strict=True)):
+    for column, channels in enumerate(zip(OF_ROBOT, *(rows - 1) * [OF_MODULES], strict=True)):
         for row, channel in enumerate(channels):
             display = comparison.a.trajectory.schema[channel].display
             axis = grid.add(row, column, display.label(row or None))

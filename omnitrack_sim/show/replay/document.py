@@ -226,7 +226,7 @@ def heading_table(result: Result) -> dict[str, Any]:
             "name": result.scenario.name,
             "outcome": result.outcome.value.replace("_", " "),
             "success": result.success,
-            "advice": result.outcome.advice,
+            "advice": result.scenario.robot.advice(result.outcome),
             "reason": result.reason,
             "duration": result.duration_s,
             "figures": _figure_rows(result),
