@@ -350,6 +350,10 @@ class Robot(Table):
     def touch(self, trajectory: Trajectory) -> Touch:
         """Return the contacts and the power of a run, for its timeline."""
         force, speed = trajectory["wall_force"], trajectory["contact_speed"]
+        # Means are over those bodies that touch the wall at all, such as wheels.
+        carrying = (force > 0).any(axis=0)
+        if carrying.any():
+            force, speed = force[:, carrying], speed[:, carrying]
         return Touch(force > 0, force, speed, None, trajectory["actuator_power"])
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Any:

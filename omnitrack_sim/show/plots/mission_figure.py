@@ -429,7 +429,8 @@ def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
         slip = np.abs(trajectory["slip_ratio"]).mean(axis=1)
         force = running_mean(trajectory["normal_force"], trajectory.time, FORCE_WINDOW).min(axis=1)
     else:
-        slip = 1e3 * trajectory["contact_speed"].mean(axis=1)
+        touching = (trajectory["wall_force"] > 0).any(axis=0)
+        slip = 1e3 * trajectory["contact_speed"].sum(axis=1) / max(1, np.count_nonzero(touching))
         force = running_mean(trajectory["wall_force"], trajectory.time, FORCE_WINDOW).sum(axis=1)
     known = np.isfinite(trajectory["position"]).all(axis=1) & np.isfinite(trajectory["distance"])
     for leg in np.unique(trajectory["leg"]).tolist():
