@@ -13,7 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import FileName, Positive, Unit
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.plant import compiled, initial_state
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -94,9 +94,8 @@ class Mjcf(Robot):
     def _extent(self) -> tuple[float, float, float]:
         """Tail and nose along the forward axis from the chassis' origin, and the largest distance
         from that axis, m."""
-        model = compiled(self)  # type: ignore[arg-type]
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
+        data = initial_state(self)
+        model = data.model
         touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
         corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T  # (8, 3)
         boxes = model.geom_aabb[touching]
@@ -118,10 +117,8 @@ class Mjcf(Robot):
     @property
     def start_frame(self) -> Pose:
         """See ``Robot``."""
-        model = compiled(self)  # type: ignore[arg-type]
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        body = model.body(self.chassis).id
+        data = initial_state(self)
+        body = data.model.body(self.chassis).id
         return Pose(data.xmat[body].reshape(3, 3), data.xpos[body]) @ self.frame
 
     @property

@@ -27,7 +27,7 @@ HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""
 OUT_OF_SIGHT = 5
 """Group of what films do not show."""
-LOOKS_AHEAD = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+LOOKS_AHEAD = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 """Right, up and back of a camera that looks along z with x upward, as columns."""
 
 
@@ -71,7 +71,7 @@ def _onboard(robot: Robot) -> CarriedCamera:
     """A camera at the nose."""
     frame = robot.frame
     place = frame.apply([0.0, 0.0, robot.length / 2])
-    x, y, z = (tuple(row) for row in (frame.rotation @ LOOKS_AHEAD).tolist())
+    x, y, z = (tuple(row) for row in (frame.rotation @ np.array(LOOKS_AHEAD)).tolist())
     return CarriedCamera(robot.chassis, tuple(place.tolist()), (x, y, z), 88.0)
 
 

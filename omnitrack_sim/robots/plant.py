@@ -131,13 +131,11 @@ def compiled(robot: Robot) -> mujoco.MjModel:
     return spec.compile()
 
 
-def length_between(robot: Robot, nose: str, tail: str) -> float:
-    """Return the distance, m, of two sites of a robot along z, in the initial state of its
-    model."""
-    model = compiled(robot)  # type: ignore[arg-type]  # a frozen model is hashable
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return float(data.site(nose).xpos[2] - data.site(tail).xpos[2])
+def initial_state(robot: Robot) -> mujoco.MjData:
+    """Return data of the model of a robot alone, in its initial state."""
+    data = mujoco.MjData(compiled(robot))  # type: ignore[arg-type]  # a frozen model is hashable
+    mujoco.mj_kinematics(data.model, data)
+    return data
 
 
 def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
@@ -222,6 +220,7 @@ class Plant:
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
+        self._settle(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]
 
     def read(self) -> State:
@@ -304,10 +303,13 @@ class Plant:
         )
 
     def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
-        """Place robots ``rows`` and have them settle in their pipes."""
+        """Set what differs between robots, and how they begin."""
         self._friction[rows[:, None], self._walls, 0] = start.friction[:, None]
-        self._gravity[rows] = 0.0
         self._ctrl[rows] = self.command.ctrl[rows]
+
+    def _settle(self, rows: NDArray[np.intp], start: Start) -> None:
+        """Have robots ``rows`` come to rest between springs and wall, without gravity."""
+        self._gravity[rows] = 0.0
         place = self._at.placed(start.position, start.quaternion)
         qvel = self._batch.bind("qvel")
         at, size = self._at.qpos, self.robot.time_scale
@@ -488,74 +490,70 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
 def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     """Sensors of the channels that follow from a robot's model."""
     names = [model.sensor(i).name for i in range(model.nsensor)]
-    touch = [model.sensor(name).adr[0] for name in names if name.startswith(TOUCH)]
-    width = SLOTS * 7
-    slots = (np.array(touch, int)[:, None] + np.arange(width)).reshape(-1, SLOTS, 7)
-    bodies = ", ".join(name.removeprefix(TOUCH) for name in names if name.startswith(TOUCH))
+    named = [name for name in names if name and not name.startswith(TOUCH)]
+    return [
+        *_actuator_sensors(model),
+        *_contact_sensors(model, [name for name in names if name.startswith(TOUCH)]),
+        *_joint_sensors(model),
+        *(_named_sensor(model, name) for name in named),
+    ]
+
+
+def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
+    shape, order = (model.nu,), "in the model's own order"
+    force = Channel("actuator_force", shape, "N, N m", f"force of each actuator, {order}")
+    velocity = Channel("actuator_velocity", shape, "m/s, rad/s", "speed of each actuator's length")
+    power = Channel("actuator_power", shape, "W", "force times speed of each actuator")
+    return [
+        Sensor(force, lambda state: state.actuator_force),
+        Sensor(velocity, lambda state: state.actuator_velocity),
+        Sensor(power, lambda state: state.actuator_force * state.actuator_velocity),
+    ]
+
+
+def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor]:
+    """Sensors of force and slip of the bodies whose contact sensors have these ``names``."""
+    touch = np.array([model.sensor(name).adr[0] for name in names], int)
+    slots = (touch[:, None] + np.arange(SLOTS * 7)).reshape(-1, SLOTS, 7)
 
     def contacts(state: State) -> Array:
         """(n, bodies, slots, 7): found, force and velocity in the contact's frame."""
         return state.sensordata.take(slots, axis=1)
 
-    def force(state: State) -> Array:
+    def total_force(state: State) -> Array:
         return np.abs(contacts(state)[..., 1]).sum(axis=-1)
 
-    def speed(state: State) -> Array:
+    def mean_speed(state: State) -> Array:
         contact = contacts(state)
         share = np.abs(contact[..., 1])
         slip = np.hypot(contact[..., 5], contact[..., 6])
         total = share.sum(axis=-1)
         return (share * slip).sum(axis=-1) / np.where(total > 0, total, 1.0)
 
-    def power(state: State) -> Array:
-        return state.actuator_force * state.actuator_velocity
+    bodies = ", ".join(name.removeprefix(TOUCH) for name in names)
+    force = Channel(
+        "wall_force",
+        (len(names),),
+        "N",
+        f"normal forces between the wall and each body, added up; bodies in order: {bodies}",
+    )
+    speed = Channel(
+        "contact_speed",
+        (len(names),),
+        "m/s",
+        "speed of each body's surface over the wall where it touches, mean by force; 0 without "
+        f"contact; bodies in order: {bodies}",
+    )
+    return [Sensor(force, total_force), Sensor(speed, mean_speed)]
 
-    nu, nb = (model.nu,), (len(touch),)
-    shown = f"bodies in order: {bodies}"
-    sensors = [
-        Sensor(
-            Channel(
-                "actuator_force", nu, "N, N m", "force of each actuator, in the model's own order"
-            ),
-            lambda state: state.actuator_force,
-        ),
-        Sensor(
-            Channel("actuator_velocity", nu, "m/s, rad/s", "speed of each actuator's length"),
-            lambda state: state.actuator_velocity,
-        ),
-        Sensor(Channel("actuator_power", nu, "W", "force times speed of each actuator"), power),
-        Sensor(
-            Channel(
-                "wall_force",
-                nb,
-                "N",
-                f"normal forces between the wall and each body, added up; {shown}",
-            ),
-            force,
-        ),
-        Sensor(
-            Channel(
-                "contact_speed",
-                nb,
-                "m/s",
-                "speed of each body's surface over the wall where "
-                f"it touches, mean by force; 0 without contact; {shown}",
-            ),
-            speed,
-        ),
-        Sensor(
-            Channel("qpos", (model.nq,), "m, rad", "joint positions", recorded=False),
-            lambda state: state.qpos,
-        ),
-        Sensor(
-            Channel("qvel", (model.nv,), "m/s, rad/s", "joint velocities", recorded=False),
-            lambda state: state.qvel,
-        ),
+
+def _joint_sensors(model: mujoco.MjModel) -> list[Sensor]:
+    position = Channel("qpos", (model.nq,), "m, rad", "joint positions", recorded=False)
+    velocity = Channel("qvel", (model.nv,), "m/s, rad/s", "joint velocities", recorded=False)
+    return [
+        Sensor(position, lambda state: state.qpos),
+        Sensor(velocity, lambda state: state.qvel),
     ]
-    for name in names:
-        if name and not name.startswith(TOUCH):
-            sensors.append(_named_sensor(model, name))
-    return sensors
 
 
 def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:

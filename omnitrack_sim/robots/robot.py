@@ -84,7 +84,8 @@ class Robot(Table):
     """Base class of robots: a frozen table of parameters, and what is derived from them.
 
     A subclass declares its parameters as fields with a default, unit and meaning each, and needs
-    ``spec``, ``nominal_bore`` and ``length``; all else has a default. In the robot's frame z points
+    ``spec`` and ``nominal_bore``, and ``length`` where its model has no sites ``nose`` and
+    ``tail``; all else has a default. In the robot's frame z points
     to the nose, and the origin lies half-way between nose and tail.
 
     Attributes:
@@ -97,6 +98,7 @@ class Robot(Table):
             ``control.kind`` may give; the first is the default.
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
             ``SPECIAL``.
+        nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
         slips: its metrics have the slip without load, which takes a short run of its own.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
@@ -127,6 +129,8 @@ class Robot(Table):
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
     display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
+    nose: ClassVar[str] = "nose"
+    tail: ClassVar[str] = "tail"
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 
@@ -186,8 +190,10 @@ class Robot(Table):
 
     @property
     def length(self) -> float:
-        """Nose to tail along the robot axis, m."""
-        raise NotImplementedError
+        """Nose to tail along the robot axis, m; by default between the sites of these names along
+        z, in the initial state."""
+        data = named("omnitrack_sim.robots.plant:initial_state", "robot", {})(self)
+        return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
 
     @property
     def bores(self) -> tuple[float, float]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive, Unit
-from omnitrack_sim.robots.plant import length_between
 from omnitrack_sim.robots.robot import Robot
 
 ENDS = ("rear", "front")
@@ -49,18 +48,10 @@ class Inchworm(Robot):
     switch_time: Annotated[Positive, Unit("s")] = 0.1
     """That a clamp gets to close, and that it gets to open."""
 
-    nose: ClassVar[str] = "nose"
-    tail: ClassVar[str] = "tail"
-
     @property
     def nominal_bore(self) -> float:
         """See ``Robot``."""
         return self.bore
-
-    @property
-    def length(self) -> float:
-        """See ``Robot``."""
-        return length_between(self, self.nose, self.tail)
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the

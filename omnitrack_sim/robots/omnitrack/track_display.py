@@ -28,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, 
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
-from omnitrack_sim.robots.plain_display import lines
+from omnitrack_sim.robots.plain_display import LOOKS_AHEAD, lines
 
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
@@ -86,9 +86,7 @@ def _casts(geom: str) -> bool:
 def _onboard(robot: Omnitrack) -> CarriedCamera:
     # Nearer to the robot's centre than its tip, which may touch a plate; module 1 is upward.
     place = (0.0, 0.0, robot.scale * 0.066)
-    return CarriedCamera(
-        "chassis", place, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), 88.0
-    )
+    return CarriedCamera("chassis", place, LOOKS_AHEAD, 88.0)
 
 
 class LiveBelts:

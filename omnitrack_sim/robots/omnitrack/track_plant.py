@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, set_rows, with_rows
+from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.record.channels import TRACKS, Channel
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
@@ -73,24 +73,6 @@ class TrackPlant(Plant):
         """Modules (n, 3) with a motor at its torque limit."""
         return self.motors.saturated
 
-    def reset(self, rows: NDArray[np.intp], start: Start) -> None:
-        """See ``Plant``."""
-        model = self.model
-        self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._force_range[rows] = model.actuator_forcerange
-        if self._gears:
-            self._gear_loss[rows] = model.tendon_frictionloss
-        if self._body.brake_force > 0:
-            self._belt_loss[rows] = model.dof_frictionloss
-        self._set_start(rows, start)
-        self.motors.reset(rows, np.array([each.motor.torque_limit for each in start.robots]))
-        places = with_rows(self._last["contact_position"], rows, start.position[:, None])
-        self._last = {"contact_position": places}
-        set_rows(self, rows, diverged=False)
-        self._leave_out_far_tracks()
-        self._seat_arms(rows)
-        self._warnings[rows] = self._count_warnings()[rows]
-
     def _bind(self) -> None:
         self._at = _addresses(self.model)
         b, model, at = self._batch, self.model, self._at
@@ -127,7 +109,13 @@ class TrackPlant(Plant):
         )
 
     def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
+        """See ``Plant``."""
         b, model, at = self._batch, self.model, self._at
+        self._force_range[rows] = model.actuator_forcerange
+        if self._gears:
+            self._gear_loss[rows] = model.tendon_frictionloss
+        if self._body.brake_force > 0:
+            self._belt_loss[rows] = model.dof_frictionloss
         springs = [model.tendon(f"spring_{e}_{i}").id for e in MODULE_ENDS for i in NUMBERS]
         each = rows[:, None]
         touching = np.flatnonzero(model.geom_contype == LUG_CONTYPE)
@@ -146,6 +134,14 @@ class TrackPlant(Plant):
         # The servos' set points are where the modules stand: nothing rolls at the start.
         self._ctrl[each, at.roll_motors] = roll
         self.command = self.command._replace(roll=with_rows(self.command.roll, rows, roll))
+
+    def _settle(self, rows: NDArray[np.intp], start: Start) -> None:
+        """See ``Plant``: the arms come to rest without a step of the physics."""
+        self.motors.reset(rows, np.array([each.motor.torque_limit for each in start.robots]))
+        places = with_rows(self._last["contact_position"], rows, start.position[:, None])
+        self._last = {"contact_position": places}
+        self._leave_out_far_tracks()
+        self._seat_arms(rows)
 
     def _seat_arms(self, robots: NDArray[np.intp]) -> None:
         """Move each arm of ``robots`` (k,) to where its springs and the wall are in equilibrium, by

@@ -12,7 +12,6 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive, Unit
-from omnitrack_sim.robots.plant import length_between
 from omnitrack_sim.robots.robot import Robot
 
 
@@ -42,8 +41,6 @@ class Presser(Robot):
     speed: Annotated[float, Unit("m/s")] = 0.087
     """Of the tyres without load; 0.087 is the motors' at 12 V."""
 
-    nose: ClassVar[str] = "nose"
-    tail: ClassVar[str] = "tail"
     WHEEL_RADIUS: ClassVar[float] = 0.024
     """m."""
 
@@ -51,11 +48,6 @@ class Presser(Robot):
     def nominal_bore(self) -> float:
         """See ``Robot``."""
         return self.bore
-
-    @property
-    def length(self) -> float:
-        """See ``Robot``."""
-        return length_between(self, self.nose, self.tail)
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the

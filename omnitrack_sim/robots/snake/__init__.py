@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Positive, Unit
-from omnitrack_sim.robots.plant import length_between
 from omnitrack_sim.robots.robot import Robot
 
 LINKS, CENTRE = 8, 4
@@ -57,18 +56,10 @@ class Snake(Robot):
     rate: Annotated[float, Unit("rad/s")] = 2.5
     """Of the links about themselves."""
 
-    nose: ClassVar[str] = "nose"
-    tail: ClassVar[str] = "tail"
-
     @property
     def nominal_bore(self) -> float:
         """See ``Robot``."""
         return self.bore
-
-    @property
-    def length(self) -> float:
-        """See ``Robot``."""
-        return length_between(self, self.nose, self.tail)
 
     def directions(self, squeeze: float = 0.0) -> Array:
         """Return unit vectors (8, 3) along the links, tail to head, with the joints on a helix
