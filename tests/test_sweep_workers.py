@@ -159,6 +159,20 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
 
 
+def test_mujoco_starts_no_other_process_in_a_worker():
+    """With its library named, glfw asks no second Python, which would outlive a killed worker."""
+    code = """
+import os, subprocess
+from omnitrack_sim.base.workers import name_glfw_library
+name_glfw_library()
+subprocess.Popen = None
+import glfw
+assert glfw.get_version() >= (3, 3) and os.environ["PYGLFW_LIBRARY"].endswith("libglfw.so")
+"""
+    env = {name: value for name, value in environment().items() if name != "PYGLFW_LIBRARY"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=env, timeout=PATIENCE)
+
+
 def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monkeypatch):
     """A scheduler and two workers, one killed on the way: the files are those of one process."""
     file = write_sweep(tmp_path, samples=12, time_limit=0.3)

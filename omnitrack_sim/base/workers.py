@@ -9,6 +9,8 @@ import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
@@ -48,6 +50,24 @@ def begin_worker(parent: int) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # the parent had died before prctl was called
         os._exit(1)
+    name_glfw_library()
+
+
+def name_glfw_library() -> None:
+    """Tell the package glfw which library to load, where nobody has.
+
+    MuJoCo imports glfw, which else starts another Python to ask each library for its version: 70 ms
+    of every start, and a traceback from that Python if a worker is killed meanwhile.
+    """
+    package = find_spec("glfw")
+    if sys.platform != "linux" or package is None or package.origin is None:
+        return
+    # As glfw itself chooses.
+    variant = os.environ.get("PYGLFW_LIBRARY_VARIANT", os.environ.get("XDG_SESSION_TYPE", ""))
+    folder = "wayland" if variant.lower() == "wayland" else "x11"
+    library = Path(package.origin).parent / folder / "libglfw.so"
+    if library.is_file():
+        os.environ.setdefault("PYGLFW_LIBRARY", str(library))
 
 
 DASK_PATIENCE = 8

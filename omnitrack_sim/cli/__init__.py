@@ -12,6 +12,7 @@ import typer
 import omnitrack_sim
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.base.text import clipped
+from omnitrack_sim.base.workers import name_glfw_library
 from omnitrack_sim.cli import networks, package, paper, runs, trials, view
 from omnitrack_sim.cli.common import app, err, plain
 
@@ -48,6 +49,7 @@ def main() -> None:
     """Entry point: every error that the user can mend ends with status 2 and says what to mend."""
     # Before anything is loaded that may warn.
     warnings.showwarning = _show
+    name_glfw_library()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character gets its code, not a traceback.
         getattr(stream, "reconfigure", lambda errors: None)(errors="backslashreplace")
