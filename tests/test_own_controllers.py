@@ -323,3 +323,19 @@ class Steady:
     named, handed = ot.run(scenario), ot.run(scenario, controller=Steady)
     assert handed.scenario.control.parameters == {"speed": 0.05}
     assert named.metrics["distance_m"] == handed.metrics["distance_m"]
+
+
+def test_a_module_may_lie_beside_the_scenario(tmp_path: Path) -> None:
+    """Its class is found from any working folder, also by the workers of a sweep; a second module
+    of its name beside another scenario is refused, not taken for the first."""
+    for folder in ("one", "two"):
+        place = tmp_path / folder
+        place.mkdir()
+        (place / "beside_it.py").write_text(MODULE, encoding="utf-8")
+        text = 'control.kind = "beside_it:Plain"\npipes = [{ kind = "straight", length = 0.6 }]\n'
+        (place / "mine.toml").write_text(text, encoding="utf-8")
+    scenario = ot.load_scenario(tmp_path / "one" / "mine.toml", {"run.time_limit": 0.02})
+    sweep = ot.Sweep(name="s", bases={"mine": scenario}, set={})
+    assert ot.run_sweep(sweep, executor=lambda: LocalPool(1)).table.num_rows == 1
+    with pytest.raises(ot.ScenarioError, match=r"two.beside_it\.py has the name of .*one"):
+        ot.load_scenario(tmp_path / "two" / "mine.toml")

@@ -6,7 +6,6 @@ Imports stay light, because shell completion loads this module.
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +16,8 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import no_such
 
 _HANDED_OVER: dict[str, Any] = {}
+_FOLDERS: list[Path] = []
+"""Of the files that were read, the newest last: modules may lie beside them."""
 _Value = TypeVar("_Value")
 
 
@@ -41,7 +42,8 @@ def name_of(thing: Any) -> str:
 def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     """Return the shipped object of a name, or import the user's own ``module:Object``.
 
-    Modules are looked for where Python looks for them, and in the working folder.
+    Modules are looked for where Python looks for them, in the working folder, and beside the files
+    that were read.
 
     Args:
         name: as it stands in a file.
@@ -60,18 +62,20 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     module_name, colon, path = name.partition(":")
     if not (colon and module_name and path):
         raise InputError(Fault(where, f"is {name!r}", choices, given=name))
-    folder = os.getcwd()
-    # Appended, not put first, so that a file in the working folder cannot hide an installed module.
-    if folder not in sys.path and "" not in sys.path:
-        sys.path.append(folder)
+    folders = [Path.cwd(), *_FOLDERS]
+    # Appended, not put first, so that a file in these folders cannot hide an installed module.
+    here = [] if "" in sys.path else folders[:1]
+    sys.path += [str(f) for f in (*here, *_FOLDERS) if str(f) not in sys.path]
     try:
         thing: Any = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:  # whatever a module does while it is imported
+        told = ", ".join(dict.fromkeys(map(str, folders)))
         problem = (
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
-            f"on Python's path and in {folder}"
+            f"on Python's path and in {told}"
         )
         raise InputError(Fault(where, problem, choices)) from error
+    _refuse_twin(thing, name, where)
     # Listed before the walk, since `thing` then moves on to the attributes of the module.
     own = _own(thing)
     for part in path.split("."):
@@ -80,6 +84,24 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
             raise InputError(Fault(where, problem, (*shipped, *own), given=name))
         thing = getattr(thing, part)
     return thing
+
+
+def look_beside(file: Path) -> None:
+    """Let modules that a file names lie beside it."""
+    folder = file.resolve().parent
+    if not folder.is_relative_to(_scenario_folder()):
+        _FOLDERS[:] = [other for other in _FOLDERS if other != folder] + [folder]
+
+
+def _refuse_twin(module: ModuleType, name: str, where: str) -> None:
+    """Refuse a module where another one of this name lies beside the file that was read last."""
+    if not _FOLDERS or not getattr(module, "__file__", None):
+        return
+    file = Path(str(module.__file__)).resolve()
+    beside = _FOLDERS[-1] / f"{module.__name__.partition('.')[0]}.py"
+    if file.parent in _FOLDERS[:-1] and beside.is_file():
+        problem = f"is {name!r}: {beside} has the name of {file}, which is in use; rename one"
+        raise InputError(Fault(where, problem))
 
 
 def _own(module: Any) -> list[str]:

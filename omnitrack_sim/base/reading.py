@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import (
+    look_beside,
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
@@ -94,6 +95,7 @@ def read_file(
     """
     path = _located(source, kind, error)
     data = table_of(path, kind.noun, error)
+    look_beside(path)
     _refuse_other_kinds(str(path), data, kind, error)
     return path, {"name": path.stem} | data
 
