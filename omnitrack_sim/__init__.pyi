@@ -61,6 +61,7 @@ from .robots.omnitrack.policy.features import Feature as Feature
 from .robots.omnitrack.policy.file import Policy as Policy
 from .robots.omnitrack.policy.file import load_policy as load_policy
 from .robots.omnitrack.singularity import TurnCase as TurnCase
+from .robots.quantity import quantity as quantity
 from .robots.robot import Robot as Robot
 from .robots.sensor import Sensor as Sensor
 from .scenario.loading import load_scenario as load_scenario

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
+from omnitrack_sim.robots.quantity import Quantity, quantity_of
 
 STANDING = 0.02
 """Room between the robot's tail and the start of its pipe, in bores."""
@@ -50,9 +50,9 @@ def standing(robot: ot.Omnitrack, collider: str) -> dict[str, Any]:
 
 def _drawn(rng: np.random.Generator, model: Any, edge_share: float) -> dict[str, Any]:
     return {
-        name: _number(rng, quantity_of(info), edge_share, info.annotation is int)
+        name: _number(rng, quantity_of(model, name), edge_share, info.annotation is int)
         for name, info in model.model_fields.items()
-        if quantity_of(info).within is not None
+        if quantity_of(model, name).within is not None
     }
 
 

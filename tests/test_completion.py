@@ -35,6 +35,7 @@ def completed(line, cwd, shell="bash"):
         ("omnitrack optimise rob", ["robot_design"]),
         ("omnitrack network tow", ["tower"]),
         ("omnitrack parameters vert", ["vertical_climb"]),
+        ("omnitrack parameters pre", ["presser"]),
         ("omnitrack render out --camera ", list(CAMERAS)),
         ("omnitrack run tee_turn --set world.f", ["world.friction="]),
         ("omnitrack run x --set control.parameters.sway.s", [

@@ -1,10 +1,36 @@
 """The parameter table and the quantities derived from it."""
 
+from typing import Annotated
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from omnitrack_sim.base.table import Unit
 from omnitrack_sim.robots.omnitrack import Motor, Omnitrack
+from omnitrack_sim.robots.robot import ROBOTS, Robot, robot_class
+
+
+@pytest.mark.parametrize("kind", sorted(set(ROBOTS) - {"mjcf"}))
+def test_no_value_of_a_robot_is_without_provenance(kind):
+    """Each row of the table of any shipped robot says where its value comes from and, if it is a
+    number, its unit; what is published says where."""
+    for row in robot_class(kind)().parameters():
+        assert row.provenance != "unstated", row
+        assert row.source or row.name == "motor.source", row
+        number = isinstance(row.value, int | float) and not isinstance(row.value, bool)
+        assert row.unit or not number or row.name.endswith("motor.scale"), row
+
+
+def test_a_field_that_says_nothing_of_its_source_is_unstated():
+    """A robot of one's own may declare its fields plainly; the table shows what it lacks."""
+
+    class Cart(Robot):
+        bore: Annotated[float, Unit("m")] = 0.1
+        """Of its pipe."""
+
+    (row,) = Cart().parameters()
+    assert (row.unit, row.provenance, row.source) == ("m", "unstated", "Of its pipe.")
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():

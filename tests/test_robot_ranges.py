@@ -7,7 +7,7 @@ from random_robots import random_robots, standing
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import ScenarioError
-from omnitrack_sim.robots.omnitrack.quantity import SCALES, quantity_of
+from omnitrack_sim.robots.quantity import SCALES, quantity_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.run import no_load_slips
 
@@ -19,7 +19,7 @@ def _faults(**robot) -> dict[str, str]:
 
 
 def _numbers(model: type[ot.Omnitrack] | type[ot.Motor]) -> dict[str, tuple[float, float]]:
-    found = {name: quantity_of(info).within for name, info in model.model_fields.items()}
+    found = {name: quantity_of(model, name).within for name in model.model_fields}
     return {name: within for name, within in found.items() if within is not None}
 
 
@@ -47,7 +47,7 @@ def test_a_number_out_of_its_range_is_refused_with_limits_and_unit(value):
     assert faults.keys() == values.keys()
     for name, (low, high) in _numbers(ot.Omnitrack).items():
         if name in values and "scale" not in name:
-            unit = quantity_of(ot.Omnitrack.model_fields[name]).unit
+            unit = quantity_of(ot.Omnitrack, name).unit
             assert f"must be from {low:.6g} to {high:.6g} {unit}".removesuffix(" 1") in faults[name]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.quantity import froude_exponent, quantity_of, similar
+from omnitrack_sim.robots.quantity import froude_exponent, quantity_of, similar
 from omnitrack_sim.scenario import validate
 
 SCALES = (0.625, 1.875)
@@ -123,8 +123,8 @@ def test_a_named_motor_is_for_scale_one_even_in_a_scaled_robot():
 def test_every_unit_of_robot_and_motor_is_known_to_the_law():
     """No field can be added with a unit that does not scale."""
     for model in (ot.Omnitrack, ot.Motor):
-        for info in model.model_fields.values():
-            assert math.isfinite(froude_exponent(quantity_of(info).unit))
+        for name in model.model_fields:
+            assert math.isfinite(froude_exponent(quantity_of(model, name).unit))
 
 
 def _run_of(s: float, bend: bool = False) -> ot.Scenario:

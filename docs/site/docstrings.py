@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 from sphinx.domains.python import PyClasslike
 
 from omnitrack_sim.base.table import meanings_of, symbol_of
-from omnitrack_sim.robots.omnitrack.quantity import Quantity
+from omnitrack_sim.robots.quantity import QuantityModel, quantity_of
 
 _PAGE = re.compile(r"(?<![`\w/])docs/(?:[\w-]+/)?([\w-]+)\.md")
 _CODE = re.compile(r"(?<!`)`([^`]+)`(?!`)")
@@ -48,9 +48,9 @@ def _keys(table: type[BaseModel]) -> Iterator[str]:
     """The keys of a table with unit and meaning, as a list."""
     said = meanings_of(table)
     for key, info in table.model_fields.items():
-        quantity = next((item for item in info.metadata if isinstance(item, Quantity)), None)
         default = info.get_default(call_default_factory=True)
-        if quantity is not None:
+        if issubclass(table, QuantityModel):
+            quantity = quantity_of(table, key)
             unit, meaning = quantity.unit, f"{quantity.source} ({quantity.provenance})"
         elif isinstance(default, BaseModel) and key not in said:
             unit, meaning = "", (type(default).__doc__ or "").partition("\n\n")[0]

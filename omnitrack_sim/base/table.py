@@ -84,12 +84,18 @@ def marks_of(table: type[BaseModel], kind: type[_Mark]) -> dict[str, _Mark]:
 def symbol_of(table: type[BaseModel], key: str) -> str:
     """Unit of a key; empty where it has none."""
     unit = marks_of(table, Unit).get(key)
-    return unit.symbol if unit is not None else "deg" if key.endswith("_deg") else ""
+    if unit is not None:
+        return unit.symbol
+    extra = table.model_fields[key].json_schema_extra
+    if isinstance(extra, dict) and "unit" in extra:  # a robot's parameter
+        return str(extra["unit"])
+    return "deg" if key.endswith("_deg") else ""
 
 
 @cache  # parsing the source of all tables takes some tenths of a second
 def meanings_of(table: type[BaseModel]) -> Mapping[str, str]:
-    """Meanings of the keys of a table: the strings below them in its class or its bases.
+    """Meanings of the keys of a table: their own descriptions, or the strings below them in its
+    class or its bases.
 
     They are read from the source on demand, so that classes are created without that cost.
     """
@@ -109,6 +115,9 @@ def meanings_of(table: type[BaseModel]) -> Mapping[str, str]:
                 text = getattr(below.value, "value", None)
                 if isinstance(key.target, ast.Name) and isinstance(text, str):
                     meanings[key.target.id] = " ".join(text.split())
+    meanings |= {
+        key: info.description for key, info in table.model_fields.items() if info.description
+    }
     return {key: meanings[key] for key in table.model_fields if key in meanings}
 
 

@@ -45,6 +45,13 @@ def policies(incomplete: str) -> Choices:
     return names + [(path, "") for path in _files(incomplete, (".npz",))]
 
 
+def robots(incomplete: str) -> Choices:
+    """Kinds of robots, and scenarios."""
+    from omnitrack_sim.robots.robot import ROBOTS
+
+    return [(kind, "") for kind in ROBOTS if kind.startswith(incomplete)] + scenarios(incomplete)
+
+
 def cameras(incomplete: str) -> Choices:
     """The cameras of films."""
     from omnitrack_sim.show.film.render import CAMERAS

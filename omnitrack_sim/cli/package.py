@@ -47,20 +47,26 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 @app.command()
 def parameters(
-    scenario: Annotated[
+    robot: Annotated[
         str | None,
         typer.Argument(
-            help="Show the robot of this scenario instead of the default one.",
-            autocompletion=complete.scenarios,
+            metavar="[ROBOT]",
+            help="A kind of robot, or a scenario whose robot is shown; the omnidirectional one if "
+            "left out.",
+            autocompletion=complete.robots,
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The robot's parameters with unit, range, provenance and source."""
-    from omnitrack_sim.robots.omnitrack import Omnitrack
+    """A robot's parameters with unit, range, provenance and source."""
+    from omnitrack_sim.base.reading import checked
+    from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
 
-    robot = load(scenario, None).robot if scenario else Omnitrack()
-    rows = robot.parameters()
+    kind = robot or STANDARD
+    is_kind = kind in ROBOTS or ":" in kind
+    rows = (
+        checked(robot_class(kind), {}, InputError) if is_kind else load(kind, None).robot
+    ).parameters()
     if as_json:
         print_json([vars(row) for row in rows])
         return

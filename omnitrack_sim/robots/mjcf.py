@@ -9,11 +9,12 @@ from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ValidationInfo, field_validator
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.base.table import FileName, Positive, Unit
+from omnitrack_sim.base.table import FileName, Positive
 from omnitrack_sim.robots.plant import compiled, initial_state
+from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -36,18 +37,33 @@ class Mjcf(Robot):
         ('ball', 0.14, 0.14)
     """
 
-    file: Annotated[str, Field(max_length=4096), FileName("sha256")]
-    """MJCF or URDF file, relative to the scenario."""
-    sha256: Annotated[str | None, Field(validate_default=True)] = None
-    """Of that file. Left out, it is filled in; another file than it says is refused, so that a
-    saved run repeats itself or says why not. Files that it names in turn are not in it."""
-    body: str = ""
-    """Chassis: the body whose pose is the robot's. Left out: the first one with a free joint."""
-    forward: Axis = "z"
-    """Axis of the chassis that points to the robot's nose."""
-    bore: Annotated[Positive | None, Unit("m")] = None
-    """Inner diameter of the pipe that it is made for. Left out: twice its largest extent
-    from its axis along the two others."""
+    file: Annotated[str, FileName("sha256")] = quantity(
+        ..., "", "unstated", "MJCF or URDF file, relative to the scenario", max_length=4096
+    )
+    sha256: str | None = quantity(
+        None,
+        "",
+        "derived",
+        "of that file. Left out, it is filled in; another file than it says is refused, so that a "
+        "saved run repeats itself or says why not. Files that it names in turn are not in it",
+        validate_default=True,
+    )
+    body: str = quantity(
+        "",
+        "",
+        "derived",
+        "chassis: the body whose pose is the robot's. Left out: the first one with a free joint",
+    )
+    forward: Axis = quantity(
+        "z", "", "unstated", "axis of the chassis that points to the robot's nose"
+    )
+    bore: Positive | None = quantity(
+        None,
+        "m",
+        "derived",
+        "inner diameter of the pipe that it is made for. Left out: twice its largest extent from "
+        "its axis along the two others",
+    )
 
     @field_validator("file")
     @classmethod

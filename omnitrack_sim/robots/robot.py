@@ -35,6 +35,7 @@ from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.quantity import Parameter, QuantityModel, parameter_rows
 
 if TYPE_CHECKING:
     import mujoco
@@ -80,11 +81,11 @@ def robot_class(kind: str) -> type[Robot]:
     return robot
 
 
-class Robot(Table):
+class Robot(QuantityModel):
     """Base class of robots: a frozen table of parameters, and what is derived from them.
 
-    A subclass declares its parameters as fields with a default, unit and meaning each, and needs
-    ``spec`` and ``nominal_bore``, and ``length`` where its model has no sites ``nose`` and
+    A subclass declares its parameters as fields, by ``ot.quantity`` with unit and source each, and
+    needs ``spec`` and ``nominal_bore``, and ``length`` where its model has no sites ``nose`` and
     ``tail``; all else has a default. In the robot's frame z points
     to the nose, and the origin lies half-way between nose and tail.
 
@@ -180,6 +181,11 @@ class Robot(Table):
         """Return the robot's own controller, see ``OwnController``; None: it has none, and its
         actuators stay as they are at the start."""
         return None
+
+    def parameters(self) -> list[Parameter]:
+        """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
+        with value, unit, provenance and source."""
+        return parameter_rows(self)
 
     # Size
 

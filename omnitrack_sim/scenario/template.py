@@ -15,7 +15,7 @@ from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.control import parameters_model
 from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Omnitrack
-from omnitrack_sim.robots.omnitrack.quantity import Quantity, quantity_of
+from omnitrack_sim.robots.quantity import Quantity, QuantityModel, quantity_of
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
 
@@ -117,6 +117,9 @@ def _keys(
         default = info.get_default(call_default_factory=True)
         # Tables have heads of their own; which parameters there are, the controller decides.
         if not isinstance(default, BaseModel) and key != "parameters":
+            if issubclass(model, QuantityModel):
+                yield key, _figure(key, quantity_of(model, key), default, values, mark)
+                continue
             unit = symbol_of(model, key)
             yield key, _key(key, meanings.get(key, ""), unit, default, values, mark)
 
@@ -174,14 +177,12 @@ def _robot(values: Mapping[str, Any]) -> list[str]:
     """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
     # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
     lines = ["", *_comment(_ROBOT), "[robot]"]
-    fields = Omnitrack.model_fields
-    for key in (key for key in fields if key != "motor"):
-        lines += _figure(key, quantity_of(fields[key]), fields[key].default, values)
+    lines += [line for _, rows in _keys(Omnitrack, values) for line in rows]
     motor = values.get("motor")
     if isinstance(motor, Mapping):
         like = [f"like = {as_toml(motor['like'])}"] if "like" in motor else []
         return [*lines, "", "[robot.motor]", *like, *_motor(motor, UNSET)]
-    lines += _figure("motor", quantity_of(fields["motor"]), "simulation", values)
+    lines += _figure("motor", quantity_of(Omnitrack, "motor"), "simulation", values)
     return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
 
 
@@ -201,7 +202,7 @@ def _motor(values: Mapping[str, Any], mark: str) -> list[str]:
     lines = []
     for key, info in Motor.model_fields.items():
         default = info.default if key in ("name", "source") else getattr(shipped, key)
-        lines += _figure(key, quantity_of(info), default, values, mark)
+        lines += _figure(key, quantity_of(Motor, key), default, values, mark)
     return lines
 
 

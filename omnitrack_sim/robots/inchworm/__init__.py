@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.base.table import Positive
+from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
 ENDS = ("rear", "front")
@@ -35,18 +36,16 @@ class Inchworm(Robot):
         ['spindle', 'rear_grip', 'front_grip']
     """
 
-    bore: Annotated[Positive, Unit("m")] = 0.16
-    """Of the pipe that its pads are set for."""
-    grip: Annotated[Positive, Unit("N")] = 25.0
-    """Of each pad of a closed clamp."""
-    friction: Annotated[Positive, Unit("1")] = 0.8
-    """Of the pads, where the walls state none."""
-    stride: Annotated[Positive, Unit("m")] = 0.05
-    """By which the spindle extends; 0.05 at most."""
-    stretch_time: Annotated[Positive, Unit("s")] = 0.5
-    """In which it extends or contracts."""
-    switch_time: Annotated[Positive, Unit("s")] = 0.1
-    """That a clamp gets to close, and that it gets to open."""
+    bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that its pads are set for")
+    grip: Positive = quantity(25.0, "N", "assumed", "of each pad of a closed clamp")
+    friction: Positive = quantity(
+        0.8, "1", "assumed", "of the pads, where the walls state none; runners have 0.1"
+    )
+    stride: Positive = quantity(0.05, "m", "assumed", "by which the spindle extends; 0.05 at most")
+    stretch_time: Positive = quantity(0.5, "s", "assumed", "in which it extends or contracts")
+    switch_time: Positive = quantity(
+        0.1, "s", "assumed", "that a clamp gets to close, and that it gets to open"
+    )
 
     @property
     def nominal_bore(self) -> float:

@@ -3,7 +3,7 @@
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor
 from omnitrack_sim.robots.omnitrack.parameters import GRAVITY, MODULE_ANGLES, MODULES, Omnitrack
-from omnitrack_sim.robots.omnitrack.quantity import Parameter, Quantity
+from omnitrack_sim.robots.quantity import Parameter, Quantity
 from omnitrack_sim.robots.robot import Robot
 
 

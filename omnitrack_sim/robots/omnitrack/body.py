@@ -26,8 +26,8 @@ from omnitrack_sim.base.rotations import quaternion_from_matrix, rotation_about
 from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
-from omnitrack_sim.robots.omnitrack.quantity import similar
 from omnitrack_sim.robots.omnitrack.track import install_lines, line_record, sprocket_record
+from omnitrack_sim.robots.quantity import similar
 
 COLLISION_GROUP = 3
 LUG_CONTYPE, LUG_CONAFFINITY = 1, 2

@@ -10,13 +10,7 @@ from pydantic import BeforeValidator, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.robots.omnitrack.quantity import (
-    SCALES,
-    QuantityModel,
-    quantity,
-    quantity_of,
-    similar,
-)
+from omnitrack_sim.robots.quantity import SCALES, QuantityModel, quantity, quantity_of, similar
 
 
 class Motor(QuantityModel):
@@ -109,8 +103,10 @@ class Motor(QuantityModel):
         if self.scale is None or self.scale == scale:
             return self
         figures = {
-            name: similar(getattr(self, name), quantity_of(info).unit, scale / self.scale)
-            for name, info in type(self).model_fields.items()
+            name: similar(
+                getattr(self, name), quantity_of(type(self), name).unit, scale / self.scale
+            )
+            for name in type(self).model_fields
         }
         return self.model_copy(update=figures | {"scale": scale})
 

@@ -22,12 +22,9 @@ from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
-from omnitrack_sim.robots.omnitrack.quantity import (
+from omnitrack_sim.robots.quantity import (
     ROUNDING,
     SCALES,
-    Parameter,
-    QuantityModel,
-    parameter_rows,
     quantity,
     quantity_of,
     similar,
@@ -57,7 +54,7 @@ LONGEST_PRESS = 1.0
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 
 
-class Omnitrack(QuantityModel, Robot):
+class Omnitrack(Robot):
     """Omnidirectional Tractable Three Module Robot, lumped as in the paper's simulation.
 
     SI units, radians. Frozen: change by ``robot.model_copy(update=...)`` or a scenario override,
@@ -272,14 +269,14 @@ class Omnitrack(QuantityModel, Robot):
     def _at_its_scale(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         stated = handler(data)
         values: dict[str, Any] = {}
-        for name, info in cls.model_fields.items():
+        for name in cls.model_fields:
             # A value that is not given is the default, which is for scale 1.
             origin = stated.values_at_scale if name in stated.model_fields_set else 1.0
             value = getattr(stated, name)
             values[name] = (
                 _plain_if_scaled(value, stated.scale)
                 if isinstance(value, Motor)
-                else similar(value, quantity_of(info).unit, stated.scale / origin)
+                else similar(value, quantity_of(cls, name).unit, stated.scale / origin)
             )
         values["values_at_scale"] = stated.scale
         # What was scaled has to pass the checks of its own size.
@@ -534,11 +531,6 @@ class Omnitrack(QuantityModel, Robot):
             f"{self.nominal_bore:.4g} m with robot.preload, {self.preload:.3g} N; robot.scale = "
             f"{self.scale_for(bore):.4g} makes the robot for it"
         )
-
-    def parameters(self) -> list[Parameter]:
-        """The parameter table: every field, and those of its motors as ``motor.NAME``, with value,
-        unit, provenance and source."""
-        return parameter_rows(self)
 
 
 def _plain_if_scaled(motor: Motor, scale: float) -> Motor | dict[str, Any]:

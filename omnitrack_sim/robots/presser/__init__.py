@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Positive, Unit
+from omnitrack_sim.base.table import Positive
+from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
 
@@ -32,14 +33,14 @@ class Presser(Robot):
         6
     """
 
-    bore: Annotated[Positive, Unit("m")] = 0.16
-    """Of the pipe that its arms are set for."""
-    preload: Annotated[Positive, Unit("N")] = 40.0
-    """Of each arm's spring at that bore."""
-    friction: Annotated[Positive, Unit("1")] = 0.8
-    """Of the tyres, where the walls state none."""
-    speed: Annotated[float, Unit("m/s")] = 0.087
-    """Of the tyres without load; 0.087 is the motors' at 12 V."""
+    bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that its arms are set for")
+    preload: Positive = quantity(40.0, "N", "assumed", "of each arm's spring at that bore")
+    friction: Positive = quantity(
+        0.8, "1", "assumed", "of the tyres, rubber on a dry pipe, where the walls state none"
+    )
+    speed: float = quantity(
+        0.087, "m/s", "derived", "of the tyres without load: 3.62 rad/s of the motors at 12 V"
+    )
 
     WHEEL_RADIUS: ClassVar[float] = 0.024
     """m."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import NotNegative, Positive, Unit
+from omnitrack_sim.base.table import NotNegative, Positive
+from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
 LINKS, CENTRE = 8, 4
@@ -43,18 +44,19 @@ class Snake(Robot):
         14
     """
 
-    bore: Annotated[Positive, Unit("m")] = 0.16
-    """Of the pipe that the helix is made for."""
-    friction: Annotated[Positive, Unit("1")] = 0.8
-    """Of the rubber, where the walls state none."""
-    turn: Annotated[Positive, Unit("rad")] = 1.2
-    """Of the helix from joint to joint: 1.2 makes one and a half turns of eight links."""
-    squeeze: Annotated[NotNegative, Unit("1")] = 0.1
-    """By which the commanded helix is wider than the bore allows, part of its radius."""
-    stiffness: Annotated[Positive, Unit("N m/rad")] = 8.0
-    """Of the joints' position loops."""
-    rate: Annotated[float, Unit("rad/s")] = 2.5
-    """Of the links about themselves."""
+    bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that the helix is made for")
+    friction: Positive = quantity(0.8, "1", "assumed", "of the rubber, where the walls state none")
+    turn: Positive = quantity(
+        1.2, "rad", "assumed", "from joint to joint: one and a half turns of eight links"
+    )
+    squeeze: NotNegative = quantity(
+        0.1,
+        "1",
+        "assumed",
+        "by which the commanded helix is wider than the bore allows, part of its radius",
+    )
+    stiffness: Positive = quantity(8.0, "N m/rad", "assumed", "of the joints' position loops")
+    rate: float = quantity(2.5, "rad/s", "assumed", "of the links about themselves")
 
     @property
     def nominal_bore(self) -> float:

@@ -1,14 +1,16 @@
-"""Unit, provenance, source and range of a parameter, and the table of a model's parameters."""
+"""Unit, provenance, source and range of a parameter, and the table of a robot's parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
-from pydantic.fields import FieldInfo
+from pydantic import BaseModel, Field, ValidationInfo, field_validator
 
-Provenance = Literal["published", "derived", "inferred", "assumed", "numerical"]
+from omnitrack_sim.base.table import Table, meanings_of, symbol_of
+
+Provenance = Literal["published", "derived", "inferred", "assumed", "numerical", "unstated"]
+"""Kind of the source of a value; "unstated" where a field is not declared by ``quantity``."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +20,9 @@ class Quantity:
     Attributes:
         unit: empty for values that are no numbers.
         provenance: kind of the source.
-        source: place in the paper, reason or meaning.
+        source: meaning, and place in a publication or reason.
         within: range of a number, both ends included, for a robot of scale 1, with which it scales;
-            None for values that are no numbers.
+            None for values without one.
     """
 
     unit: str
@@ -52,19 +54,17 @@ ROUNDING = 1e-9
 """Part of a limit by which a number that was scaled may miss it."""
 
 
-class QuantityModel(BaseModel):
-    """Frozen model whose fields are declared by ``quantity``; checks the range of every number.
+class QuantityModel(Table):
+    """Table whose fields are declared by ``quantity``; checks the range of every number.
 
     Numbers are for a robot of the scale that the field ``values_at_scale`` gives, where the model
     has one, and of scale 1 elsewhere.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     @field_validator("*")
     @classmethod
     def _is_in_its_range(cls, value: Any, info: ValidationInfo) -> Any:
-        quantity = quantity_of(cls.model_fields[str(info.field_name)])
+        quantity = quantity_of(cls, str(info.field_name))
         scale = info.data.get("values_at_scale", 1.0)
         within = quantity.range_at(scale)
         if within is None or not isinstance(value, int | float):
@@ -85,28 +85,48 @@ def quantity(
     within: tuple[float, float] | None = None,
     **constraints: Any,
 ) -> Any:
-    """Declare a field of a ``QuantityModel``; ``constraints`` are those of ``pydantic.Field``."""
-    # pydantic carries a field's extra along: unit and source stand in one place with the value.
-    about: dict[str, Any] = vars(Quantity(unit, provenance, source, within))
-    return Field(default, json_schema_extra=about, **constraints)
+    """Declare a parameter of a robot, or another field of a ``QuantityModel``.
+
+    Args:
+        default: its value; ``...`` where it must be given.
+        unit: such as "m" or "N m s/rad"; "1" for a ratio or a count, "" for what is no number.
+        provenance: kind of the source of the default.
+        source: meaning, and place in a publication or reason.
+        within: range of a number, both ends included.
+        **constraints: of ``pydantic.Field``.
+
+    Example:
+        >>> class Crawler(ot.Robot):
+        ...     speed: float = ot.quantity(0.05, "m/s", "assumed", "of its wheels", (0.0, 1.0))
+        >>> Crawler().parameters()[0].provenance
+        'assumed'
+    """
+    # pydantic carries these along: unit and source stand in one place with the value.
+    extra: Any = {"unit": unit, "provenance": provenance, "within": within}
+    return Field(default, description=source, json_schema_extra=extra, **constraints)
 
 
-def quantity_of(info: FieldInfo) -> Quantity:
-    """Return the ``Quantity`` of a field."""
-    about: Any = info.json_schema_extra
-    return Quantity(**about)
+def quantity_of(table: type[BaseModel], key: str) -> Quantity:
+    """Return unit and source of a field; of one that is declared otherwise, with the meaning that
+    stands below it and no provenance."""
+    info = table.model_fields[key]
+    extra: Any = info.json_schema_extra
+    if extra is None:
+        return Quantity(symbol_of(table, key), "unstated", meanings_of(table).get(key, ""))
+    return Quantity(source=info.description or "", **extra)
 
 
 def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
-    """Every field of ``model``, and of the models in it, with value, unit, provenance and source.
+    """Return every field of ``model``, and of the models in it, with value, unit, provenance and
+    source.
 
     Args:
-        model: all of its fields have a ``Quantity``.
+        model: robot, motor or the like.
         prefix: stands before every name, such as "motor.".
     """
     rows: list[Parameter] = []
-    for name, info in type(model).model_fields.items():
-        value, quantity = getattr(model, name), quantity_of(info)
+    for name in type(model).model_fields:
+        value, quantity = getattr(model, name), quantity_of(type(model), name)
         if isinstance(value, BaseModel):
             rows += parameter_rows(value, f"{prefix}{name}.")
         else:
