@@ -1,6 +1,6 @@
-"""Reproduces the paper, as `omnitrack reproduce` does, and prints its claims as a table.
+"""Measures a robot's claims, as `omnitrack reproduce` does, and prints them as a table.
 
-python benchmarks/claims.py --out DIR [--quick]
+python benchmarks/claims.py [ROBOT] --out DIR [--quick]
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from omnitrack_sim.paper.claim import Claim, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
+from omnitrack_sim.robots.robot import STANDARD
 
 
 def cell(text: str) -> str:
@@ -24,17 +25,19 @@ def row(claim: Claim) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("robot", nargs="?", default=STANDARD, help="kind of the robot")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
     given = parser.parse_args()
-    claims = reproduce(given.out, quick=given.quick)
+    claims = reproduce(given.out, robot=given.robot, quick=given.quick)
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
     counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
-    print(
-        f"## extent\n\nThe {made['form']} form, seed {made['seed']}: {made['runs']} runs, "
-        f"{made['simulated_s']:.0f} simulated seconds. {counts}.\n"
-    )
+    extent = f"The {made['form']} form"
+    if given.robot == STANDARD:
+        extent += f", seed {made['seed']}: {made['runs']} runs, "
+        extent += f"{made['simulated_s']:.0f} simulated seconds"
+    print(f"## extent\n\n{extent}. {counts}.\n")
     changed = "\n".join(f"* {claim.difference}" for claim in claims if claim.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")

@@ -45,11 +45,16 @@ def policies(incomplete: str) -> Choices:
     return names + [(path, "") for path in _files(incomplete, (".npz",))]
 
 
-def robots(incomplete: str) -> Choices:
-    """Kinds of robots, and scenarios."""
+def kinds(incomplete: str) -> Choices:
+    """Kinds of robots."""
     from omnitrack_sim.robots.robot import ROBOTS
 
-    return [(kind, "") for kind in ROBOTS if kind.startswith(incomplete)] + scenarios(incomplete)
+    return [(kind, "") for kind in ROBOTS if kind.startswith(incomplete)]
+
+
+def robots(incomplete: str) -> Choices:
+    """Kinds of robots, and scenarios."""
+    return kinds(incomplete) + scenarios(incomplete)
 
 
 def cameras(incomplete: str) -> Choices:

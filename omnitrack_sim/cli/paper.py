@@ -1,4 +1,4 @@
-"""singularity, reproduce: the theory of the paper, and its claims."""
+"""singularity, reproduce: the theory of the paper, and claims of robots."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     JsonOption,
     app,
@@ -226,26 +227,42 @@ COLOURS = {
 
 @app.command()
 def reproduce(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="Kind of the robot; the omnidirectional one, whose paper takes the longest, if "
+            "left out.",
+            autocompletion=complete.kinds,
+        ),
+    ] = "omnitrack",
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer orientations and trials: minutes.")
     ] = False,
     folder: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")
-    ] = Path("out/reproduce"),
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Where the page goes; out/reproduce if left out, out/reproduce_ROBOT of another.",
+        ),
+    ] = None,
     format: Annotated[str, typer.Option(help="Of the files in figures/: svg, pdf or png.")] = "svg",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the claims instead of the table.")
     ] = False,
 ) -> None:
-    """Reproduce the paper: claims.json and report.html. Exit status 1 if a verdict has changed."""
-    from omnitrack_sim.paper.reproduce import reproduce as reproduce_paper
+    """Measure what was published of a robot: claims.json and report.html. Exit status 1 if a
+    verdict has changed."""
+    from omnitrack_sim.paper.reproduce import reproduce as reproduce_robot
     from omnitrack_sim.show.plots.style import FORMATS
 
     # Refused before claims are measured, which takes minutes.
     if format not in FORMATS:
         raise InputError(Fault("--format", f"is {format!r}", FORMATS, given=format))
+    ending = "" if robot == "omnitrack" else f"_{robot.rpartition(':')[2]}"
+    folder = folder or Path(f"out/reproduce{ending}")
     with progress("reproduce", False) as report:
-        claims = reproduce_paper(folder, quick=quick, format=format, progress=report)
+        claims = reproduce_robot(folder, robot=robot, quick=quick, format=format, progress=report)
     if as_json:
         print_json([claim.row() for claim in claims])
     else:

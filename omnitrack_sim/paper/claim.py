@@ -1,9 +1,9 @@
-"""One statement of the paper, what the simulation says about it, and what it is expected to say."""
+"""One statement of a paper, what the simulation says about it, and what it is expected to say."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -77,7 +77,7 @@ class Claim:
         why: the reason of the expected verdict, as far as it is known, where the claim is not
             expected to hold.
         note: further observations.
-        figures: keys of ``reproduce.FIGURES`` that show it.
+        figures: keys of ``reproduce.FIGURES`` that show it, of the omnidirectional robot.
         sample: verdicts that the runs of the quick form can decide.
         quick: these are the runs of the quick form.
 
@@ -142,6 +142,11 @@ class Claim:
     def row(self) -> dict[str, Any]:
         """The claim as a table of claims.json."""
         return {name: getattr(self, name) for name in _COLUMNS}
+
+
+Measure = Callable[[bool], Claim | list[Claim]]
+"""Function that measures claims about a robot; True asks for the quick form. ``Robot.claims`` names
+a tuple of them."""
 
 
 def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:

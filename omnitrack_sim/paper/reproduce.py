@@ -1,4 +1,8 @@
-"""Reproduction of the paper: all runs, all claims, and one folder with a page of them."""
+"""Reproduction of what was published of a robot: its claims, and one folder with a page of them.
+
+Claims of the omnidirectional robot are measured on lists of runs, which figures show as well; those
+of other robots each make runs of their own.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, elbows, tees
 from omnitrack_sim.paper import formulas as theory
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, tally
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, tally
 from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
 from omnitrack_sim.paper.plots.over_time import (
@@ -26,8 +32,9 @@ from omnitrack_sim.paper.plots.over_time import (
     contact_map_figure,
 )
 from omnitrack_sim.paper.plots.region import plot_singularity
-from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.results.provenance import environment, provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 
@@ -96,15 +103,18 @@ DRIVES = {
 def reproduce(
     directory: str | Path,
     *,
+    robot: str = STANDARD,
     quick: bool = False,
     format: str = "svg",
     progress: Callable[[float, str], None] | None = None,
 ) -> list[Claim]:
-    """Run the paper and write ``claims.json``, ``report.html`` and ``figures/`` into ``directory``.
+    """Measure what was published of a robot, and write ``claims.json``, ``report.html`` and, of the
+    omnidirectional one, ``figures/`` into ``directory``.
 
     Args:
         directory: made, or replaced if it holds an earlier reproduction. The claims are there
             first; a figure that cannot be drawn is reported as a warning and left out.
+        robot: kind of robot, as ``robot.kind`` of a scenario.
         quick: fewer orientations and trials.
         format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
         progress: called with the fraction done, 0 to 1, and a word about the run.
@@ -114,33 +124,68 @@ def reproduce(
 
     Raises:
         OutputError: ``directory`` holds something else, or cannot be written.
+        InputError: there is no such robot, or it has no claims.
     """
     # Before the runs, which take long: a folder that may not be replaced is refused at once.
     check_folder(directory, CLAIMS_FILE)
-    runs = run_all(scenarios(quick), progress)
-    claims = measure(runs, quick)
+    standard = robot == STANDARD
+    if standard:
+        runs = run_all(scenarios(quick), progress)
+        claims, title = measure(runs, quick), TITLE
+    else:
+        runs, title = {}, robot
+        claims = claims_of(robot, quick, progress)
     provenance = _provenance(runs, quick)
     rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
     # Before anything is drawn: a figure that fails must not cost the claims.
     with whole_folder(directory, CLAIMS_FILE) as folder:
-        (folder / "figures").mkdir()
+        if standard:
+            (folder / "figures").mkdir()
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-    pictures = _draw(runs, Path(directory) / "figures", format)
+    pictures = _draw(runs, Path(directory) / "figures", format) if standard else {}
     missing = ", ".join(name for name, picture in pictures.items() if picture is None)
-    remarks = [*REMARKS[: 2 if quick else 1]]
+    remarks = [REMARK, *([WALLS_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
     if missing:
         remarks.append(f"These figures could not be drawn: {missing}.")
-    text = page(claims, [p for p in pictures.values() if p is not None], provenance, remarks)
+    figures = [picture for picture in pictures.values() if picture is not None]
+    text = page(claims, figures, provenance, remarks, title)
     write_file(Path(directory) / "report.html", text.encode())
     return claims
 
 
 def measure(runs: Runs, quick: bool) -> list[Claim]:
-    """Return all claims, from the runs of the quick or of the full form."""
+    """Return the claims of the paper, from the runs of the quick or of the full form."""
+    return [claim for function in MEASURES for claim in _claims(function(runs), quick)]
+
+
+def claims_of(
+    robot: str, quick: bool = False, progress: Callable[[float, str], None] | None = None
+) -> list[Claim]:
+    """Measure the claims that a robot other than the omnidirectional one names by its class.
+
+    Args:
+        robot: its kind.
+        quick: fewer trials.
+        progress: called with the fraction done, 0 to 1, and a word about the claim.
+
+    Raises:
+        InputError: there is no such robot, or it has no claims.
+    """
+    kind = robot_class(robot)
+    if not kind.claims:
+        raise InputError(Fault("ROBOT", f"{robot!r} names no claims: its class has no `claims`"))
+    measures: tuple[Measure, ...] = named(kind.claims, "claims", {})
     claims: list[Claim] = []
-    for function in MEASURES:
-        claim = function(runs)
-        claims.extend(claim if isinstance(claim, list) else [claim])
+    for i, function in enumerate(measures):
+        if progress is not None:
+            progress(i / len(measures), function.__name__)
+        claims += _claims(function(quick), quick)
+    return claims
+
+
+def _claims(measured: Claim | list[Claim], quick: bool) -> list[Claim]:
+    """Claims that one function has measured, in one form."""
+    claims = measured if isinstance(measured, list) else [measured]
     return [replace(claim, quick=quick) for claim in claims]
 
 
@@ -275,27 +320,34 @@ FIGURES: dict[str, tuple[str, Callable[[Runs], Figure]]] = {
     ),
 }
 """Caption, and what draws the figure from the runs, by name in the order of the page."""
-REMARKS = (
-    "Each statement of the paper is turned into something that can be measured in simulation, "
-    "with a tolerance. Its verdict follows from the measurement, with the reason as far as it "
-    "is known where it does not hold. What is no statement of the paper is a study, without "
-    "verdict; what the robot's reach was inferred from is calibrated. Tracks are rows of lugs on "
-    'walls of primitives (physics.collider = "primitives"), as the paper simulates them; by '
-    "default they are smooth lines on exact walls.",
-    "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
-    "and where it says so the full form may come to another verdict.",
+TITLE = "Omnidirectional Tractable Three Module Robot"
+REMARK = (
+    "Each published statement is turned into something that can be measured in simulation, with a "
+    "tolerance. Its verdict follows from the measurement, with the reason as far as it is known "
+    "where it does not hold. What nobody has stated is a study, without verdict."
 )
-"""Introduction of the page, and of that of the quick form."""
+WALLS_REMARK = (
+    "What the robot's reach was inferred from is calibrated. Tracks are rows of lugs on walls of "
+    'primitives (physics.collider = "primitives"), as the paper simulates them; by default they '
+    "are smooth lines on exact walls."
+)
+QUICK_REMARK = (
+    "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
+    "and where it says so the full form may come to another verdict."
+)
 
 
 def _provenance(runs: Runs, quick: bool) -> dict[str, Any]:
     """Versions, commit, platform, and the amount of simulation."""
+    form = "quick" if quick else "full"
     results = [result for group in runs.values() for result in group]
+    if not results:
+        return {**environment(), "form": form}
     kept = provenance_of(results[0].scenario)
     del kept["scenario_sha256"]
     return {
         **kept,
-        "form": "quick" if quick else "full",
+        "form": form,
         "seed": SEED,
         "runs": len(results),
         "simulated_s": round(sum(result.duration_s for result in results), 1),
@@ -324,6 +376,7 @@ def page(
     figures: Sequence[ReportFigure],
     provenance: Mapping[str, Any],
     remarks: Sequence[str],
+    title: str = TITLE,
 ) -> str:
     """Return the whole page as HTML text.
 
@@ -332,15 +385,18 @@ def page(
         figures: those that could be drawn.
         provenance: versions, commit, platform, runs.
         remarks: sentences below the title.
+        title: name of the robot.
     """
     sentences = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
     counts = tally(claims).items()
     template = Path(__file__).with_name("report.html").read_text(encoding="utf-8")
+    drawn = "\n".join(_figure(figure, claims) for figure in figures)
     return Template(template).substitute(
+        title=_text(title),
         remarks="\n".join(f'<p class="lead">{_text(text)}</p>' for text in sentences),
         tally="".join(f"<div><b>{count}</b>{verdict}</div>" for verdict, count in counts),
         verdicts="\n".join(map(_row, claims)),
-        figures="\n".join(_figure(figure, claims) for figure in figures),
+        figures=f"<h2>Figures</h2>\n{drawn}" if drawn else "",
         claims="\n".join(map(_article, claims)),
         provenance="\n".join(
             f"<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>"

@@ -100,6 +100,8 @@ class Robot(QuantityModel):
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
             ``SPECIAL``.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
+        claims: ``module:MEASURES`` of what was published of it; see ``docs/how-to/any-robot.md``.
+            Empty where nothing is measured.
         slips: its metrics have the slip without load, which takes a short run of its own.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
@@ -132,6 +134,7 @@ class Robot(QuantityModel):
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
+    claims: ClassVar[str] = ""
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 

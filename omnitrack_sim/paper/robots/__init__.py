@@ -1,0 +1,1 @@
+"""Claims of robots, one module each: tuples `MEASURES` that their classes name."""

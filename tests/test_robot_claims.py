@@ -1,0 +1,86 @@
+"""Claims of robots other than the omnidirectional one: measured, shown, and as their pages say."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import ClassVar
+
+import pytest
+from claim_samples import sample_claim
+from commands import omnitrack
+from documents import page
+from test_robots import Ball
+
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample
+from omnitrack_sim.paper.reproduce import claims_of, reproduce
+from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
+
+MEASURED = sorted(
+    kind for kind in set(ROBOTS) - {STANDARD} if kind != "mjcf" and robot_class(kind).claims
+)
+
+
+class Roller(Ball):
+    """A robot of somebody's own, of which two things are claimed."""
+
+    claims: ClassVar[str] = "test_robot_claims:ROLLER"
+
+
+def _rolls(quick: bool) -> Claim:
+    return sample_claim(ClaimVerdict.HOLDS, id="rolls", measured="3 mm" if quick else "4 mm")
+
+
+def _stops(quick: bool) -> list[Claim]:
+    return [sample_claim(ClaimVerdict.FAILS, ClaimVerdict.HOLDS, id="stops")]
+
+
+ROLLER = (_rolls, _stops)
+KIND = "test_robot_claims:Roller"
+
+
+def test_a_robot_brings_its_claims_by_its_class(tmp_path):
+    """They are measured in their order, in the form asked for; the page is the robot's alone."""
+    steps: list[tuple[float, str]] = []
+    claims = reproduce(
+        tmp_path / "a", robot=KIND, quick=True, progress=lambda *step: steps.append(step)
+    )
+    assert [claim.id for claim in claims] == ["rolls", "stops"]
+    assert claims[0].measured == "3 mm"
+    assert all(claim.quick for claim in claims)
+    assert steps == [(0.0, "_rolls"), (0.5, "_stops")]
+    data = json.loads((tmp_path / "a" / "claims.json").read_text())
+    assert data["provenance"]["form"] == "quick"
+    assert [row["changed"] for row in data["claims"]] == [False, True]
+    text = (tmp_path / "a" / "report.html").read_text()
+    assert f"<h1>{KIND}, reproduced</h1>" in text
+    assert "Figures" not in text
+    assert claims_of(KIND)[0].measured == "4 mm"
+
+
+def test_a_robot_without_claims_is_refused(tmp_path):
+    """Nothing is written, and the command says why."""
+    with pytest.raises(InputError, match="names no claims"):
+        reproduce(tmp_path / "a", robot="test_robots:Ball")
+    done = omnitrack("reproduce", "mjcf", "--out", str(tmp_path / "b"))
+    assert done.returncode == 2
+    assert "names no claims" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", MEASURED)
+def test_pages_say_of_claims_what_the_code_gives(kind):
+    """Each claim of a robot stands on its page with the verdict that its quick form comes to, where
+    that decides it, and with the figure, where both forms take the same runs."""
+    table = page(kind).partition(f"<!-- made by: claims_{kind} claims -->")[2].partition("<!--")[0]
+    cells = [re.split(r" \| ", line.strip("| \n")) for line in table.splitlines() if "|" in line]
+    rows = {(source, words): (verdict, figure) for verdict, source, words, figure in cells[2:]}
+    claims = claims_of(kind, quick=True)
+    assert len(claims) == len(rows)
+    for claim in claims:
+        verdict, figure = rows[claim.source, claim.paper]
+        assert not claim.changed, claim.difference
+        assert claim.expected == verdict, claim.id
+        if claim.sample is Sample.SAME:
+            assert claim.measured == figure, claim.id
