@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import mujoco
@@ -252,6 +252,27 @@ class Plant:
         """
         self._ctrl[:] = command.ctrl
         self._advance(active, substeps)
+
+    def pull(self, force: Array) -> None:
+        """Have forces (n, 3) N, world frame, act at the robots' tails until the next call."""
+        body, lever = self._tail
+        axes = self._arrays["xmat"][:, 9 * body : 9 * body + 9].reshape(-1, 3, 3)
+        applied = self._batch.bind("xfrc_applied").reshape(self.n, -1, 6)
+        applied[:, body, :3] = force
+        applied[:, body, 3:] = cross(_turned(axes, lever), force)
+
+    @cached_property
+    def _tail(self) -> tuple[int, Array]:
+        """Body that carries the tail, and the lever (3,) m of forces there about its centre of
+        mass, in its frame."""
+        model, robot = self.model, self.robot
+        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, robot.tail)
+        if site >= 0:
+            body, place = int(model.site_bodyid[site]), model.site_pos[site]
+        else:
+            body, own = model.body(robot.chassis).id, robot.frame
+            place = own.position - own.rotation[:, 2] * robot.length / 2
+        return body, place - model.body_ipos[body]
 
     def seen(
         self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]

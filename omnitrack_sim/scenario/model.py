@@ -38,11 +38,13 @@ from omnitrack_sim.robots.control import Controller, controller_of, parameters_m
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.robot import SPECIAL, RobotOfKind
 from omnitrack_sim.robots.sensor import Sensor
+from omnitrack_sim.robots.tail import TAIL_METRICS
 from omnitrack_sim.scenario.tables import (
     ControlTable,
     MonitorTable,
     PhysicsTable,
     Pipe,
+    PullTable,
     RecordTable,
     RunTable,
     StartTable,
@@ -93,6 +95,7 @@ class Scenario(Table):
     """Start, goals and task in the network."""
     start: StartTable = StartTable()
     world: WorldTable = WorldTable()
+    pull: PullTable = PullTable()
     robot: RobotOfKind = Omnitrack()
     control: ControlTable = ControlTable()
     sensing: SensingTable = SensingTable()
@@ -276,16 +279,24 @@ class Scenario(Table):
         return sensors
 
     @property
+    def is_pulled(self) -> bool:
+        """Return whether something pulls at the robot's tail."""
+        return self.pull != PullTable()
+
+    @property
     def own_metrics(self) -> tuple[Metric, ...]:
-        """Metrics that ``record.metrics`` names, and those of the estimate with onboard sensors.
+        """Metrics that ``record.metrics`` names, those of a pull at the tail, and those of the
+        estimate with onboard sensors.
 
         Raises:
             InputError: there is no such metric.
         """
         metrics = _of_kind("record.metrics", self.record.metrics, Metric)
-        taken = {metric.name for metric in (*self.robot.metrics, *ESTIMATE_METRICS)}
+        shipped = (*self.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS)
+        taken = {metric.name for metric in shipped}
         refuse_taken("record.metrics", [metric.name for metric in metrics], taken)
-        return (*metrics, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
+        of_tail = TAIL_METRICS if self.is_pulled else ()
+        return (*metrics, *of_tail, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
 
     @property
     def all_metrics(self) -> tuple[Metric, ...]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from omnitrack_sim.base.bounds import SHORTEST_STEP
-from omnitrack_sim.base.table import Angle, Direction, Part, Positive, Table, Unit
+from omnitrack_sim.base.table import Angle, Direction, NotNegative, Part, Positive, Table, Unit
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry
 from omnitrack_sim.record.events import Outcome
@@ -95,6 +95,15 @@ class WorldTable(Table):
     """Acceleration, world frame."""
     friction: Annotated[float, Field(ge=0, le=5), Unit("1")] = 0.9
     """Coulomb coefficient of the lugs on the wall; 0.9 is assumed, for latex on dry plastic."""
+
+
+class PullTable(Table):
+    """A pull at the robot's tail, backward along the pipe."""
+
+    force: Annotated[NotNegative, Unit("N")] = 0.0
+    """At the start."""
+    rate: Annotated[NotNegative, Unit("N/s")] = 0.0
+    """Growth, until the robot stops: the metric `pull_held_n` is what it still moved against."""
 
 
 Radius = Annotated[float, Field(ge=1e-3, le=1000)]

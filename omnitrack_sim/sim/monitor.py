@@ -14,6 +14,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.tables import MonitorTable
+from omnitrack_sim.sim.tail import TailLoad
 
 
 class Verdict(NamedTuple):
@@ -35,6 +36,7 @@ class Monitor:
         time_limit: (n,) s.
         period: s, between two looks.
         sample_every: looks between two samples of the averages.
+        tail: pulls at the robots; None: nothing does.
     """
 
     def __init__(
@@ -47,9 +49,10 @@ class Monitor:
         time_limit: Array,
         period: float,
         sample_every: int,
+        tail: TailLoad | None = None,
     ):
         n = len(start)
-        self.routes, self.limits, self.period = routes, limits, period
+        self.routes, self.limits, self.period, self._tail = routes, limits, period, tail
         self._sample_every = sample_every
         self._diagnosis = robot.diagnosis(limits, period * sample_every, n)
         self._progress, self._slide_back, self._patience_length = (
@@ -179,7 +182,8 @@ class Monitor:
         distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
         tilt = np.degrees(location.tilt[robot])
+        pulled = "" if self._tail is None else self._tail.words(robot)
         return (
             f"at {distance:.3f} m{there} of a route of {length:.3f} m{before}, after {time:.2f} s; "
-            f"tilt {tilt:.1f} deg{self._diagnosis.words(robot, time)}"
+            f"tilt {tilt:.1f} deg{self._diagnosis.words(robot, time)}{pulled}"
         )

@@ -32,6 +32,7 @@ from omnitrack_sim.robots.control import (
 )
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.sensor import Sensor, State
+from omnitrack_sim.robots.tail import TAIL_CHANNELS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
@@ -39,6 +40,7 @@ from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 from omnitrack_sim.sim.supervisor import Ending, HeldCommand, Supervisor
+from omnitrack_sim.sim.tail import TailLoad
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, which never falls, and with simulated time and place."""
@@ -128,6 +130,7 @@ class Simulation:
         _check_shapes(sensors, self.readings, self.n)
         make_senses = _senses_of(first) if senses is None else senses
         self.senses: Senses = make_senses(self.scenarios, self.legs, self.readings)
+        self._tail = TailLoad(self.scenarios, self.legs, self.plant) if first.is_pulled else None
         self.monitor = Monitor(
             self.legs.routes,
             robot,
@@ -137,6 +140,7 @@ class Simulation:
             np.array([s.time_limit_s for s in self.scenarios]),
             self.period,
             self._record_every,
+            self._tail,
         )
         self.supervisor = Supervisor(self.scenarios, self.legs, self.senses, self.monitor)
         self.supervisor.reset(np.arange(self.n), self.readings, notes)
@@ -155,7 +159,8 @@ class Simulation:
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
         own = [sensor.channel for sensor in sensors]
-        self.channels: tuple[Channel, ...] = (*robot.channels.values(), *own, *self.senses.recorded)
+        more = (*self.senses.recorded, *(TAIL_CHANNELS if self._tail else ()))
+        self.channels: tuple[Channel, ...] = (*robot.channels.values(), *own, *more)
         schema = {channel.name: channel for channel in self.channels if channel.recorded}
         self.recorder = Recorder(self.phases, schema)
         self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
@@ -284,6 +289,8 @@ class Simulation:
         held, active = self._command, self.active
         held.take(self.plant.carried_out(command, self.legs.gear), active)
         self.supervisor.note(command.events)
+        if self._tail is not None:
+            self._tail.act(self.time, self.location)
         self.plant.step(active, held.now, self._substeps)
         self._tick += 1
         self.readings = self.plant.read()
@@ -322,6 +329,7 @@ class Simulation:
                 "phase": held.phase,
                 **self.plant.commanded(held.now),
                 **self.senses.estimates(),
+                **({} if self._tail is None else self._tail.values()),
             },
         )
 
