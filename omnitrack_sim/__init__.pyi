@@ -50,6 +50,7 @@ from .robots.control import Actuation as Actuation
 from .robots.control import Controller as Controller
 from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
+from .robots.features import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
 from .robots.omnitrack.control.command import Command as Command
 from .robots.omnitrack.drive import DRIVES as DRIVES
@@ -57,7 +58,6 @@ from .robots.omnitrack.drive import Drive as Drive
 from .robots.omnitrack.motors import MOTORS as MOTORS
 from .robots.omnitrack.motors import Motor as Motor
 from .robots.omnitrack.parameters import Omnitrack as Omnitrack
-from .robots.omnitrack.policy.features import Feature as Feature
 from .robots.omnitrack.policy.file import Policy as Policy
 from .robots.omnitrack.policy.file import load_policy as load_policy
 from .robots.omnitrack.singularity import TurnCase as TurnCase

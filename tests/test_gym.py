@@ -20,7 +20,8 @@ from screens import needs_screen, screen
 import omnitrack_sim as ot
 from omnitrack_sim.gym import IDS, TERMS
 from omnitrack_sim.gym.episodes import EpisodeSampler, with_values
-from omnitrack_sim.gym.options import RANGES, options_of
+from omnitrack_sim.gym.options import options_of
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 
 BRIEF = {"changes": {"run.time_limit": 0.3}}
 
@@ -114,7 +115,7 @@ def test_trials_are_drawn_from_their_ranges():
     rng = np.random.default_rng(1)
     drawn = [EpisodeSampler(options).draw(rng) for _ in range(40)]
     friction = np.array([s.world.friction for s in drawn])
-    low, high = RANGES["world.friction"]
+    low, high = Decisions.ranges["world.friction"]
     assert friction.min() >= low
     assert friction.max() <= high
     assert np.ptp(friction) > 0.8 * (high - low)

@@ -8,7 +8,8 @@ from documents import page
 
 from omnitrack_sim.base.table import meanings_of
 from omnitrack_sim.gym import IDS, TERMS
-from omnitrack_sim.gym.options import RANGES, EnvOptions
+from omnitrack_sim.gym.options import EnvOptions
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURE_SETS
 
 PAGE = page("gym")
@@ -48,7 +49,7 @@ def test_the_page_has_every_term_option_and_range():
     assert [row[0] for row in _rows("Options")] == [f"`{key}`" for key in EnvOptions.model_fields]
     assert [row[2] for row in _rows("Options")] == list(meanings.values())
     assert _rows("Trials") == [
-        [f"`{path}`", f"{low:g} to {high:g}"] for path, (low, high) in RANGES.items()
+        [f"`{path}`", f"{low:g} to {high:g}"] for path, (low, high) in Decisions.ranges.items()
     ]
     for name in (*ACTIONS, *IDS):
         assert f"`{name}`" in PAGE

@@ -334,3 +334,24 @@ def test_shipped_robots_have_pages_and_names():
             }
         )
         assert scenario.robot.kind == kind
+
+
+@pytest.mark.parametrize("name", ["presser", "inchworm", "snake"])
+def test_robots_are_seated_at_rest_at_any_angle_about_the_pipe(name):
+    """The held chassis takes what springs and servos push: no limb is left in motion, none deep in
+    the wall, and the pose is the same turned about the pipe's axis."""
+    turned = [
+        ot.load_scenario(
+            f"robots/{name}_tee", {"start.theta5_deg": angle, "world.gravity": (0, 0, 0)}
+        )
+        for angle in (0.0, 30.0, 200.0)
+    ]
+    simulation = ot.Simulation(turned)
+    depths, joints = [], []
+    for i in range(3):
+        data = simulation.data(i)
+        mujoco.mj_forward(simulation.model, data)
+        depths.append(-data.contact.dist.min())
+        joints.append(data.qpos[7:].copy())
+    assert max(depths) < 0.0005
+    assert np.allclose(joints[1:], joints[0], atol=0.02)

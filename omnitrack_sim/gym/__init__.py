@@ -1,7 +1,8 @@
 """Environments of Gymnasium for learned controllers (extra ``gym``).
 
 ``import omnitrack_sim.gym`` registers them; ``gymnasium.make("omnitrack_sim/TeeTurn-v0")`` makes
-that of one robot, ``gymnasium.make_vec`` that of many on one batch. docs/how-to/gym.md lists
+that of one robot, ``gymnasium.make_vec`` that of many on one batch. ``Any-v0`` is for
+``scenario="..."`` of any robot. docs/how-to/gym.md lists
 observations, actions, reward and options.
 """
 
@@ -22,6 +23,7 @@ _SCENARIOS = {
     "omnitrack_sim/Elbow-v0": "elbow",
     "omnitrack_sim/Straight-v0": "straight",
     "omnitrack_sim/Network-v0": "random_network",
+    "omnitrack_sim/Any-v0": "straight",
 }
 IDS = tuple(_SCENARIOS)
 """Of the registered environments."""

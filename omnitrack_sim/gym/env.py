@@ -25,7 +25,6 @@ from omnitrack_sim.gym.episodes import (
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.gym.screen import EpisodeScreen
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS
 from omnitrack_sim.scenario import Scenario
 
 FPS = 20
@@ -87,14 +86,16 @@ class RobotEnv(gymnasium.Env):
         return {name: float(values[0]) for name, values in self._episodes.info().items()}
 
     def step(self, action: Any) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Carry out an action (4,) for one decision, 0.05 s.
+        """Carry out an action (k,) for one decision, 0.05 s.
 
         Raises:
             ValueError: it has another shape, or holds what is not a number.
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset")
-        transition = self._episodes.advance(actions_of(action, (len(ACTIONS),))[None])
+        transition = self._episodes.advance(
+            actions_of(action, self._episodes.action_space.shape)[None]
+        )
         terminated, truncated = bool(transition.terminated[0]), bool(transition.truncated[0])
         self._over = terminated or truncated
         info = self._info()
@@ -230,7 +231,7 @@ class RobotVectorEnv(VectorEnv):
                 self._rngs[robot] = seeding.np_random(seeds[robot])[0]
 
     def step(self, actions: Any) -> tuple[Observed, Array, NDArray, NDArray, dict[str, Any]]:
-        """Carry out actions (n, 4) for one decision, 0.05 s.
+        """Carry out actions (n, k) for one decision, 0.05 s.
 
         Raises:
             ValueError: they have another shape, or hold what is not a number.
@@ -238,7 +239,7 @@ class RobotVectorEnv(VectorEnv):
         episodes, over = self._episodes, self._over
         if not episodes.batches or (self._mode is AutoresetMode.DISABLED and over.any()):
             raise gymnasium.error.ResetNeeded("an episode is over; call reset")
-        actions = actions_of(actions, (self.num_envs, len(ACTIONS)))
+        actions = actions_of(actions, (self.num_envs, *episodes.action_space.shape))
         # A robot whose episode is over is reset in this step, and its action counts for nothing.
         transition = episodes.advance(np.where(over[:, None], 0.0, actions))
         ended = transition.terminated | transition.truncated

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.gym.options import EnvOptions
+from omnitrack_sim.gym.options import EnvOptions, check_for
 from omnitrack_sim.gym.reward import Tally
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, steps_of
-from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, bounds, entry_slices
-from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS, DECISION_PERIOD
+from omnitrack_sim.robots.features import DECISION_PERIOD, bounds, entry_slices, steps_of
+from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.senses.settings import camera_of
 from omnitrack_sim.sim.onboard import Onboard
@@ -47,25 +45,29 @@ class EpisodeSampler:
 
     def __init__(self, options: EnvOptions) -> None:
         self._options, self.alike = options, options.scenario != RANDOM
-        changes: dict[str, Any] = {"sensing.kind": options.senses}
+        self._changes: dict[str, Any] = dict(options.changes)
+        robot = (self._scenario() if self.alike else self._mission(0)).robot
+        check_for(options, robot)
+        self._drawn, senses = options.drawn(robot), options.senses(robot)
+        if "sensing.kind" in robot.understands:
+            self._changes = {"sensing.kind": senses} | self._changes
         if options.picture:
             # Cameras at both ends would take turns: the picture would jump from one to the other.
-            changes["sensing.both_ends"] = False
-        self._changes = changes | options.changes
+            self._changes = {"sensing.both_ends": False} | self._changes
         if self.alike:
-            self._base = load_scenario(options.scenario, self._changes)
+            self._base = self._scenario()
             if self._base.exploration is not None:
                 problem = "explores: its pipes are to be known"
                 raise InputError(Fault("scenario", problem))
             _ = self._base.route  # computed once: all episodes share it
-        base, drawn = self._base if self.alike else self._mission(0), options.drawn
+        base = self._base if self.alike else self._mission(0)
         # Values between both ends of a range are valid where the ends are.
-        override(base, {path: low for path, (low, _) in drawn.items()})
-        self.example = override(base, {path: high for path, (_, high) in drawn.items()})
+        override(base, {path: low for path, (low, _) in self._drawn.items()})
+        self.example = override(base, {path: high for path, (_, high) in self._drawn.items()})
         kind = self.example.sensing.kind
-        if kind != options.senses:
+        if kind != senses:
             problem = (
-                f"is {options.senses!r} (left out, it follows from the observation), and the "
+                f"is {senses!r} (left out, it follows from the observation), and the "
                 f"changes make sensing.kind {kind!r}; use the option, and leave out the change"
             )
             raise InputError(Fault("sensing", problem))
@@ -78,7 +80,7 @@ class EpisodeSampler:
         """The scenario of the next episode; the same from the same numbers."""
         options = self._options
         values: dict[str, Any] = {
-            path: float(rng.uniform(low, high)) for path, (low, high) in options.drawn.items()
+            path: float(rng.uniform(low, high)) for path, (low, high) in self._drawn.items()
         }
         if options.gravity == "any":
             # Three normal numbers have no preferred direction.
@@ -90,6 +92,9 @@ class EpisodeSampler:
         if self.alike:
             return with_values(self._base, values)
         return override(self._mission(int(rng.integers(NETWORKS))), values)
+
+    def _scenario(self) -> Scenario:
+        return load_scenario(self._options.scenario, self._changes)
 
     def _mission(self, seed: int) -> Scenario:
         """A random mission through the random network of a seed, and what the options change."""
@@ -128,7 +133,7 @@ class EpisodeBatch:
     Attributes:
         simulation: that runs the episodes.
         decisions: from actions to commands.
-        travel: (n, 3) m, travel of each belt since its episode began.
+        travel: (n, 3) m, travel of each belt since its episode began; (n, 0) without belts.
     """
 
     def __init__(self, scenarios: Sequence[Scenario], options: EnvOptions) -> None:
@@ -138,8 +143,13 @@ class EpisodeBatch:
     def _simulate(self, scenarios: Sequence[Scenario]) -> None:
         options = self._options
         self.simulation = Simulation(scenarios, threads=options.threads, recording=False)
-        self.decisions = Decisions(self.simulation.setup, options.features, ACTINGS[options.acting])
-        self.travel = np.zeros((self.simulation.n, 3))
+        robot = scenarios[0].robot
+        make = robot.decisions
+        self.decisions = make(
+            self.simulation.setup, options.features(robot), make.actings[options.acting]
+        )
+        self._has_tracks = "belt_speed" in robot.channels
+        self.travel = np.zeros((self.simulation.n, 3 if self._has_tracks else 0))
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario]) -> None:
         """Begin new episodes of robots ``rows`` (k,), ascending, with ``scenarios`` (k)."""
@@ -151,7 +161,7 @@ class EpisodeBatch:
         self.travel[rows] = 0.0
 
     def advance(self, actions: Array) -> Mapping[str, Array]:
-        """Carry out actions (n, 4) for one decision and return the terms (n,) of the reward
+        """Carry out actions (n, k) for one decision and return the terms (n,) of the reward
         before weights; robots whose episode is over stay as they are."""
         simulation, decisions = self.simulation, self.decisions
         running, tally = simulation.active, Tally(simulation)
@@ -160,7 +170,8 @@ class EpisodeBatch:
         for _ in range(decisions.hold):
             simulation.step(decisions.command(simulation.observation))
             tally.add(simulation)
-            self.travel += simulation.readings["belt_speed"] * simulation.period
+            if self._has_tracks:
+                self.travel += simulation.readings["belt_speed"] * simulation.period
         ended, outcomes = running & ~simulation.active, np.array(self.outcomes(), object)
         arrived = ended & (outcomes == Outcome.REACHED_GOAL)
         failed = ended & ~arrived & (outcomes != Outcome.TIMED_OUT)
@@ -206,16 +217,19 @@ class Episodes:
     Attributes:
         sampler: draws the scenario of each episode.
         entries: where each feature stands in the vector of entries, by name.
+        action_space, observation_space: of one robot.
         batches: the simulations, equally large; empty before the first episode.
     """
 
     def __init__(self, options: EnvOptions, n: int) -> None:
         self._options, self.n = options, n
         self.sampler = EpisodeSampler(options)
-        ones = np.ones(len(ACTIONS), np.float32)
+        robot = self.sampler.example.robot
+        features = options.features(robot)
+        ones = np.ones(len(robot.decisions.actions_of(robot)), np.float32)
         self.action_space = gymnasium.spaces.Box(-ones, ones)
-        self.observation_space: gymnasium.Space = gymnasium.spaces.Box(*bounds(options.features))
-        self.entries = entry_slices(options.features)
+        self.observation_space: gymnasium.Space = gymnasium.spaces.Box(*bounds(features))
+        self.entries = entry_slices(features)
         if options.picture:
             table = self.sampler.example.sensing
             stride = table.filter.stride  # robots look at every so many rows and columns
@@ -244,7 +258,7 @@ class Episodes:
                 self.batches[robot].reset(np.zeros(1, np.intp), [scenario])
 
     def advance(self, actions: Array) -> Transition:
-        """Carry out actions (n, 4); robots whose episode is over stay as they are."""
+        """Carry out actions (n, k); robots whose episode is over stay as they are."""
         before = self._each(lambda batch: batch.simulation.active)
         parts = np.split(actions, len(self.batches))
         measured = [b.advance(part) for b, part in zip(self.batches, parts, strict=True)]

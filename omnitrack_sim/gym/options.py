@@ -12,29 +12,12 @@ from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.gym.reward import TERMS
-from omnitrack_sim.robots.omnitrack.policy.features import (
-    FEATURE_SETS,
-    FEATURES,
-    Feature,
-    features_of,
-)
-from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS
+from omnitrack_sim.robots.features import Feature
+from omnitrack_sim.robots.robot import Robot
 
-RANGES: Mapping[str, tuple[float, float]] = {
-    "world.friction": (0.6, 1.0),
-    "robot.preload": (20.0, 30.0),
-    "start.theta5_deg": (-180.0, 180.0),
-    "control.cruise_speed": (0.08, 0.12),
-}
-"""Values that each episode draws evenly, with their ranges, by dotted path."""
-_DRAWN = (
-    *RANGES,
-    "start.distance",
-    "start.roll_deg",
-    "robot.motor.torque_limit",
-    "robot.roll_torque",
-)
-"""Values that an episode may draw: those that robots of one batch need not share."""
+_DRAWN = ("world.friction", "start.theta5_deg", "control.cruise_speed", "start.distance")
+"""Values that an episode may draw, beside those of the robot: robots of one batch need not share
+them."""
 Range = tuple[float, float]
 _SEVERAL = {
     "ranges": (2, "a range (least, largest), one number, or None for the scenario's own"),
@@ -51,17 +34,17 @@ class EnvOptions(Table):
     network in each episode."""
     changes: dict[str, Any] = Field(default_factory=dict)
     """Values of the scenario by dotted path, as of `ot.override`."""
-    observation: str | tuple[str, ...] = "onboard"
-    """A set of features (`onboard`, `preview`, `truth`), or a list of sets, of single features and
-    of your own, `module:Object`."""
+    observation: str | tuple[str, ...] | None = None
+    """A set of features (`onboard`, `preview`, `truth`; other robots: `joints`, `route`), or a list
+    of sets, of single features and of your own, `module:Object`. Left out: the first."""
     sensing: Literal["onboard", "truth"] | None = None
     """Source of the entries: the robot's own sensors or the truth. Left out: `truth`
-    for the observation `truth`, otherwise `onboard`."""
+    for the observation `truth` and for other robots, otherwise `onboard`."""
     picture: bool = False
     """The observation has the depth picture, too."""
     acting: str = "direct"
     """`direct`: actions are the command; `residual`: they are added to that of the feedback
-    controller."""
+    controller, which other robots have not."""
     ranges: dict[str, Range | float | None] = Field(default_factory=dict)
     """Draws of each trial, by dotted path: least and largest value, a number for one value, or
     None for that of the scenario."""
@@ -82,22 +65,17 @@ class EnvOptions(Table):
     height: Annotated[int, Field(ge=16, le=4096)] = 360
     """Of the pictures, pixels."""
 
-    @property
-    def features(self) -> tuple[Feature, ...]:
-        """Observed features, in the order of the entries."""
-        return features_of(self.observation, "observation")
+    def features(self, robot: Robot) -> tuple[Feature, ...]:
+        """Observed features of a robot, in the order of the entries."""
+        return robot.decisions.features_of(robot, self.observation)
 
-    @property
-    def senses(self) -> str:
+    def senses(self, robot: Robot) -> str:
         """The scenario's ``sensing.kind``."""
-        # Features of the truth need it; any other set can be had from the robot's own sensors.
-        truth = self.sensing or ("truth" if self.observation == "truth" else "onboard")
-        return str(truth)
+        return str(self.sensing or robot.decisions.senses_for(self.observation))
 
-    @property
-    def drawn(self) -> dict[str, Range]:
-        """Least and largest value of what each trial draws, by dotted path."""
-        ranges = {**RANGES, **self.ranges}
+    def drawn(self, robot: Robot) -> dict[str, Range]:
+        """Least and largest value of what each trial of a robot draws, by dotted path."""
+        ranges = {**robot.decisions.ranges, **self.ranges}
         return {
             path: value if isinstance(value, tuple) else (value, value)
             for path, value in ranges.items()
@@ -127,37 +105,50 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
         return Fault(".".join(place), f"is {shown(value)}; it must be {right}")
 
     options = checked(EnvOptions, given, InputError, own_fault=fault)
-    faults = [*_unknown("ranges", options.ranges, _DRAWN)]
-    faults += _unknown("reward", options.reward, tuple(TERMS))
+    faults = _unknown("reward", options.reward, tuple(TERMS))
     for path, value in options.ranges.items():
         if isinstance(value, tuple) and value[0] > value[1]:
             problem = f"is from {value[0]:g} to {value[1]:g}; the least value stands first"
             faults.append(Fault(f"ranges.{path}", problem))
-    if options.acting not in ACTINGS:
-        faults.append(
-            Fault("acting", f"is {options.acting!r}", tuple(ACTINGS), given=options.acting)
-        )
-    # Robots that observe the truth have no camera.
-    if options.picture and options.senses != "onboard":
-        faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
     low, high = options.fittings
     if not 1 <= low <= high:
         faults.append(Fault("fittings", f"is from {low} to {high}; from 1, the least number first"))
-    faults += _unseen(options)
     if faults:
         raise InputError(faults)
     return options
 
 
-def _unseen(options: EnvOptions) -> Sequence[Fault]:
+def check_for(options: EnvOptions, robot: Robot) -> None:
+    """Refuse options that mean nothing for a robot.
+
+    Raises:
+        InputError: lists every fault with its place and the choices.
+    """
+    decisions, onboard = robot.decisions, options.senses(robot) == "onboard"
+    own = tuple(f"robot.{path}" for path in robot.own_values)
+    rolls = ("start.roll_deg",) if "start.roll_deg" in robot.understands else ()
+    faults = _unknown("ranges", options.ranges, (*_DRAWN, *rolls, *own))
+    if options.acting not in decisions.actings:
+        choices = tuple(decisions.actings)
+        faults.append(Fault("acting", f"is {options.acting!r}", choices, given=options.acting))
+    if onboard and "sensing.kind" not in robot.understands:
+        faults.append(Fault("sensing", "is 'onboard', which this robot has not", ("truth",)))
+    # Robots that observe the truth have no camera.
+    if options.picture and not onboard:
+        faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
+    faults += _unseen(options, robot)
+    if faults:
+        raise InputError(faults)
+
+
+def _unseen(options: EnvOptions, robot: Robot) -> Sequence[Fault]:
     """Features that there are not, or not for these robots."""
     try:
-        names = {feature.name for feature in options.features}
+        features = options.features(robot)
     except InputError as error:
         return error.faults
-    observable = {feature.name for feature in FEATURE_SETS["preview"]}
-    only_true = [name for name in FEATURES if name in names and name not in observable]
-    if options.senses == "truth" or not only_true:
+    only_true = [f.name for f in features if f in robot.decisions.of_truth]
+    if options.senses(robot) == "truth" or not only_true:
         return []
     problem = f'asks for {", ".join(only_true)}, which are there with sensing = "truth" alone'
     return [Fault("observation", problem)]

@@ -35,12 +35,12 @@ class Term:
 _TERMS = (
     Term("progress", "D", 1.0, "way along the route; backward it is negative"),
     Term("tilt", "rad s", -0.2, "robot axis against the centreline, over time"),
-    Term("slip", "D", -0.2, "way of the belts against the wall, mean of the modules"),
+    Term("slip", "D", -0.2, "way of what touches the wall over it, mean of modules or bodies"),
     Term(
         "torque_change",
         "torque limits",
         -0.02,
-        "change of the motors' torques from control step to control step, mean of the modules",
+        "change of the motors' torques from control step to control step, mean of the motors",
     ),
     Term("arrival", "1", 2.5, "1 when the robot reaches its goal"),
     Term("failure", "1", -2.5, "1 when its run ends otherwise, but for the end of its time"),
@@ -56,23 +56,24 @@ class Tally:
         n, first = simulation.n, simulation.scenarios[0]
         self._bore, self._period = first.robot.nominal_bore, simulation.period
         self.measured: dict[str, Array] = {name: np.zeros(n) for name in TERMS}
-        self._limit = simulation.plant.motors.torque_limit
+        self._limit = simulation.plant.effort_limit
         self._remember(simulation)
 
     def _remember(self, simulation: Simulation) -> None:
         self._active, self._leg = simulation.active, simulation.legs.number
         self._location: Location = simulation.location
-        self._torque = simulation.readings["motor_torque"]
+        self._effort = simulation.plant.effort(simulation.readings)
 
     def add(self, simulation: Simulation) -> None:
         """Add the control step that has just been done."""
         measured, readings, location = self.measured, simulation.readings, simulation.location
+        plant = simulation.plant
         # On another leg the way is counted from elsewhere.
         same = self._active & (simulation.legs.number == self._leg)
         moved = location.distance - self._location.distance
         measured["progress"] += np.where(same, moved / self._bore, 0.0)
-        slip = np.abs(readings["slip_velocity"]).mean(axis=1)
-        change = (np.abs(readings["motor_torque"] - self._torque) / self._limit).mean(axis=1)
+        slip = plant.slip_speed(readings)
+        change = (np.abs(plant.effort(readings) - self._effort) / self._limit).mean(axis=1)
         measured["tilt"] += np.where(self._active, location.tilt * self._period, 0.0)
         measured["slip"] += np.where(self._active, slip * self._period / self._bore, 0.0)
         measured["torque_change"] += np.where(self._active, change, 0.0)

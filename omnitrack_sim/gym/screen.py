@@ -12,13 +12,10 @@ from omnitrack_sim.base.rotations import Array, quaternion_from_matrix
 from omnitrack_sim.gym.episodes import EpisodeBatch
 from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.pipes import Route
+from omnitrack_sim.record.channels import recorded
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import as_omnitrack
-from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.robots.omnitrack.track_display import show_belts
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.playback import FARTHEST, playback_of
@@ -68,8 +65,9 @@ class EpisodeScreen:
         qpos = np.array(lane.simulation.plant.qpos[robot])
         if not _is_sound(qpos):
             return
-        pitch = look_pitch(as_omnitrack(scenario.robot))
-        show_belts(self._window.model, qpos, lane.travel[robot], pitch)
+        looks = scenario.robot.display.live(self._window.model, scenario.robot)
+        looks.travel = lane.travel[robot]
+        looks.place(qpos)
         self._window.show(qpos, [])
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + lane.decisions.hold * lane.simulation.period
@@ -94,7 +92,8 @@ class EpisodeStage(Stage):
 
     def __init__(self, way: Result, size: tuple[int, int], camera: str) -> None:
         super().__init__(playback_of(way), size, camera, fine=False)
-        self._pitch = look_pitch(as_omnitrack(way.scenario.robot))
+        robot = way.scenario.robot
+        self._looks = robot.display.live(self.model, robot)
         self._places = way.trajectory["position"]
 
     def now(self, qpos: Array, travel: Array) -> NDArray[np.uint8]:
@@ -102,7 +101,8 @@ class EpisodeStage(Stage):
         ``travel`` (3,) m; one whose physics has diverged stays where it was."""
         if _is_sound(qpos) or self._live is None:
             self._live = np.nan_to_num(qpos)
-            show_belts(self.model, self._live, travel, self._pitch)
+            self._looks.travel = travel
+            self._looks.place(self._live)
         # The camera is that of the nearest place on the route.
         near = ((self._places - self._live[:3]) ** 2).sum(axis=1).argmin()
         return self.paint(int(near), self._live)
@@ -117,16 +117,16 @@ def _along_the_route(scenario: Scenario) -> Result:
     route, planner = scenario.route, scenario.planner
     distance = np.arange(scenario.start.distance, scenario.goal_distance, SPACING)
     samples = len(distance)
-    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in RECORDED.items()}
+    schema = recorded(scenario.robot.channels.values())
+    channels = {name: np.zeros((samples, *channel.shape)) for name, channel in schema.items()}
     channels["position"] = route.centreline.at(distance)[0]
     channels["quaternion"] = quaternion_from_matrix(route.centreline.frame(distance))
     channels["distance"], channels["gear"] = distance, np.ones(samples)
-    joints = JOINT_POSITIONS + drive_of(scenario.robot.drive).shafts
-    qpos = np.zeros((samples, joints))
+    qpos = np.zeros((samples, scenario.robot.joint_count))
     # Cameras are set up by the poses alone: the joints may stay at 0.
     qpos[:, :3], qpos[:, 3:7] = channels["position"], channels["quaternion"]
     when = distance / scenario.control.cruise_speed
-    trajectory = Trajectory(when - when[0], channels, ("drive",), qpos)
+    trajectory = Trajectory(when - when[0], channels, ("drive",), qpos, schema=schema)
     legs = () if planner is None else (planner.first,)
     end = float(trajectory.time[-1])
     return Result(scenario, Outcome.REACHED_GOAL, "", end, {}, trajectory, {}, legs=legs)

@@ -149,7 +149,13 @@ class PageDisplay:
 
 
 class LiveLooks(Protocol):
-    """What of a robot's looks moves on while a simulation runs."""
+    """What of a robot's looks moves on while a simulation runs.
+
+    Attributes:
+        travel: (k,) m, way that its tracks have run.
+    """
+
+    travel: Array
 
     def advance(self, value: Callable[[str], Array], period: float) -> None:
         """Go on by one control period, s; ``value`` returns a channel's value at its end."""

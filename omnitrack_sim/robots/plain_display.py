@@ -79,7 +79,7 @@ class Still:
     """Looks of a robot in a window that has nothing but its joints to move."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
-        pass
+        self.travel = np.zeros(0)
 
     def advance(self, value: Callable[[str], Array], period: float) -> None:
         """See ``LiveLooks``."""

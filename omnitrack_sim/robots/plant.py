@@ -49,11 +49,13 @@ class PlantSettings:
     Attributes:
         seating_time: s, for the robot's own pipe of 160 mm, for which springs and limbs settle
             while the chassis is held in its place.
+        held_mass: inertia that holds the chassis meanwhile, masses of the robot.
         misfit: part of the bore by which a robot may be in the wall when it is seated: 5 mm of
             160 mm. What presses with the force of springs sinks in by 1 or 2 mm.
     """
 
     seating_time: float = 0.3
+    held_mass: float = 1e4
     misfit: float = 0.03
 
 
@@ -306,6 +308,22 @@ class Plant:
         """Motors at their limit (n, m)."""
         return np.zeros((self.n, 0), bool)
 
+    @property
+    def effort_limit(self) -> Array:
+        """Largest force or torque of each motor, (m,) or (n, m), infinite where it has no limit."""
+        limited = self.model.actuator_forcelimited.astype(bool)
+        return np.where(limited, np.abs(self.model.actuator_forcerange).max(axis=1), np.inf)
+
+    def effort(self, readings: Mapping[str, Array]) -> Array:
+        """Return the force or torque (n, m) of each motor."""
+        return readings["actuator_force"]
+
+    def slip_speed(self, readings: Mapping[str, Array]) -> Array:
+        """Return the speed (n,) m/s over the wall of what touches it, mean of the bodies."""
+        touches = readings["wall_force"] > 0
+        count = np.maximum(touches.sum(axis=1), 1)
+        return (readings["contact_speed"] * touches).sum(axis=1) / count
+
     def _bind(self) -> None:
         """Look up addresses, and ask the engine for what differs between the robots."""
         self._at = _Root.of(self.model, self.robot)
@@ -314,6 +332,7 @@ class Plant:
         )
         self._friction = self._batch.expand("geom_friction")
         self._gravity = self._batch.expand("opt.gravity")
+        self._armature = self._batch.expand("dof_armature")
         ctrl = self.robot.start_ctrl
         inputs = np.zeros(self.model.nu) if ctrl is None else ctrl
         self.command = Actuation(
@@ -332,7 +351,12 @@ class Plant:
         """Have robots ``rows`` come to rest between springs and wall, without gravity."""
         self._gravity[rows] = 0.0
         place = self._at.placed(start.position, start.quaternion)
-        qvel = self._batch.bind("qvel")
+        qvel, armature = self._batch.bind("qvel"), self._armature
+        held = rows[:, None], self._at.qvel
+        own = armature[held].copy()
+        # The solver has to know that the chassis is held: with its speed set to zero afterwards
+        # alone, limbs that push it against the wall would gain energy at every step.
+        armature[held] = own + SETTINGS.held_mass * self.robot.mass
         at, size = self._at.qpos, self.robot.time_scale
         steps = math.ceil(SETTINGS.seating_time * size / self.model.opt.timestep)
         chosen = np.zeros(self.n, bool)
@@ -344,6 +368,7 @@ class Plant:
             self._batch.step(chosen)
         self.qpos[rows[:, None], at] = place
         qvel[rows] = 0.0
+        armature[held] = own
         self._gravity[rows] = start.gravity
         self._batch.bind("time")[rows] = 0.0
         self._batch.forward(rows)

@@ -95,6 +95,8 @@ class Robot(QuantityModel):
         plant_class: ``module:Class`` of the plant, which steps the physics; see ``Plant``.
         display_name: ``module:Object`` of what films and pages show; see ``RobotDisplay``.
         diagnosis_class: ``module:Class`` of what finds causes of failures; see ``Diagnosis``.
+        decisions_class: ``module:Class`` from a learner's actions to commands; see
+            ``InputDecisions``.
         controllers: ``module:Class`` of shipped controllers by the short name that
             ``control.kind`` may give; the first is the default.
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
@@ -131,6 +133,7 @@ class Robot(QuantityModel):
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
     display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
+    decisions_class: ClassVar[str] = "omnitrack_sim.robots.decisions:InputDecisions"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
@@ -179,6 +182,29 @@ class Robot(QuantityModel):
         """Control inputs (nu,) while the robot settles in its pipe and until its controller's first
         command; None: zeros."""
         return None
+
+    @property
+    def input_range(self) -> Array:
+        """Least and largest value (nu, 2) of each control input, between which learners decide; by
+        default the actuators' ``ctrlrange``.
+
+        Raises:
+            InputError: an actuator has none.
+        """
+        model = self._model
+        names = [model.actuator(i).name or f"number {i}" for i in range(model.nu)]
+        free = [
+            n for n, limited in zip(names, model.actuator_ctrllimited, strict=True) if not limited
+        ]
+        if free:
+            problem = f"learners need a ctrlrange of the actuators {', '.join(free)}"
+            raise InputError(Fault("robot", problem))
+        return model.actuator_ctrlrange.copy()
+
+    @property
+    def decisions(self) -> Any:
+        """Class from a learner's actions to commands of this robot; see ``InputDecisions``."""
+        return named(self.decisions_class, "decisions_class", {})
 
     def controller(self) -> Any:
         """Return the robot's own controller, see ``OwnController``; None: it has none, and its

@@ -83,6 +83,7 @@ class Omnitrack(Robot):
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
     controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
     slips: ClassVar[bool] = True
+    decisions_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.policy.controller:Decisions"
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(

@@ -93,15 +93,15 @@ class LiveBelts:
     """Belts of a robot in a window, where they have run to."""
 
     def __init__(self, model: mujoco.MjModel, robot: Omnitrack) -> None:
-        self._model, self._pitch, self._travel = model, look_pitch(robot), np.zeros(MODULES)
+        self._model, self._pitch, self.travel = model, look_pitch(robot), np.zeros(MODULES)
 
     def advance(self, value: Callable[[str], Array], period: float) -> None:
         """See ``LiveLooks``."""
-        self._travel += value("belt_speed") * period
+        self.travel += value("belt_speed") * period
 
     def place(self, qpos: Array) -> None:
         """See ``LiveLooks``."""
-        show_belts(self._model, qpos, self._travel, self._pitch)
+        show_belts(self._model, qpos, self.travel, self._pitch)
 
 
 def region_of(routes: RouteMap, location: Location, reach: float) -> tuple[bool, float] | None:

@@ -73,6 +73,19 @@ class TrackPlant(Plant):
         """Modules (n, 3) with a motor at its torque limit."""
         return self.motors.saturated
 
+    @property
+    def effort_limit(self) -> Array:
+        """See ``Plant``; of the belts' motors."""
+        return self.motors.torque_limit
+
+    def effort(self, readings: Mapping[str, Array]) -> Array:
+        """See ``Plant``; of the belts' motors."""
+        return readings["motor_torque"]
+
+    def slip_speed(self, readings: Mapping[str, Array]) -> Array:
+        """See ``Plant``; mean of the modules."""
+        return np.abs(readings["slip_velocity"]).mean(axis=1)
+
     def _bind(self) -> None:
         self._at = _addresses(self.model)
         b, model, at = self._batch, self.model, self._at

@@ -65,6 +65,12 @@ class Presser(Robot):
                 spec.geom(f"{end}_{k}").friction[0] = self.friction
         return spec
 
+    @property
+    def input_range(self) -> Array:
+        """See ``Robot``: the wheels' speeds, both ways."""
+        fastest = abs(self.speed) / self.WHEEL_RADIUS
+        return np.tile([-fastest, fastest], (6, 1))
+
     def controller(self) -> Wheels:
         """Return the controller that turns all wheels alike."""
         return Wheels(self.speed / self.WHEEL_RADIUS)

@@ -3,7 +3,7 @@ environment, and the controller that runs a policy file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
@@ -11,27 +11,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
-from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import FileName, Table
 from omnitrack_sim.robots.control import ControlSetup, Observation, controller_of, parameters_model
+from omnitrack_sim.robots.features import (
+    DECISION_PERIOD,
+    Feature,
+    FloatRows,
+    entries_of,
+    held_actions,
+    steps_of,
+)
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
-from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, Feature, FeatureInput, FloatRows
+from omnitrack_sim.robots.omnitrack.policy.features import (
+    ACTIONS,
+    PREVIEW,
+    TRUTH,
+    ModuleInput,
+    features_of,
+)
 from omnitrack_sim.robots.omnitrack.policy.file import (
-    DECISION_PERIOD,
+    ACTINGS,
     DIRECT,
     Acting,
     Policy,
     load_policy,
 )
-
-ROUNDING = 1e-6
-"""Part of a control step by which a decision period may miss a whole number of them."""
 
 
 class Decisions:
@@ -56,11 +67,23 @@ class Decisions:
         InputError: a decision period is not a whole number of control periods.
 
     Attributes:
+        actings: ways to act by name.
+        of_truth: features that the robot's own sensors do not give.
+        ranges: values that each episode draws evenly, with their ranges, by dotted path.
         hold: control steps of a decision period.
         action: (n, 4), the last decision; 0 before the first one.
         roll: (n, 3) rad, set point of the rotary motors.
         phases: names that ``Command.phase`` indexes.
     """
+
+    actings: ClassVar[Mapping[str, Acting]] = ACTINGS
+    of_truth: ClassVar[tuple[Feature, ...]] = tuple(f for f in TRUTH if f not in PREVIEW)
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "world.friction": (0.6, 1.0),
+        "robot.preload": (20.0, 30.0),
+        "start.theta5_deg": (-180.0, 180.0),
+        "control.cruise_speed": (0.08, 0.12),
+    }
 
     def __init__(
         self, setup: ControlSetup, features: Sequence[Feature], acting: Acting = DIRECT
@@ -82,6 +105,22 @@ class Decisions:
             self._base = base(replace(setup, parameters=self._defaults))
             self.phases = base.phases
         self.reset(np.arange(n), setup)
+
+    @classmethod
+    def actions_of(cls, robot: Any) -> tuple[str, ...]:
+        """Return the names of the entries of an action."""
+        return ACTIONS
+
+    @classmethod
+    def features_of(cls, robot: Any, names: str | Sequence[str] | None) -> tuple[Feature, ...]:
+        """Return features by names, as ``select_features`` does; None: the set ``onboard``."""
+        return features_of("onboard" if names is None else names, "observation")
+
+    @classmethod
+    def senses_for(cls, names: str | Sequence[str] | None) -> str:
+        """Return the ``sensing.kind`` that observations need."""
+        # Features of the truth need it; any other set can be had from the robot's own sensors.
+        return "truth" if names == "truth" else "onboard"
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
@@ -105,15 +144,8 @@ class Decisions:
             InputError: a feature needs what these robots do not observe.
         """
         self._follow_legs(observation)
-        source = FeatureInput(self.setup, observation, self.action, self.roll)
-        entries = []
-        for feature in self.features:
-            try:
-                entries.append(feature.entries(source))
-            except AttributeError as error:
-                problem = f"{feature.name!r} is not there for these robots: {error}"
-                raise InputError(Fault("features", problem)) from error
-        return np.concatenate(entries, axis=1)
+        source = ModuleInput(self.setup, observation, self.action, self.roll)
+        return entries_of(self.features, source)
 
     def decide(self, action: ArrayLike) -> None:
         """Set the actions (n, 4) of the robots that are ``due``, cut off at -1 and 1.
@@ -121,13 +153,7 @@ class Decisions:
         Raises:
             ValueError: another shape, or a number that is none.
         """
-        # A learner holds actions in single precision: in a run they have to be the same numbers.
-        values = np.asarray(action, np.float32)
-        if values.shape != self.action.shape:
-            raise ValueError(f"action has shape {values.shape}, expected {self.action.shape}")
-        if not np.isfinite(values).all():
-            raise ValueError("action: is not a number, or infinite")
-        cut = np.minimum(np.maximum(values, -1), 1).astype(float)
+        cut = held_actions(action, self.action)
         self.action = np.where(self.due[:, None], cut, self.action)
 
     def command(self, observation: Observation) -> Command:
@@ -174,21 +200,6 @@ class Decisions:
         mirrored = -self.action[:, [*SWAPPED, 3]]
         self.action = np.where(each, mirrored, self.action)
         self._offset = np.where(turned, -self._offset, self._offset)
-
-
-def steps_of(decision: float, control: float) -> int:
-    """Control periods of ``control`` s in a decision period.
-
-    Raises:
-        InputError: they are no whole number.
-    """
-    steps = round(decision / control)
-    if steps < 1 or abs(decision / control - steps) > ROUNDING:
-        problem = (
-            f"is {control:g} s, of which no whole number makes a decision period, {decision:g} s"
-        )
-        raise InputError(Fault("physics.control_period", problem))
-    return steps
 
 
 class PolicyTable(Table):

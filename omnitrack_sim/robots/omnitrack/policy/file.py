@@ -27,17 +27,9 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted, strict_json
 from omnitrack_sim.base.writing import npz_of, write_file
-from omnitrack_sim.robots.omnitrack.policy.features import (
-    ACTIONS,
-    FEATURES,
-    Feature,
-    FloatRows,
-    features_of,
-)
+from omnitrack_sim.robots.features import DECISION_PERIOD, Feature, FloatRows
+from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURES, features_of
 
-DECISION_PERIOD = 0.05
-"""Time that a decision holds, s: 5 mm of travel at 0.1 m/s, a third of the time in which the
-springs can turn a robot over in a tee."""
 HEADER = "policy"
 """Name of the entry of JSON, as bytes of UTF-8."""
 Word = Annotated[str, Field(max_length=200)]

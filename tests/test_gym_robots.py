@@ -1,0 +1,91 @@
+"""Environments of robots other than the package's own."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import omnitrack_sim as ot
+import omnitrack_sim.gym
+
+BRIEF = {"changes": {"run.time_limit": 0.4}}
+
+
+def env_of(scenario, **options):
+    return gymnasium.make("omnitrack_sim/Any-v0", scenario=scenario, **options)
+
+
+def test_gymnasium_finds_nothing_wrong_with_the_presser():
+    """Six wheels, an observation of joints and place, the reward's terms."""
+    env = env_of("robots/presser_tee", **BRIEF)
+    check_env(env.unwrapped, skip_render_check=True)
+    assert env.action_space.shape == (6,)
+    assert set(env.unwrapped.entries) >= {"joint_position", "joint_speed", "tilt", "weight"}
+
+
+def test_a_presser_drives_as_its_controller_does():
+    """All inputs at their upper end: to the same bytes as in a run."""
+    still = {"world.friction": 0.8, "start.theta5_deg": 30.0}
+    env = env_of("robots/presser_tee", ranges=still, gravity="scenario", **BRIEF)
+    env.reset(seed=3)
+    over = False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(np.ones(6))
+        over = terminated or truncated
+        assert np.isfinite(reward)
+    expected = ot.run(env.unwrapped.scenario)
+    assert info["outcome"] == expected.outcome.value
+    assert info["distance"] == expected.trajectory["distance"][-1]
+    assert info["distance"] > 0.2
+
+
+def test_a_vector_of_pressers_is_each_alone():
+    """Robot i of a batch gets the bytes of the single environment with its seed."""
+    many = gymnasium.make_vec(
+        "omnitrack_sim/Any-v0",
+        num_envs=2,
+        scenario="robots/presser_tee",
+        observation="route",
+        **BRIEF,
+    )
+    seen, _ = many.reset(seed=5)
+    alone = env_of("robots/presser_tee", observation="route", **BRIEF)
+    one, _ = alone.reset(seed=6)
+    assert np.array_equal(seen[1], one)
+    actions = many.action_space.sample()
+    seen, reward, *_ = many.step(actions)
+    one, own_reward, *_ = alone.step(actions[1])
+    assert np.array_equal(seen[1], one)
+    assert reward[1] == own_reward
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"scenario": "robots/snake_tee"}, r"need a ctrlrange of the actuators"),
+        ({"scenario": "robots/presser_tee", "acting": "residual"}, "acting"),
+        ({"scenario": "robots/presser_tee", "sensing": "onboard"}, "sensing"),
+        ({"scenario": "robots/presser_tee", "observation": "onboard"}, "observation"),
+        ({"scenario": "robots/presser_tee", "ranges": {"robot.preload": 3.0}}, "ranges"),
+    ],
+)
+def test_options_that_a_robot_has_not_are_refused(options, told):
+    """With the place and the reason."""
+    with pytest.raises(ot.InputError, match=told):
+        env_of(**options).reset(seed=1)
+
+
+def test_a_picture_of_a_presser(monkeypatch):
+    """``rgb_array`` shows it, and shows it elsewhere once it has moved."""
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    env = env_of("robots/presser_tee", render_mode="rgb_array", width=320, height=180)
+    env.reset(seed=1)
+    try:
+        first = env.render()
+    except ot.RenderError as error:
+        pytest.skip(str(error))
+    for _ in range(20):
+        env.step(np.ones(6))
+    assert (np.abs(first.astype(int) - env.render()) > 30).any(axis=2).sum() > 100
