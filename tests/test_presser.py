@@ -21,8 +21,8 @@ def test_it_climbs_at_the_speed_of_its_motors_and_their_droop(axis, payload):
 
     robot = Presser()
     drive = Drive(robot, pipe("straight", axis=axis), edit=load).run(4.0)
-    droop = axis[2] * drive.weight * Presser.WHEEL_RADIUS / 6 / GAIN
-    law = robot.speed - Presser.WHEEL_RADIUS * droop
+    droop = axis[2] * drive.weight * robot.wheel_radius / 6 / GAIN
+    law = robot.speed - robot.wheel_radius * droop
     assert drive.speed(2.0) == pytest.approx(law, rel=0.01)
 
 

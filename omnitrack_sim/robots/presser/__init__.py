@@ -1,8 +1,10 @@
-"""A wheeled wall-presser: three sprung arms, each with a driven wheel at both ends."""
+"""A wheeled wall-presser of the literature: three sprung arms, each with a driven wheel at both
+ends, and speeds of its wheels that follow from a bend's geometry."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,18 +14,23 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive
+from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
+ARMS = 2 * math.pi / 3 * np.arange(3)
+"""Angles of the arms about the robot's axis, rad."""
+POLOLU = "Pololu 1000:1 HPCB 12 V, figures of the maker for other ratios, scaled"
+
 
 class Presser(Robot):
-    """A wall-presser that drives straight on by six wheels of the same speed.
+    """A wall-presser on three arms at 120 degrees, of the kind of MRINSPECT IV and SmartCrawler.
 
     Its springs hold it: it climbs while ``3 * preload * friction`` exceeds its weight. On the
     motors' line a wheel of radius r that carries a sixth of the weight falls behind its speed
     without load,
 
-        v = r (speed / r - m g r / (6 k)),    k: stall torque over no-load speed, 0.326 N m s
+        v = r (speed / r - m g r / (6 k)),    k: stall torque over no-load speed, ``motor_gain``
 
     where r ends in the middle of the tyre's sinkage, 0.1 mm at 40 N.
 
@@ -33,17 +40,41 @@ class Presser(Robot):
         6
     """
 
-    bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that its arms are set for")
+    bore: Positive = quantity(
+        0.16,
+        "m",
+        "assumed",
+        "of the pipe that its arms are set for; MRINSPECT IV is for a nominal 4 in, SmartCrawler "
+        "for 9 to 22 in (their abstracts)",
+    )
     preload: Positive = quantity(40.0, "N", "assumed", "of each arm's spring at that bore")
+    stiffness: Positive = quantity(2000.0, "N/m", "assumed", "of each arm's spring")
+    damping: Positive = quantity(20.0, "N s/m", "assumed", "of each arm's guide rods")
+    travel_in: Positive = quantity(0.009, "m", "assumed", "of an arm towards the hull")
+    travel_out: Positive = quantity(
+        0.012, "m", "assumed", "of an arm beyond the wall; with 6 mm a wheel hangs in the air"
+    )
+    wheel_radius: Positive = quantity(0.024, "m", "assumed", "of the tyres")
+    wheelbase: Positive = quantity(0.104, "m", "assumed", "between the wheels of an arm")
+    drum_mass: Positive = quantity(0.3, "kg", "assumed", "of the drum in the middle")
+    core_mass: Positive = quantity(0.15, "kg", "assumed", "of the hull through the drum")
+    beam_mass: Positive = quantity(0.03, "kg", "assumed", "of each of an arm's two beams")
+    wheel_mass: Positive = quantity(0.035, "kg", "assumed", "of a wheel with its gearmotor")
     friction: Positive = quantity(
         0.8, "1", "assumed", "of the tyres, rubber on a dry pipe, where the walls state none"
     )
     speed: float = quantity(
         0.087, "m/s", "derived", "of the tyres without load: 3.62 rad/s of the motors at 12 V"
     )
+    motor_gain: Positive = quantity(
+        0.326, "N m s/rad", "derived", f"stall torque over no-load speed; {POLOLU}"
+    )
+    torque_limit: Positive = quantity(0.245, "N m", "derived", f"of a motor; {POLOLU}")
 
-    WHEEL_RADIUS: ClassVar[float] = 0.024
-    """m."""
+    controllers: ClassVar[Mapping[str, str]] = {
+        "bend": "omnitrack_sim.robots.presser:BendSpeeds",
+        **Robot.controllers,
+    }
 
     @property
     def nominal_bore(self) -> float:
@@ -54,26 +85,44 @@ class Presser(Robot):
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
         pipe's axis."""
         spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("robot.xml")))
+        spec.geom("drum").mass, spec.geom("core").mass = self.drum_mass, self.core_mass
         for k in range(3):
-            tyre = spec.geom(f"front_{k}")
+            width = spec.geom(f"front_{k}").size[1]
             # A tyre of finite width touches the bore with its two edges.
-            reach = math.sqrt(self.bore**2 / 4 - tyre.size[1] ** 2) - self.WHEEL_RADIUS
-            arm, guide = spec.body(f"arm_{k}"), spec.joint(f"guide_{k}")
+            reach = math.sqrt(self.bore**2 / 4 - width**2) - self.wheel_radius
+            arm = spec.body(f"arm_{k}")
             arm.pos = reach * arm.pos / np.linalg.norm(arm.pos)
-            guide.springref = self.preload / guide.stiffness[0]
-            for end in ("front", "rear"):
-                spec.geom(f"{end}_{k}").friction[0] = self.friction
+            self._set_guide(spec.joint(f"guide_{k}"))
+            for beam in (spec.geom(f"left_{k}"), spec.geom(f"right_{k}")):
+                beam.mass = self.beam_mass
+                beam.size[2] *= self.wheelbase / 0.104  # that of the file
+            for end, side in (("front", 1), ("rear", -1)):
+                spec.body(f"{end}_{k}").pos[2] = side * self.wheelbase / 2
+                self._set_wheel(spec, f"{end}_{k}")
         return spec
+
+    def _set_guide(self, guide: mujoco.MjsJoint) -> None:
+        """Give an arm's guide its spring and its stops."""
+        guide.stiffness[0], guide.damping[0] = self.stiffness, self.damping
+        guide.range = [-self.travel_in, self.travel_out]
+        guide.springref = self.preload / self.stiffness
+
+    def _set_wheel(self, spec: mujoco.MjSpec, name: str) -> None:
+        """Give a wheel its tyre and its motor."""
+        tyre, motor = spec.geom(name), spec.actuator(name)
+        tyre.size[0], tyre.mass, tyre.friction[0] = self.wheel_radius, self.wheel_mass, self.friction
+        motor.set_to_velocity(kv=self.motor_gain)
+        motor.forcerange = [-self.torque_limit, self.torque_limit]
 
     @property
     def input_range(self) -> Array:
         """See ``Robot``: the wheels' speeds, both ways."""
-        fastest = abs(self.speed) / self.WHEEL_RADIUS
+        fastest = abs(self.speed) / self.wheel_radius
         return np.tile([-fastest, fastest], (6, 1))
 
     def controller(self) -> Wheels:
         """Return the controller that turns all wheels alike."""
-        return Wheels(self.speed / self.WHEEL_RADIUS)
+        return Wheels(self.speed / self.wheel_radius)
 
 
 @dataclass(frozen=True)
@@ -94,3 +143,41 @@ class Wheels:
     def command(self, observation: Any) -> Array:
         """Return the speeds (n, 6) of n robots' wheels, rad/s."""
         return np.full((len(observation.qpos), 6), self.speed)
+
+
+class BendSpeeds:
+    """Wheel speeds in proportion to each arm's distance from the bend's centre.
+
+    Where the pipe bends with radius R, a wheel of an arm at the angle theta from the bend's
+    inside rolls at
+
+        v_i = v (R - r cos theta) / R,    r: radius of the bore
+
+    and v is as large as the fastest wheel's motor allows. Into a branch the centreline bends with
+    the radius of the bore, and the inner arm stands still. As with MRINSPECT IV the speeds follow
+    from the fitting and the robot's roll in it, without measuring contacts.
+    """
+
+    def __init__(self, setup: ControlSetup) -> None:
+        robot: Presser = setup.robot
+        self._speed, self._bore_radius = robot.speed / robot.wheel_radius, robot.bore / 2
+
+    def step(self, observation: Observation) -> Actuation:
+        """Return the speeds of all wheels, by where the robots are."""
+        place = observation.location
+        ratios = bend_ratios(place.frame, place.normal, self._bore_radius * place.curvature)
+        fastest = np.abs(ratios).max(axis=1, keepdims=True)
+        return Actuation(np.tile(self._speed * ratios / fastest, 2))
+
+
+def bend_ratios(frame: Array, inwards: Array, sharpness: Array) -> Array:
+    """Return the speeds (n, 3) of arms' wheels over that of the robot, (R - r cos theta) / R.
+
+    Args:
+        frame: (n, 3, 3) of the robots.
+        inwards: (n, 3) unit vectors from the robots to the bends' centres.
+        sharpness: (n,) radius of the bore over that of the bend, r / R; 0 in a straight.
+    """
+    x, y = (np.einsum("ni,ni->n", frame[:, :, k], inwards) for k in (0, 1))
+    cosines = np.cos(ARMS) * x[:, None] + np.sin(ARMS) * y[:, None]
+    return 1 - sharpness[:, None] * cosines
