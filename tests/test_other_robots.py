@@ -87,10 +87,3 @@ def test_examples_run(kind):
     tried = doctest.testmod(sys.modules[kind.__module__])
     assert tried.attempted
     assert not tried.failed
-
-
-def test_the_page_of_the_presser_runs(capsys):
-    """Its program builds the robot in pipes."""
-    (program,) = re.findall(r"```python\n(.*?)```", page("presser"), re.DOTALL)
-    exec(program, {})
-    assert capsys.readouterr().out == "0.84 kg, 6 motors\n"

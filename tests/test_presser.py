@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from in_pipes import DOWN, LEVEL, UP, Drive, pipe
 
+import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.pipes import Elbow
-from omnitrack_sim.robots.presser import Presser
-
-GAIN = 0.326
-"""Stall torque over no-load speed of its motors, N m s."""
+from omnitrack_sim.robots.presser import ARMS, Presser, bend_ratios
 
 
 @pytest.mark.parametrize("axis", [UP, LEVEL, DOWN])
@@ -21,7 +20,7 @@ def test_it_climbs_at_the_speed_of_its_motors_and_their_droop(axis, payload):
 
     robot = Presser()
     drive = Drive(robot, pipe("straight", axis=axis), edit=load).run(4.0)
-    droop = axis[2] * drive.weight * robot.wheel_radius / 6 / GAIN
+    droop = axis[2] * drive.weight * robot.wheel_radius / 6 / robot.motor_gain
     law = robot.speed - robot.wheel_radius * droop
     assert drive.speed(2.0) == pytest.approx(law, rel=0.01)
 
@@ -72,3 +71,33 @@ def test_a_tight_elbow_stops_it():
     assert drive.s < 0.6
     assert abs(drive.speed(2.0)) < 0.002
     assert np.isfinite(drive.data.qpos).all()
+
+
+def test_speeds_of_a_bend_are_those_of_turning_about_its_centre():
+    """Wheels of a robot that turns at a rate w about a centre R away roll at w times their own
+    distance from it, at any roll; in a straight all roll alike."""
+    rng = np.random.default_rng(1)
+    rolls = rng.uniform(0, 2 * np.pi, 5)
+    frames = np.stack([rotation_about([0, 0, 1], roll) for roll in rolls])
+    inwards, bore, radius = np.array([1.0, 0.0, 0.0]), 0.08, 0.24
+    wheels = bore * np.stack([np.cos(ARMS), np.sin(ARMS), 0 * ARMS], axis=-1)
+    centred = wheels @ np.moveaxis(frames, -1, -2) - radius * inwards  # (5, 3, 3)
+    ratios = bend_ratios(frames, np.tile(inwards, (5, 1)), np.full(5, bore / radius))
+    np.testing.assert_allclose(ratios, -centred[:, :, 0] / radius)
+    assert (bend_ratios(frames, np.tile(inwards, (5, 1)), np.zeros(5)) == 1).all()
+
+
+def test_speeds_of_the_bend_spare_the_motors():
+    """Wheels that are asked for what the bend makes them roll at do not work against each other."""
+    runs = [
+        ot.run(ot.load_scenario("robots/presser_elbow", {"control.kind": kind}))
+        for kind in ("bend", "own")
+    ]
+    assert all(run.success for run in runs)
+    assert runs[0].metrics["energy_j"] < 0.95 * runs[1].metrics["energy_j"]
+
+
+@pytest.mark.parametrize("name", ["presser_tee", "presser_branch"])
+def test_a_shipped_scenario_ends_as_it_says(name):
+    """Straight over a tee; across in one whose branch is to be entered."""
+    assert ot.run(ot.load_scenario(f"robots/{name}")).as_expected

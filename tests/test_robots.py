@@ -190,7 +190,7 @@ def test_another_kind_brings_its_own_controller():
     """An override of the kind leaves nothing of the robot before."""
     scenario = ot.override(ot.load_scenario("straight"), {"robot.kind": "presser"})
     assert type(scenario.robot).__name__ == "Presser"
-    assert scenario.control.kind == "own"
+    assert scenario.control.kind == "bend"
     assert scenario.model_dump(mode="json")["robot"]["kind"] == "presser"
     back = ot.override(scenario, {"robot.kind": "omnitrack"})
     assert back.robot == ot.Omnitrack()
