@@ -84,7 +84,7 @@ def motor_droop(quick: bool) -> Claim:
 
 def bend(quick: bool) -> list[Claim]:
     """Wheel speeds in an elbow, as those of the geometry and with all wheels alike."""
-    rolls = np.arange(0, 120, 60 if quick else 15)
+    rolls = np.arange(0, 120, 30)
     starts = [{"start.theta5_deg": float(roll)} for roll in rolls]
     controlled = _run(*starts)
     equal = _run(*({**start, "control.kind": "own"} for start in starts))
@@ -157,7 +157,7 @@ def branch(quick: bool) -> list[Claim]:
     """The turn into a tee's branch, from random rolls and with random gravity."""
     rng = np.random.default_rng(7)
     starts = []
-    for _ in range(12 if quick else 48):
+    for _ in range(4 if quick else 48):
         axis = [float(x) for x in rng.normal(size=3)]
         roll = float(rng.uniform(0, 120))
         starts.append({"pipes": BRANCH, "start.axis": axis, "start.theta5_deg": roll})
