@@ -114,7 +114,7 @@ def bend(quick: bool) -> list[Claim]:
         Claim(
             id="presser_elbows",
             source=T_RO,
-            paper="adapts to elbows",
+            paper="adapts to most existing configurations of pipelines: elbows",
             statement="passes an elbow of 1.5 D upwards from every start roll",
             measured=text,
             verdict=verdict_of(passed == total),
@@ -170,7 +170,7 @@ def branch(quick: bool) -> list[Claim]:
         Claim(
             id="presser_branch",
             source=T_RO,
-            paper="differential drive adapts to branches",
+            paper="adapts to most existing configurations of pipelines: branches",
             statement="turns into the branch in over 90 % of the trials",
             verdict=verdict_of(passed > 0.9 * total),
             expected=ClaimVerdict.FAILS,
