@@ -111,7 +111,11 @@ class Presser(Robot):
     def _set_wheel(self, spec: mujoco.MjSpec, name: str) -> None:
         """Give a wheel its tyre and its motor."""
         tyre, motor = spec.geom(name), spec.actuator(name)
-        tyre.size[0], tyre.mass, tyre.friction[0] = self.wheel_radius, self.wheel_mass, self.friction
+        tyre.size[0], tyre.mass, tyre.friction[0] = (
+            self.wheel_radius,
+            self.wheel_mass,
+            self.friction,
+        )
         motor.set_to_velocity(kv=self.motor_gain)
         motor.forcerange = [-self.torque_limit, self.torque_limit]
 
