@@ -22,7 +22,9 @@ from .paper.plots.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting
 from .pipes.fittings.cap import Cap as Cap
+from .pipes.fittings.cross import Cross as Cross
 from .pipes.fittings.elbow import Elbow as Elbow
+from .pipes.fittings.mitre import Mitre as Mitre
 from .pipes.fittings.reducer import Reducer as Reducer
 from .pipes.fittings.straight import Straight as Straight
 from .pipes.fittings.tee import Tee as Tee

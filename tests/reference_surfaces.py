@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Straight, Tee
+from omnitrack_sim.pipes import Cross, Elbow, Fitting, Mitre, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
 
 EQUAL = 1e-9
@@ -28,6 +28,10 @@ def signed_distance(fitting: Fitting, points: Array) -> tuple[Array, Array]:
         return _reducer(fitting, points)
     if isinstance(fitting, Tee):
         return tee_signed_distance(points, fitting.radius, fitting.fillet_radius)
+    if isinstance(fitting, Mitre):
+        return _mitre(fitting, points)
+    if isinstance(fitting, Cross):
+        return _cross(fitting, points)
     assert isinstance(fitting, Wye)
     sizes = fitting.radius, fitting.branch_radius, fitting.fillet_radius, fitting.angle
     return wye_signed_distance(points, *sizes)
@@ -64,6 +68,65 @@ def _reducer(cone: Reducer, points: Array) -> tuple[Array, Array]:
     from_edge = (across[..., None] * outward + along[..., None] * np.array([0, 0, 1])) / safe
     gradient = np.where(on_cone, cosine * (slope * np.array([0, 0, 1]) - outward), from_edge)
     return np.where(foot == edge, distance, away), gradient
+
+
+def _mitre(bend: Mitre, points: Array) -> tuple[Array, Array]:
+    """The nearer of two half cylinders' feet that lie on their own side of the plane between them,
+    else of the edge, which is sampled and then bisected."""
+    rho, half = bend.radius + bend.fillet_radius, bend.angle / 2
+    normal = np.array([math.sin(half), 0.0, math.cos(half)])
+    along = np.array([math.cos(half), 0.0, -math.sin(half)])
+    p = points - [0, 0, bend.leg_length]
+    onward = np.array([math.sin(bend.angle), 0.0, math.cos(bend.angle)])
+    best, gradient = np.full(len(p), np.inf), np.zeros(p.shape)
+    for axis, side in ((np.array([0.0, 0.0, 1.0]), -1.0), (onward, 1.0)):
+        across = p - np.outer(p @ axis, axis)
+        away = np.linalg.norm(across, axis=-1)
+        out = across / away[:, None]
+        foot = p + (rho - away)[:, None] * out
+        nearer = (side * (foot @ normal) >= 0) & (side * (p @ normal) >= 0) & (rho - away < best)
+        best, gradient = np.where(nearer, rho - away, best), np.where(nearer[:, None], -out, gradient)
+    u, v, a = np.abs(p @ along), np.abs(p[:, 1]), rho / math.cos(half)
+    low, high = np.zeros(len(p)), np.full(len(p), np.pi / 2)
+    for _ in range(_BISECTIONS):
+        q = (low + high) / 2
+        sin, cos = np.sin(q), np.cos(q)
+        below = a * u * sin - rho * v * cos - (a * a - rho * rho) * sin * cos < 0
+        low, high = np.where(below, q, low), np.where(below, high, q)
+    q = (low + high) / 2
+    edge = np.sign(p @ along)[:, None] * (a * np.cos(q))[:, None] * along
+    edge[:, 1] = np.sign(p[:, 1]) * rho * np.sin(q)
+    apart = p - edge
+    away = np.linalg.norm(apart, axis=-1)
+    on_edge = np.isinf(best)
+    gradient = np.where(on_edge[:, None], apart / away[:, None], gradient)
+    return np.where(on_edge, away, best) - bend.fillet_radius, gradient
+
+
+def _cross(fitting: Cross, points: Array) -> tuple[Array, Array]:
+    """The nearest of both cylinders' feet that are in neither bore, and of both edges."""
+    big, small = fitting.radius + fitting.fillet_radius, fitting.branch_radius + fitting.fillet_radius
+    run, branch = np.array([0.0, 0.0, 1.0]), fitting.branch_axis
+    half_turn = np.array([-1.0, 1.0, -1.0])
+
+    def from_axis(points: Array, axis: Array) -> Array:
+        return points - (points @ axis)[:, None] * axis
+
+    candidates = [nearest_on_edge(points, big, small, fitting.angle)]
+    candidates.append(nearest_on_edge(points * half_turn, big, small, fitting.angle) * half_turn)
+    for axis, radius in ((run, big), (branch, small)):
+        across = from_axis(points, axis)
+        away = np.linalg.norm(across, axis=-1, keepdims=True)
+        candidates.append(points + across * (radius / away - 1))
+    feet = np.stack(candidates)
+    distance = np.linalg.norm(points - feet, axis=-1)
+    for k, (axis, radius) in ((2, (branch, small)), (3, (run, big))):
+        inside = np.linalg.norm(from_axis(feet[k], axis), axis=-1) < radius - 1e-12
+        distance[k][inside] = np.inf
+    best = distance.argmin(axis=0)
+    rows = np.arange(len(points))
+    away, nearest = distance[best, rows], feet[best, rows]
+    return away - fitting.fillet_radius, (points - nearest) / away[:, None]
 
 
 def tee_signed_distance(points: Array, radius: float, fillet: float) -> tuple[Array, Array]:

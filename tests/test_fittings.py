@@ -46,6 +46,12 @@ MORE = {
     "short elbow": ("elbow", {"mean_radius": 0.09}),
     "reducing wye": ("wye", {"angle_deg": 60.0, "branch_diameter": 0.1}),
     "reducing tee": ("wye", {"angle_deg": 90.0, "branch_diameter": 0.12}),
+    "lean wye": ("wye", {"angle_deg": 30.0, "branch_diameter": 0.12}),
+    "reducing cross": ("cross", {"branch_diameter": 0.1}),
+    "oblique cross": ("cross", {"angle_deg": 50.0}),
+    "lean reducing cross": ("cross", {"angle_deg": 30.0, "branch_diameter": 0.12}),
+    "deflected joint": ("mitre", {"angle_deg": 5.0}),
+    "sharp mitre": ("mitre", {"angle_deg": 135.0}),
 }
 """Other sizes of the same kinds."""
 
@@ -147,7 +153,8 @@ def test_descriptions_are_of_one_cloth(fitting):
             assert told.opening is not None
         length = fitting.axis_curve(enter, leave, Arcs()).length
         middle, half = told.opening or (length / 2, 0.0)
-        assert 0 < middle - half <= middle + half < 2 * length
+        # Round the sharp side of a lean branch the way is shorter than the mouth.
+        assert 0 < middle - half <= middle + half < 3 * length
 
 
 def test_the_turn_angle_is_between_the_axes_of_the_ports(fitting):
@@ -282,7 +289,7 @@ def test_every_module_of_the_folder_is_one_kind():
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
-        ("cross", "elbow"),
+        ("crank", "cross"),
         ("no_such_module:Cross", "cannot be imported"),
         ("bulge:Cross", "there is no 'Cross'"),
         ("math:sin", "is no fitting"),

@@ -26,7 +26,9 @@ from omnitrack_sim.pipes.fittings.base import (
     port_pose,
     positive,
 )
+from omnitrack_sim.pipes.fittings.cross import Cross
 from omnitrack_sim.pipes.fittings.elbow import Elbow
+from omnitrack_sim.pipes.fittings.mitre import Mitre
 from omnitrack_sim.pipes.fittings.reducer import Reducer
 from omnitrack_sim.pipes.fittings.straight import Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
@@ -49,7 +51,9 @@ __all__ = [
     "Bore",
     "Centreline",
     "Description",
+    "Cross",
     "Elbow",
+    "Mitre",
     "Fitting",
     "FittingTable",
     "Kit",

@@ -9,12 +9,13 @@ facet's nearest and farthest points; the shift halves the error for the same num
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.rotations import Array, Pose, unit
 
 
 class Solid(Protocol):
@@ -72,6 +73,9 @@ class Kit(Protocol):
         ...
 
 
+STRIP_ROWS = 2
+"""Rows of boxes along a rim, which fill what the square-ended staves leave open: a stave's
+width."""
 THICKNESS = 0.010
 """Depth of the wall pieces, m: many times what a lug moves in a step."""
 
@@ -106,6 +110,64 @@ class Pieces:
     def capsule(self, start: Array, end: Array, radius: float) -> None:
         """Add a capsule from ``start`` to ``end``."""
         self.capsules.append((start, end, radius))
+
+    def add(self, others: Pieces, pose: Pose | None = None) -> None:
+        """Add other pieces, moved by a pose."""
+        pose = pose or Pose()
+        self.boxes += [(pose.apply(p), pose.rotation @ turn, h) for p, turn, h in others.boxes]
+        self.capsules += [(pose.apply(a), pose.apply(b), r) for a, b, r in others.capsules]
+
+    def add_strips(
+        self,
+        line: Array,
+        axis: Array,
+        radius: float,
+        away: Array,
+        strip: float,
+        depth: float,
+        extent: Callable[[Array], Array],
+    ) -> None:
+        """Add rows of boxes tangent to a cylinder about an axis through the origin, along a line on
+        it where the fillet of a rim begins.
+
+        Args:
+            line: (k, 3) m.
+            axis: (3,) unit vector. radius: m, of the cylinder.
+            away: (k, 3), to the side of the line that the wall is on.
+            strip: m, width of a row. depth: m, of the boxes.
+            extent: ``Fitting.extent``; beyond a port the neighbour's wall takes over.
+        """
+        chords, middles = np.diff(line, axis=0), (line[:-1] + line[1:]) / 2
+        out = unit(middles - np.outer(middles @ axis, axis))
+        tangents = unit(chords - out * (chords * out).sum(axis=1)[:, None])
+        beyond = np.cross(out, tangents)
+        beyond *= np.sign((beyond * (away[:-1] + away[1:])).sum(axis=1))[:, None]
+        # At the corners the rows are mitred: their directions, so long that neighbouring strips
+        # meet.
+        closed = np.allclose(line[0], line[-1])
+        before = np.vstack([beyond[-1:] if closed else beyond[:1], beyond])
+        after = np.vstack([beyond, beyond[:1] if closed else beyond[-1:]])
+        mitre = (before + after) / (1 + (before * after).sum(axis=1))[:, None]
+        for i, (middle, tangent, side) in enumerate(zip(middles, tangents, beyond, strict=True)):
+            for row in range(STRIP_ROWS):
+                # A mitred row is a trapezium: the longer of its two edges decides, so that no gap
+                # is left.
+                longest = max(
+                    abs((chords[i] + d * strip * (mitre[i + 1] - mitre[i])) @ tangent)
+                    for d in (row, row + 1)
+                )
+                half_length = 0.55 * longest
+                point = middle + side * strip * (row + 0.5)
+                normal = unit(point - axis * (point @ axis))
+                around = np.cross(axis, normal)
+                reach = strip / 2 * abs(side @ around) + half_length * abs(tangent @ around)
+                face = axis * (point @ axis) + normal * (
+                    radius - sagitta(radius, reach / radius) / 2
+                )
+                if extent(face) < 0:
+                    continue
+                along = unit(tangent - normal * (tangent @ normal))
+                self.facet(face, normal, along, strip / 2, half_length, depth)
 
 
 def stave_count(radius: float, tolerance: float) -> int:
@@ -154,3 +216,39 @@ class Ring:
         if end - start > 1e-5:
             middle = self.face * out + along * (start + end) / 2
             pieces.facet(middle, out, along, self.half_width, (end - start) / 2, depth)
+
+
+ARC_STEP = math.radians(15)
+"""Largest angle between neighbouring points on a fillet's arc, rad."""
+
+
+def rounded_rim(
+    kit: Kit,
+    centre: Array,
+    corner: Array,
+    normals: tuple[Array, Array],
+    fillet: float,
+    *,
+    closed: bool,
+) -> Solid:
+    """Return what a ball rounds off the rim where two bores meet.
+
+    Args:
+        kit: makes the solid.
+        centre: (m, 3) m, where the ball's centre is at each cross-section of the rim.
+        corner: (m, 3) m, the bores' common edge there, a little within them.
+        normals: two times (m, 3), outward from the axis of either bore at the ball's centre.
+        fillet: m, radius of the ball.
+        closed: whether the last cross-section is followed by the first.
+    """
+    one, other = normals
+    between = np.arccos(np.clip((one * other).sum(axis=1), -1.0, 1.0))
+    count = max(6, math.ceil(between.max() / ARC_STEP))
+    weight = np.linspace(0.0, 1.0, count + 1)[:, None, None]
+    turn = np.maximum(between, 1e-9)[:, None]
+    # Spherical interpolation: unit vectors at even angles between the two normals.
+    arc = (np.sin((1 - weight) * turn) * one + np.sin(weight * turn) * other) / np.sin(turn)
+    arc = centre - fillet * arc  # (count + 1, m, 3)
+    last, first = arc[-1] - kit.overcut * other, arc[0] - kit.overcut * one
+    rings = np.concatenate([arc, last[None], corner[None], first[None]]).transpose(1, 0, 2)
+    return kit.loft(rings, None if closed else rings.shape[1] - 2)

@@ -420,6 +420,7 @@ class Branched(Fitting):
 
     port_names: ClassVar[tuple[str, ...]] = ("run_start", "run_end", "branch")
     default_way: ClassVar[tuple[str, str]] = ("run_start", "branch")
+    branches: ClassVar[tuple[str, ...]] = ("branch",)
     run_length: float
     branch_length: float
 
@@ -484,11 +485,12 @@ class Branched(Fitting):
         start, turn = self.ports[enter], self.turn_angle(enter, leave)
         tangent, half = -start.rotation[:, 2], self.run_length / 2
         if turn == 0:
-            return AxisCurve(start.position, tangent, X, ((self.run_length, 0.0),))
+            length = 2 * self.branch_length if leave in self.branches else self.run_length
+            return AxisCurve(start.position, tangent, start.rotation[:, 0], ((length, 0.0),))
         # The arc depends on the direction: out of a branch a wide one passes more often (`Arcs`).
         wanted, first, last = (
             (arcs.turn, half, self.branch_length)
-            if leave == "branch"
+            if leave in self.branches
             else (arcs.merge, self.branch_length, half)
         )
         # An arc of radius q takes q tan(turn / 2) of either axis; tan(pi / 4) is not quite 1.
@@ -512,7 +514,7 @@ class Branched(Fitting):
         opening, turn = self.mouth(enter), self.turn_angle(enter, leave)
         if turn == 0:
             return Description("over the run", "tee_straight", opening=opening)
-        into = leave == "branch"
+        into = leave in self.branches
         return Description(
             "run to branch" if into else "branch to run",
             "tee_turn",

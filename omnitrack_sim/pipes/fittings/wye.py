@@ -19,6 +19,7 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
+    Bores,
     Branched,
     FittingTable,
     Y,
@@ -28,10 +29,21 @@ from omnitrack_sim.pipes.fittings.base import (
     positive,
 )
 from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
-from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
+from omnitrack_sim.pipes.shapes import (
+    STRIP_ROWS,
+    THICKNESS,
+    Kit,
+    Pieces,
+    Ring,
+    Solid,
+    rounded_rim,
+    stave_count,
+)
 
-ANGLES = (math.radians(45), math.radians(90))
+ANGLES = (math.radians(30), math.radians(90))
 """Least and largest angle between branch and run, rad."""
+LEAST_ANGLE_DEG = 29.999999
+"""Of files, degrees: 30 with room for what rounding makes of it."""
 LEAST_BRANCH = 0.4
 """Least diameter of the branch, in diameters of the run."""
 CROTCH_PATCH = 0.007
@@ -41,14 +53,9 @@ RIM_STEP = 0.008
 """Longest capsule along the rim, m."""
 RIM_SAGITTA = 1.5e-4
 """By how much a capsule's chord may leave the rim, m."""
-STRIP_ROWS = 2
-"""Rows of boxes along the rim, which fill what the square-ended staves leave open: a stave's
-width."""
 _DENSE, _CUT_SAMPLES = 4001, 17
 """Points along the rim between which its curvature is measured, and across the cut end of a
 stave."""
-ARC_STEP = math.radians(15)
-"""Largest angle between neighbouring points on the fillet's arc, rad."""
 CLEARANCE = 0.5
 """Least distance of an axis curve from the rim inside its turn, in radii of the branch."""
 
@@ -81,11 +88,12 @@ class Wye(Branched):
 
         run_length: Annotated[Size | None, Unit("m", "run")] = None
         """Along the run, at least as long as the rim asks for. Left out: 2.75 `inner_diameter`,
-        0.44 m at 160 mm."""
+        0.44 m at 160 mm, or what the rim asks for."""
         branch_length: Annotated[Size | None, Unit("m", "branch")] = None
-        """From the run's axis. Left out: 1.375 `inner_diameter`, 0.22 m at 160 mm."""
-        angle_deg: Annotated[float, Field(ge=45, le=90), Unit("deg", "")] = 45.0
-        """Between the branch and the run towards `run_end`; 45 to 90."""
+        """From the run's axis. Left out: 1.375 `inner_diameter`, 0.22 m at 160 mm, or what the rim
+        asks for."""
+        angle_deg: Annotated[float, Field(ge=LEAST_ANGLE_DEG, le=90), Unit("deg", "")] = 45.0
+        """Between the branch and the run towards `run_end`; 30 to 90."""
         fillet_radius: Annotated[Size | None, Unit("m")] = None
         """Of the rounded rim. Left out: 1/32 of `inner_diameter`, 5 mm at 160 mm."""
         branch_diameter: Annotated[Size | None, Unit("m")] = None
@@ -93,6 +101,7 @@ class Wye(Branched):
         `inner_diameter`."""
 
     def __post_init__(self) -> None:
+        free = [k for k in ("run_length", "branch_length") if isinstance(getattr(self, k), Bores)]
         fill_in(self)
         run, branch, fillet = self.inner_diameter, self.branch_diameter, self.fillet_radius
         apart = run - branch
@@ -101,7 +110,7 @@ class Wye(Branched):
             inner_diameter=positive(run),
             angle=(
                 ANGLES[0] - 1e-9 <= self.angle <= ANGLES[1] + 1e-9,
-                f"is {math.degrees(self.angle):.6g} degrees; must be between 45 and 90",
+                f"is {math.degrees(self.angle):.6g} degrees; must be between 30 and 90",
             ),
             branch_diameter=(
                 LEAST_BRANCH * run <= branch * (1 + 1e-9) and apart >= -2 * EQUAL,
@@ -116,6 +125,10 @@ class Wye(Branched):
         )
         # In a second check, since the lengths follow from an angle and radii that are valid by now.
         half, far = self.least_lengths
+        for key, least in (("run_length", 2 * half), ("branch_length", far)):
+            if key in free and getattr(self, key) < least:
+                # A frozen dataclass that is still being made.
+                object.__setattr__(self, key, least)
         check(
             self.kind,
             run_length=(
@@ -228,6 +241,12 @@ class Wye(Branched):
         # fits.
         depth = min(THICKNESS, 2 * self.fillet_radius)
         self._add_run(pieces, run_ring, depth)
+        self.add_branches(pieces, run_ring, branch_ring, depth)
+
+    def add_branches(
+        self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float
+    ) -> None:
+        """Add the wall of the branch and its rim; rings and depth as in ``add_walls``."""
         self._add_branch(pieces, branch_ring, depth)
         equal = self.radius - self.branch_radius < EQUAL
         if equal:
@@ -278,24 +297,31 @@ class Wye(Branched):
 
     def _add_run(self, pieces: Pieces, ring: Ring, depth: float) -> None:
         """Staves of the run; those that the mouth interrupts in two parts, square at their ends."""
-        big, small = self._edge_radii()
-        sin, cos, half = math.sin(self.angle), math.cos(self.angle), self.run_length / 2
-        half_angle, limit = np.pi / len(ring.azimuths), math.asin(min(1.0, small / big))
-        z = np.array([0, 0, 1.0])
+        half, z = self.run_length / 2, np.array([0, 0, 1.0])
         for u in ring.azimuths:
             out = np.array([math.cos(u), math.sin(u), 0.0])
-            middle = math.remainder(u, 2 * math.pi)
-            # Beyond `limit` the mouth of a smaller branch does not reach around the run.
-            first, last = max(middle - half_angle, -limit), min(middle + half_angle, limit)
-            if last - first <= 1e-9:
+            mouth = self.mouth_at(u, np.pi / len(ring.azimuths))
+            if mouth is None:
                 pieces.facet(ring.face * out, out, z, ring.half_width, half, THICKNESS)
                 continue
-            around = np.linspace(first, last, _CUT_SAMPLES)
-            root = np.sqrt(np.maximum(small**2 - (big * np.sin(around)) ** 2, 0.0))
-            # The edge's two heights z at an azimuth of the run; between them is the mouth.
-            low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
-            for a, b in ((-half, low.min()), (high.max(), half)):
+            for a, b in ((-half, mouth[0]), (mouth[1], half)):
                 ring.add_stave(pieces, out, z, (a, b), depth)
+
+    def mouth_at(self, middle: float, half_angle: float) -> tuple[float, float] | None:
+        """Return between which heights z, m, the rim's edge opens the run within ``half_angle`` rad
+        of an azimuth; None where it does not."""
+        big, small = self._edge_radii()
+        sin, cos = math.sin(self.angle), math.cos(self.angle)
+        middle, limit = math.remainder(middle, 2 * math.pi), math.asin(min(1.0, small / big))
+        # Beyond `limit` the mouth of a smaller branch does not reach around the run.
+        first, last = max(middle - half_angle, -limit), min(middle + half_angle, limit)
+        if last - first <= 1e-9:
+            return None
+        around = np.linspace(first, last, _CUT_SAMPLES)
+        root = np.sqrt(np.maximum(small**2 - (big * np.sin(around)) ** 2, 0.0))
+        # The edge's two heights z at an azimuth of the run; between them is the mouth.
+        low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
+        return low.min(), high.max()
 
     def _add_branch(self, pieces: Pieces, ring: Ring, depth: float) -> None:
         """Staves of the branch, from the rim to the port."""
@@ -325,54 +351,8 @@ class Wye(Branched):
         for (axis, radius, ring), mine, other in zip(axes, outward, reversed(outward), strict=True):
             # A tenth wider than a share of a stave, so that rows overlap instead of leaving gaps.
             strip = 1.1 * 2 * radius * math.tan(np.pi / len(ring.azimuths)) / STRIP_ROWS
-            self._add_strips(
-                pieces, edge - self.fillet_radius * mine, axis, radius, other, strip, depth
-            )
-
-    def _add_strips(
-        self,
-        pieces: Pieces,
-        line: Array,
-        axis: Array,
-        radius: float,
-        away: Array,
-        strip: float,
-        depth: float,
-    ) -> None:
-        """Boxes tangent to the cylinder about ``axis``, along ``line`` (k, 3), where the fillet
-        begins, on its wall side."""
-        chords, middles = np.diff(line, axis=0), (line[:-1] + line[1:]) / 2
-        out = unit(middles - np.outer(middles @ axis, axis))
-        tangents = unit(chords - out * (chords * out).sum(axis=1)[:, None])
-        beyond = np.cross(out, tangents)
-        beyond *= np.sign((beyond * (away[:-1] + away[1:])).sum(axis=1))[:, None]
-        # At the corners the rows are mitred: their directions, so long that neighbouring strips
-        # meet.
-        closed = np.allclose(line[0], line[-1])
-        before = np.vstack([beyond[-1:] if closed else beyond[:1], beyond])
-        after = np.vstack([beyond, beyond[:1] if closed else beyond[-1:]])
-        mitre = (before + after) / (1 + (before * after).sum(axis=1))[:, None]
-        for i, (middle, tangent, side) in enumerate(zip(middles, tangents, beyond, strict=True)):
-            for row in range(STRIP_ROWS):
-                # A mitred row is a trapezium: the longer of its two edges decides, so that no gap
-                # is left.
-                longest = max(
-                    abs((chords[i] + d * strip * (mitre[i + 1] - mitre[i])) @ tangent)
-                    for d in (row, row + 1)
-                )
-                half_length = 0.55 * longest
-                point = middle + side * strip * (row + 0.5)
-                normal = unit(point - axis * (point @ axis))
-                around = np.cross(axis, normal)
-                reach = strip / 2 * abs(side @ around) + half_length * abs(tangent @ around)
-                face = axis * (point @ axis) + normal * (
-                    radius - sagitta(radius, reach / radius) / 2
-                )
-                # Beyond a port the neighbour's wall takes over.
-                if self.extent(face) < 0:
-                    continue
-                along = unit(tangent - normal * (tangent @ normal))
-                pieces.facet(face, normal, along, strip / 2, half_length, depth)
+            line = edge - self.fillet_radius * mine
+            pieces.add_strips(line, axis, radius, other, strip, depth, self.extent)
 
     def fill(self, kit: Kit, more: float) -> Solid:
         """See ``Fitting``: the rim is rounded within and without, so that the wall is as thick at
@@ -385,17 +365,22 @@ class Wye(Branched):
 
     def _solid(self, kit: Kit, more: float, longer: float) -> Solid:
         """Return the bores, their rim rounded, and ``more`` m around them, between the ports."""
-        radius, branch_radius = self.radius + more, self.branch_radius + more
-        solid = kit.cylinder(self.run_length, radius, centred=True)
-        along = self.branch_axis
+        solid = kit.cylinder(self.run_length, self.radius + more, centred=True)
+        for part in self.branch_solids(kit, more, longer):
+            solid += part
+        return solid
+
+    def branch_solids(self, kit: Kit, more: float, longer: float) -> list[Solid]:
+        """Return the branch's bore and what the fillet rounds off its rim, see ``_solid``."""
+        radius, branch_radius, along = self.radius + more, self.branch_radius + more, self.branch_axis
         turned = Pose(np.stack([np.cross(Y, along), Y, along], axis=-1))
-        solid += kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)
+        solids = [kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)]
         # The outer wall is parallel to the bore, so its ball is smaller by the wall's thickness.
         fillet = self.fillet_radius - more
         if fillet > 2 * kit.overcut:
             for q in self._solid_rim_angles(kit.sections):
-                solid += self._fillet(kit, q, radius, branch_radius, fillet)
-        return solid
+                solids.append(self._fillet(kit, q, radius, branch_radius, fillet))
+        return solids
 
     def _solid_rim_angles(self, sections: int) -> list[Array]:
         """Angles around the branch, rad, of the cross-sections: a closed line, or two that end
@@ -426,26 +411,9 @@ class Wye(Branched):
         axis = self.branch_axis
         to_run = unit(centre * [1, 1, 0])
         to_branch = unit(centre - np.outer(centre @ axis, axis))
-        between = np.arccos(np.clip((to_run * to_branch).sum(axis=1), -1.0, 1.0))
-        count = max(6, math.ceil(between.max() / ARC_STEP))
-        weight = np.linspace(0.0, 1.0, count + 1)[:, None, None]
-        turn = np.maximum(between, 1e-9)[:, None]
-        # Spherical interpolation: unit vectors at even angles between the two normals.
-        arc = (np.sin((1 - weight) * turn) * to_run + np.sin(weight * turn) * to_branch) / np.sin(
-            turn
-        )
-        arc = centre - fillet * arc  # (count + 1, m, 3)
-        rings = np.concatenate(
-            [
-                arc,
-                (arc[-1] - kit.overcut * to_branch)[None],
-                corner[None],
-                (arc[0] - kit.overcut * to_run)[None],
-            ]
-        ).transpose(1, 0, 2)
         # Equal bores give two open lofts that need end caps, a smaller branch one closed ring.
-        hub = None if self.radius - self.branch_radius >= EQUAL else rings.shape[1] - 2
-        return kit.loft(rings, hub)
+        closed = self.radius - self.branch_radius >= EQUAL
+        return rounded_rim(kit, centre, corner, (to_run, to_branch), fillet, closed=closed)
 
 
 def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:

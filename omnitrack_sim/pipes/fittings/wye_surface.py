@@ -42,6 +42,8 @@ from omnitrack_sim.pipes.compiled import (
 
 EQUAL = 1e-9
 """Bores whose radii differ by less, m, are equal."""
+RUN, RUN_OF_CROSS = 0.0, 2.0
+"""Legs, see ``clip_leg``."""
 _CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
 _ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
 
@@ -82,11 +84,11 @@ def surface(sizes, x, y, z, out):
         if foot_x * foot_x + foot_y * foot_y >= big * big:
             out[0], out[1], out[2] = -ow * cos, -oy, ow * sin
             return small - from_branch - fillet
-    return _from_edge(big, small, sin, cos, x, y, z, out) - fillet
+    return from_edge(big, small, sin, cos, x, y, z, out) - fillet
 
 
 @compiled
-def _from_edge(big, small, sin, cos, x, y, z, out):
+def from_edge(big, small, sin, cos, x, y, z, out):
     """Distance m to the edge; gradient and face to ``out``."""
     v = abs(y)
     if big - small < EQUAL:
@@ -98,11 +100,11 @@ def _from_edge(big, small, sin, cos, x, y, z, out):
         ex = ey = ez = 0.0
         best = math.inf
         if first > 0.0 or second <= 0.0:
-            k, l = _on_ellipse(big / half_cos, big, max(first, 0.0), v)
+            k, l = on_ellipse(big / half_cos, big, max(first, 0.0), v)
             ex, ey, ez = big * k, big * l, -big * k * half_sin / half_cos
             best = (x - ex) ** 2 + (v - ey) ** 2 + (z - ez) ** 2
         if second > 0.0:
-            k, l = _on_ellipse(big / half_sin, big, second, v)
+            k, l = on_ellipse(big / half_sin, big, second, v)
             fx, fy, fz = big * k, big * l, big * k * half_cos / half_sin
             if (x - fx) ** 2 + (v - fy) ** 2 + (z - fz) ** 2 < best:
                 ex, ey, ez = fx, fy, fz
@@ -122,7 +124,7 @@ def _from_edge(big, small, sin, cos, x, y, z, out):
 
 
 @compiled
-def _on_ellipse(a, b, u, v):
+def on_ellipse(a, b, u, v):
     """Cosine and sine of the parameter of the ellipse's point (a cos q, b sin q) nearest to (u, v),
     all >= 0.
 
@@ -253,17 +255,18 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``. A port plane counts for its own leg only: the legs of an oblique wye
     cross the planes of one another."""
     sin, cos = sizes[5], sizes[6]
-    _clip(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], False, out)
-    _clip(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], False, out)
+    clip_leg(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], RUN, out)
+    clip_leg(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], RUN, out)
     value, slope = px * sin + pz * cos - sizes[1], ax * sin + az * cos
-    _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends[2], True, out)
+    clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends[2], 1.0, out)
     return 1.0
 
 
 @compiled
-def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
-    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own
-    leg."""
+def clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends, side, out):
+    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own leg:
+    a branch's on that ``side`` of the run, 1.0 or -1.0; the run's for ``RUN`` or, where there are
+    branches on both sides, ``RUN_OF_CROSS``."""
     low, high = out[LOW], out[HIGH]
     if high < low:
         return
@@ -275,7 +278,7 @@ def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
     outside = (rising and s <= low) or (not rising and s >= high)
     # Where nothing of the span is inside there is no cut, and its middle tells which leg it is in.
     at = 0.5 * (low + high) if outside else s
-    if in_branch(sizes, px + at * ax, py + at * ay, pz + at * az) != of_branch:
+    if not _in_leg(sizes, px + at * ax, py + at * ay, pz + at * az, side):
         return
     if outside:
         out[HIGH] = low - 1.0
@@ -286,13 +289,18 @@ def _clip(sizes, px, py, pz, ax, ay, az, value, slope, ends, of_branch, out):
 
 
 @compiled
-def in_branch(sizes, x, y, z):
-    """Tell whether a point belongs to the branch's leg: it is nearer to that bore's wall, or less
-    deep in the run's."""
+def _in_leg(sizes, x, y, z, side):
+    """Tell whether a point belongs to a leg, see ``clip_leg``: to a branch's it does where it is
+    nearer to that bore's wall, or less deep in it, than to the run's."""
     sin, cos = sizes[5], sizes[6]
-    w = x * cos - z * sin
+    t, w = x * sin + z * cos, x * cos - z * sin
     from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
-    return x * sin + z * cos > 0.0 and from_branch < from_run
+    nearer = from_branch < from_run
+    if side == RUN_OF_CROSS:
+        return not nearer
+    if side == RUN:
+        return not (t > 0.0 and nearer)
+    return t * side > 0.0 and nearer
 
 
 @compiled
