@@ -54,6 +54,8 @@ NETWORKS = {
     "elbow": (alone(ot.Elbow(0.24)), alone(ot.Elbow(0.09))),
     "tee": (alone(ot.Tee()),),
     "wye": (alone(ot.Wye(angle=math.radians(50))), alone(ot.Wye(branch_diameter=0.1))),
+    "cross": (alone(ot.Cross()), alone(ot.Cross(angle=math.radians(50), branch_diameter=0.1))),
+    "mitre": (alone(ot.Mitre()), alone(ot.Mitre(angle=math.radians(135)))),
     "reducer": (alone(ot.Reducer(0.15, end_diameter=0.12)),),
     "joints": (
         straights(ot.Straight(0.3), ot.Elbow(0.12), ot.Straight(0.3)),

@@ -26,6 +26,10 @@ FITTINGS = {
     "tee": {"kind": "tee"},
     "wye": {"kind": "wye", "angle_deg": 50},
     "reducing wye": {"kind": "wye", "angle_deg": 70, "branch_diameter": 0.1},
+    "cross": {"kind": "cross"},
+    "reducing cross": {"kind": "cross", "angle_deg": 60, "branch_diameter": 0.1},
+    "mitre": {"kind": "mitre"},
+    "sharp mitre": {"kind": "mitre", "angle_deg": 135},
     "reducer": {"kind": "reducer", "length": 0.15, "end_diameter": 0.12},
 }
 SECONDS, LEAST_ROOM, STILL_IN = 0.5, 0.045, 0.02

@@ -1,6 +1,7 @@
-"""How often a robot gets through a wye: into its branch, out of it, straight over it.
+"""How often a robot gets through a wye or a cross: into a branch, out of it, straight over.
 
-python benchmarks/wye.py [--quick] [--workers N] [--trials N] [--margin-deg A] [--figure FILE.svg]
+python benchmarks/wye.py [--cross] [--quick] [--workers N] [--trials N] [--margin-deg A]
+                         [--figure FILE.svg]
 
 A wye's branch leans by an angle towards one end of its run. So there are two turns into the branch:
 the turn by that angle, and the sharp one, by 180 degrees less it, for a robot that comes from the
@@ -9,6 +10,8 @@ batch of random trials: any start orientation,
 any direction of gravity, a preload of 20 to 35 N, friction of a dry wall (0.8 to 1.0) in one half
 and of a wet one (0.6 to 0.8) in the other. The controller rolls the robot first, and backs off to
 try again where it gets stuck. Straight over, trials go both ways in turn.
+
+A cross has the same ways, and the one across its run from branch to branch.
 
 Prints how many passed with Wilson's 95 % interval, and how the others ended; then the same by the
 direction of gravity. Trial i has the same draw in every cell, so cells differ only by wye and way.
@@ -49,13 +52,16 @@ WAYS = {
     "over": (("run_start", "run_end"), ("run_end", "run_start")),
     "sharp turn": (("run_end", "branch"),),
     "sharp merge": (("branch", "run_end"),),
+    "across": (("branch", "opposite"), ("opposite", "branch")),
 }
-"""Ports that a wye is entered and left at; where there are two ways trials take them in turn."""
+"""Ports that a fitting is entered and left at; of two ways trials take both in turn."""
 ANGLES_DEG = (45.0, 60.0, 75.0, 90.0)
 BORE = 0.16
 REDUCING = (0.15, 0.14)
 """Bores of smaller branches, m, tried at ``REDUCING_DEG``."""
 REDUCING_DEG = 60.0
+CROSS_DEG = (60.0, 90.0)
+"""Angles of crosses; at 90 degrees two have smaller branches."""
 WALLS = {"dry": (0.8, 1.0), "wet": (0.6, 0.8)}
 """Friction coefficients."""
 PRELOAD = (20.0, 35.0)
@@ -77,16 +83,18 @@ class Cell(NamedTuple):
 
     Attributes:
         way: one of ``WAYS``. angle_deg: between branch and run. branch: its bore, m.
+        fitting: kind, "wye" or "cross".
     """
 
     way: str
     angle_deg: float
     branch: float = BORE
+    fitting: str = "wye"
 
     @property
     def turn_deg(self) -> float:
         """By how much the robot turns, deg."""
-        if self.way == "over":
+        if self.way in ("over", "across"):
             return 0.0
         return 180.0 - self.angle_deg if self.way.startswith("sharp") else self.angle_deg
 
@@ -109,15 +117,19 @@ class Ended(NamedTuple):
     duration: float
 
 
-def cells() -> list[Cell]:
-    """All cells. At 90 degrees the sharp ways are the others mirrored, and are left out."""
+def cells(fitting: str = "wye") -> list[Cell]:
+    """All cells of a kind of fitting. At 90 degrees the sharp ways are the others mirrored, and are
+    left out; across a cross of equal bores is over its run."""
     angles = [
-        Cell(way, angle)
-        for way, angle in product(WAYS, ANGLES_DEG)
-        if not (way.startswith("sharp") and angle == 90)
+        Cell(way, angle, BORE, fitting)
+        for way, angle in product(WAYS, CROSS_DEG if fitting == "cross" else ANGLES_DEG)
+        if not (way == "across" or (way.startswith("sharp") and angle == 90))
     ]
-    ways = ("turn", "merge")
-    return angles + [Cell(way, REDUCING_DEG, bore) for way, bore in product(ways, REDUCING)]
+    if fitting == "cross":
+        ways, angle = ("turn", "merge", "across"), 90.0
+    else:
+        ways, angle = ("turn", "merge"), REDUCING_DEG
+    return angles + [Cell(way, angle, bore, fitting) for way, bore in product(ways, REDUCING)]
 
 
 def wall_of(index: int) -> str:
@@ -134,10 +146,10 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
     enter, leave = ways[index // len(WALLS) % len(ways)]
     straights = [
         {"kind": "straight", "length": PIPE, "inner_diameter": bore}
-        for bore in (cell.branch if port == "branch" else BORE for port in (enter, leave))
+        for bore in (BORE if port.startswith("run") else cell.branch for port in (enter, leave))
     ]
     wye = {
-        "kind": "wye",
+        "kind": cell.fitting,
         "angle_deg": cell.angle_deg,
         "branch_diameter": cell.branch,
         "enter": enter,
@@ -292,6 +304,7 @@ HEADS = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--cross", action="store_true", help="crosses instead of wyes")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a cell")
     parser.add_argument("--trials", type=int, help=f"of a cell; default {TRIALS}")
     parser.add_argument(
@@ -303,10 +316,11 @@ def main() -> None:
     count = asked.trials or (QUICK_TRIALS if asked.quick else TRIALS)
     given = asked.margin_deg
     changes = {} if given is None else {"control.safe_margin_deg": given}
-    tasks = [(cell, range(count), changes) for cell in cells()]
+    asked_cells = cells("cross" if asked.cross else "wye")
+    tasks = [(cell, range(count), changes) for cell in asked_cells]
     begin = time.perf_counter()
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
-        found = dict(zip(cells(), pool.map(drive, tasks), strict=True))
+        found = dict(zip(asked_cells, pool.map(drive, tasks), strict=True))
     print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n\n## ways\n")
     print(f"| {' | '.join(HEADS)} |")
     print("|---" * len(HEADS) + "|")
@@ -319,7 +333,7 @@ def main() -> None:
             if cell.way == way and cell.branch == BORE
             for t in trials
         ]
-        for way in WAYS
+        for way in dict.fromkeys(cell.way for cell in found if cell.branch == BORE)
     }
     print(f"\n## gravity\n\n| way, all angles | {' | '.join(DOWNWARD)} |")
     print("|---" * (1 + len(DOWNWARD)) + "|")

@@ -8,7 +8,7 @@ import numpy as np
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, frame_along, matrix_from_quaternion, rotation_about
-from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, Wye, route
+from omnitrack_sim.pipes import Cross, Elbow, Mitre, Step, Straight, Tee, Wye, route
 
 MIDDLES = {
     "straight": (Straight(0.4), "start", "end"),
@@ -16,6 +16,8 @@ MIDDLES = {
     "tee": (Tee(), "run_start", "run_end"),
     "branch": (Tee(), "run_start", "branch"),
     "merge": (Tee(), "branch", "run_end"),
+    "cross": (Cross(), "run_start", "branch"),
+    "mitre": (Mitre(), "start", "end"),
     "wye": (Wye(angle=math.radians(50)), "run_start", "run_end"),
 }
 UP, LEVEL, DOWN = (0, 0, 1), (1, 0, 0), (0, 0, -1)

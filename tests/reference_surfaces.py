@@ -85,7 +85,10 @@ def _mitre(bend: Mitre, points: Array) -> tuple[Array, Array]:
         out = across / away[:, None]
         foot = p + (rho - away)[:, None] * out
         nearer = (side * (foot @ normal) >= 0) & (side * (p @ normal) >= 0) & (rho - away < best)
-        best, gradient = np.where(nearer, rho - away, best), np.where(nearer[:, None], -out, gradient)
+        best, gradient = (
+            np.where(nearer, rho - away, best),
+            np.where(nearer[:, None], -out, gradient),
+        )
     u, v, a = np.abs(p @ along), np.abs(p[:, 1]), rho / math.cos(half)
     low, high = np.zeros(len(p)), np.full(len(p), np.pi / 2)
     for _ in range(_BISECTIONS):
@@ -105,7 +108,10 @@ def _mitre(bend: Mitre, points: Array) -> tuple[Array, Array]:
 
 def _cross(fitting: Cross, points: Array) -> tuple[Array, Array]:
     """The nearest of both cylinders' feet that are in neither bore, and of both edges."""
-    big, small = fitting.radius + fitting.fillet_radius, fitting.branch_radius + fitting.fillet_radius
+    big, small = (
+        fitting.radius + fitting.fillet_radius,
+        fitting.branch_radius + fitting.fillet_radius,
+    )
     run, branch = np.array([0.0, 0.0, 1.0]), fitting.branch_axis
     half_turn = np.array([-1.0, 1.0, -1.0])
 

@@ -10,7 +10,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base import bounds
 from omnitrack_sim.base.errors import InputError, NetworkError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, network
+from omnitrack_sim.pipes import Cross, Elbow, Mitre, Part, Reducer, Straight, Tee, network
 from omnitrack_sim.pipes.assembly import touching
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.pipes.shapes import Pieces
@@ -152,6 +152,11 @@ def _axis(grid: dict, changes: dict) -> dict:
         Tee(inner_diameter=1.0, run_length=3.0, branch_length=2.0),
         Wye(),
         Wye(angle=np.pi / 2, branch_diameter=0.08),
+        Wye(angle=np.pi / 6),
+        Cross(),
+        Cross(angle=np.pi / 6, branch_diameter=0.08),
+        Mitre(),
+        Mitre(angle=2.5),
     ],
     ids=repr,
 )

@@ -10,7 +10,7 @@ from bulge import Bulge
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Part, Reducer, Straight, Tee
+from omnitrack_sim.pipes import Cross, Mitre, Part, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -58,6 +58,9 @@ FITTINGS = (
     Tee(),
     Wye(),
     Wye(angle=math.radians(60), branch_diameter=0.1),
+    Cross(angle=math.radians(60), branch_diameter=0.1),
+    Mitre(),
+    Mitre(angle=math.radians(150)),
 )
 
 

@@ -19,7 +19,7 @@ from omnitrack_sim.pipes.compiled import FACE, Wall, compiled, in_bore, out_of_t
 from omnitrack_sim.pipes.fittings.base import Axis, AxisCurve, Description, Y, in_bores, port_pose
 from omnitrack_sim.pipes.fittings.wye import LEAST_ANGLE_DEG, Wye
 from omnitrack_sim.pipes.fittings.wye_surface import RUN_OF_CROSS, clip_leg, from_edge
-from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid
+from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 
 HALF_TURN = np.array([-1.0, 1.0, -1.0])
 """What half a turn about the y axis makes of the coordinates."""
@@ -195,9 +195,7 @@ class Cross(Wye):
         low, high = -other[1], -other[0]
         return (low, high) if one is None else (min(one[0], low), max(one[1], high))
 
-    def add_branches(
-        self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float
-    ) -> None:
+    def add_branches(self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float) -> None:
         """See ``Wye``: once more after half a turn about the y axis."""
         side = Pieces()
         super().add_branches(side, run_ring, branch_ring, depth)
@@ -205,8 +203,9 @@ class Cross(Wye):
         pieces.add(side, Pose(np.diag(HALF_TURN)))
 
     def piece_count(self, tolerance: float, staves: int | None) -> int:
-        """See ``Fitting``."""
-        return 2 * super().piece_count(tolerance, staves)
+        """See ``Fitting``: the rim is there twice, and one more ring of staves of a branch."""
+        around = staves or stave_count(self.radius, tolerance)
+        return 2 * (super().piece_count(tolerance, staves) - around)
 
     def branch_solids(self, kit: Kit, more: float, longer: float) -> list[Solid]:
         """See ``Wye``: once more after half a turn about the y axis."""

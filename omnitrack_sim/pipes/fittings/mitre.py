@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -192,7 +193,8 @@ class Mitre(Fitting):
         if free and self.leg_length < least:
             # A frozen dataclass that is still being made.
             object.__setattr__(self, "leg_length", least)
-        problem = f"is {self.leg_length} m; the rim asks for at least {math.ceil(1e5 * least) / 1e5:.5f} m"
+        shown = math.ceil(1e5 * least) / 1e5
+        problem = f"is {self.leg_length} m; the rim asks for at least {shown:.5f} m"
         check(self.kind, leg_length=(self.leg_length >= least - 1e-12, problem))
 
     @staticmethod
@@ -295,7 +297,7 @@ class Mitre(Fitting):
             point, wide = self._corner + (self.radius + 5e-5) * side, 1.5 * ring.half_width
             along = 2 * wide / math.cos(self.angle / 2)
             pieces.facet(point, side, normal, along, 2 * wide)
-        for a, b in zip(rim[:-1], rim[1:], strict=True):
+        for a, b in pairwise(rim):
             pieces.capsule(a + self._corner, b + self._corner, self.fillet_radius)
 
     def _add_leg(self, pieces: Pieces, ring: Ring, rim: Array) -> None:

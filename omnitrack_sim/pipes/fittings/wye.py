@@ -243,9 +243,7 @@ class Wye(Branched):
         self._add_run(pieces, run_ring, depth)
         self.add_branches(pieces, run_ring, branch_ring, depth)
 
-    def add_branches(
-        self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float
-    ) -> None:
+    def add_branches(self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float) -> None:
         """Add the wall of the branch and its rim; rings and depth as in ``add_walls``."""
         self._add_branch(pieces, branch_ring, depth)
         equal = self.radius - self.branch_radius < EQUAL
@@ -263,8 +261,10 @@ class Wye(Branched):
         """See ``Fitting``."""
         around = staves or stave_count(self.radius, tolerance)
         _, small = self._edge_radii()
-        # The rim is about the ellipse in which a plane cuts the branch, bent round the run.
-        rim = 2 * math.pi * small * 1.3 / math.sin(self.angle)
+        # The rim is about the ellipse in which a plane cuts the branch, bent round the run; its
+        # circumference is Ramanujan's.
+        a, b = small / math.sin(self.angle), small
+        rim = 1.3 * math.pi * (3 * (a + b) - math.sqrt((3 * a + b) * (a + 3 * b)))
         capsules = math.ceil(rim / min(RIM_STEP, math.sqrt(8 * RIM_SAGITTA * small)))
         return 3 * around + (1 + 2 * STRIP_ROWS) * capsules + 2
 
@@ -372,7 +372,11 @@ class Wye(Branched):
 
     def branch_solids(self, kit: Kit, more: float, longer: float) -> list[Solid]:
         """Return the branch's bore and what the fillet rounds off its rim, see ``_solid``."""
-        radius, branch_radius, along = self.radius + more, self.branch_radius + more, self.branch_axis
+        radius, branch_radius, along = (
+            self.radius + more,
+            self.branch_radius + more,
+            self.branch_axis,
+        )
         turned = Pose(np.stack([np.cross(Y, along), Y, along], axis=-1))
         solids = [kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)]
         # The outer wall is parallel to the bore, so its ball is smaller by the wall's thickness.
