@@ -21,7 +21,7 @@ class Pipe(FittingEntry):
     """Name in messages. Left out: its kind and number."""
     enter: str
     """Port that is entered: `start` or `end`; of a tee or wye `run_start`, `run_end` or
-    `branch`."""
+    `branch`, of a cross also `opposite`."""
     leave: str
     """Another port. A pipe with two ports is left by the one that it is not entered by."""
     turn_deg: Angle = 0.0
