@@ -86,7 +86,8 @@ def symbol_of(table: type[BaseModel], key: str) -> str:
     unit = marks_of(table, Unit).get(key)
     if unit is not None:
         return unit.symbol
-    extra = table.model_fields[key].json_schema_extra
+    field = table.model_fields.get(key)
+    extra = None if field is None else field.json_schema_extra
     if isinstance(extra, dict) and "unit" in extra:  # a robot's parameter
         return str(extra["unit"])
     return "deg" if key.endswith("_deg") else ""
