@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -355,3 +357,14 @@ def test_robots_are_seated_at_rest_at_any_angle_about_the_pipe(name):
         joints.append(data.qpos[7:].copy())
     assert max(depths) < 0.0005
     assert np.allclose(joints[1:], joints[0], atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["straight", "robots/presser_tee"])
+def test_a_saved_model_of_a_scenario_is_refused_without_the_package(name, tmp_path):
+    """Its exact walls would be open air to a MuJoCo that does not know them."""
+    path = tmp_path / "saved.xml"
+    path.write_text(ot.load_scenario(name).to_spec().to_xml(), encoding="utf-8")
+    code = f"import mujoco\nmujoco.MjModel.from_xml_path({str(path)!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "plugin omnitrack_sim.walls not found" in done.stderr

@@ -11,6 +11,7 @@ from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.walls.geoms import TIMESTEP, add_exact_walls, add_plates, add_walls, new_spec
+from omnitrack_sim.walls.guard import add_guard
 
 SLEEP_FROM = 1000
 """Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
@@ -45,6 +46,7 @@ def build_scene(
     spec.option.timestep = timestep
     if exact:
         add_exact_walls(spec, network)
+        add_guard(spec)
     else:
         add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
     add_plates(spec, network, plates, looks)
