@@ -155,7 +155,8 @@ def test_commands_of_parts_are_commands(part):
         options = {word for word in words if word.startswith("--")}
         if words[0] == "omnitrack":
             command = get_command(app).commands[words[1]]
-            assert options <= {name for option in command.params for name in option.opts}, line
+            known = [(*option.opts, *option.secondary_opts) for option in command.params]
+            assert options <= {name for names in known for name in names}, line
         else:
             text = (ROOT / words[0]).read_text(encoding="utf-8")
             assert {option for option in options if f'"{option}"' not in text} == set(), line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
@@ -11,6 +12,10 @@ from omnitrack_sim.base.table import Table, meanings_of, symbol_of
 
 Provenance = Literal["published", "derived", "inferred", "assumed", "numerical", "unstated"]
 """Kind of the source of a value; "unstated" where a field is not declared by ``quantity``."""
+
+
+_Value = TypeVar("_Value")
+_Table = TypeVar("_Table", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,24 @@ def quantity_of(table: type[BaseModel], key: str) -> Quantity:
     return Quantity(source=info.description or "", **extra)
 
 
+def borrowed(whose: str) -> Callable[[type[_Table]], type[_Table]]:
+    """Decorate a robot that inherits from another one: what it does not declare anew is assumed.
+
+    Args:
+        whose: words before the sources of the other robot.
+    """
+
+    def mark(table: type[_Table]) -> type[_Table]:
+        for name, info in table.model_fields.items():
+            extra: Any = info.json_schema_extra
+            if name not in table.__annotations__ and extra["provenance"] != "numerical":
+                info.json_schema_extra = extra | {"provenance": "assumed"}
+                info.description = f"{whose}: {info.description}"
+        return table
+
+    return mark
+
+
 def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
     """Return every field of ``model``, and of the models in it, with value, unit, provenance and
     source.
@@ -143,7 +166,6 @@ run of lugs, which falls with the fifth power, is no longer a number that MuJoCo
 # cube.
 _EXPONENTS = {"1": 0.0, "rad": 0.0, "m": 1.0, "kg": 3.0, "s": 0.5, "N": 3.0}
 _POWERS = {"": 1, "²": 2, "³": 3}
-_Value = TypeVar("_Value")
 
 
 def froude_exponent(unit: str) -> float:

@@ -44,6 +44,7 @@ STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
 ROBOTS: Mapping[str, str] = {
     STANDARD: "omnitrack_sim.robots.omnitrack.parameters:Omnitrack",
+    "climber": "omnitrack_sim.robots.climber:Climber",
     "presser": "omnitrack_sim.robots.presser:Presser",
     "inchworm": "omnitrack_sim.robots.inchworm:Inchworm",
     "snake": "omnitrack_sim.robots.snake:Snake",

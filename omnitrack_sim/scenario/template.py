@@ -16,6 +16,7 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.control import parameters_model
 from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Omnitrack
 from omnitrack_sim.robots.quantity import Quantity, QuantityModel, quantity_of
+from omnitrack_sim.robots.robot import STANDARD
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
 
@@ -55,8 +56,7 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     # A saved scenario.json writes every key, also those that nothing was given for.
     data = {**_without_none(data), "name": name}
     has_pipes = bool(data.get("pipes"))
-    standard = isinstance(scenario.robot, Omnitrack)
-    if not standard:
+    if scenario.robot.kind != STANDARD:
         # The default of a controller is the robot's.
         data = data | {"control": {**data.get("control", {}), "kind": scenario.control.kind}}
     meanings = meanings_of(Scenario)
@@ -66,7 +66,8 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     lines += _pipes(data["pipes"], scenario) if has_pipes else _table("mission", Mission, data)
     for key, info in Scenario.model_fields.items():
         if key == "robot":
-            lines += _robot(data.get("robot", {})) if standard else _own_robot(data, scenario)
+            has_motors = isinstance(scenario.robot, Omnitrack)
+            lines += (_robot_with_motors if has_motors else _robot)(data, scenario)
         elif key == "control":
             lines += _control(data, scenario)
         elif isinstance(info.default, BaseModel):
@@ -173,11 +174,13 @@ def _further_fittings(kinds: set[str]) -> list[str]:
     return lines
 
 
-def _robot(values: Mapping[str, Any]) -> list[str]:
+def _robot_with_motors(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
     """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
     # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
+    values, kind = data.get("robot", {}), scenario.robot.kind
     lines = ["", *_comment(_ROBOT), "[robot]"]
-    lines += [line for _, rows in _keys(Omnitrack, values) for line in rows]
+    lines += [] if kind == STANDARD else [f"kind = {as_toml(kind)}"]
+    lines += [line for _, rows in _keys(type(scenario.robot), values) for line in rows]
     motor = values.get("motor")
     if isinstance(motor, Mapping):
         like = [f"like = {as_toml(motor['like'])}"] if "like" in motor else []
@@ -186,7 +189,7 @@ def _robot(values: Mapping[str, Any]) -> list[str]:
     return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
 
 
-def _own_robot(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
+def _robot(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
     """The parameters of a robot of another kind."""
     robot, given = scenario.robot, data.get("robot")
     values = given if isinstance(given, Mapping) else {}
