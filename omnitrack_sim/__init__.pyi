@@ -66,6 +66,7 @@ from .robots.omnitrack.singularity import TurnCase as TurnCase
 from .robots.quantity import quantity as quantity
 from .robots.robot import Robot as Robot
 from .robots.sensor import Sensor as Sensor
+from .robots.tail import Tether as Tether
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import override as override
 from .scenario.model import Scenario as Scenario

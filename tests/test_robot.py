@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from omnitrack_sim.base.table import Unit
 from omnitrack_sim.robots.omnitrack import Motor, Omnitrack
 from omnitrack_sim.robots.robot import ROBOTS, Robot, robot_class
+from omnitrack_sim.robots.tail import Tether
 
 
 @pytest.mark.parametrize("kind", sorted(set(ROBOTS) - {"mjcf"}))
@@ -34,10 +35,12 @@ def test_a_field_that_says_nothing_of_its_source_is_unstated():
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():
-    """The table has a row for each field of the robot and of its motors, each with a source."""
-    rows = Omnitrack(roll_motor="simulation").parameters()
-    names = [name for name in Omnitrack.model_fields if name not in ("motor", "roll_motor")]
-    names += [f"{motor}.{name}" for motor in ("motor", "roll_motor") for name in Motor.model_fields]
+    """The table has a row for each field of the robot, of its motors and of its tether, each with a
+    source."""
+    rows = Omnitrack(roll_motor="simulation", tether={}).parameters()
+    tables = {"motor": Motor, "roll_motor": Motor, "tether": Tether}
+    names = [name for name in Omnitrack.model_fields if name not in tables]
+    names += [f"{key}.{name}" for key, table in tables.items() for name in table.model_fields]
     assert sorted(row.name for row in rows) == sorted(names)
     assert all(row.source and row.provenance for row in rows)
 

@@ -14,6 +14,7 @@ from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.policy.controller import PolicyTable
+from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.senses.settings import SensingTable
 
 MARK = re.compile(r"^<!-- keys: (.+) -->$", re.MULTILINE)
@@ -29,6 +30,7 @@ def subtables(name: str, model: BaseModel) -> Iterator[tuple[str, type[BaseModel
 MODELS: dict[str, type[BaseModel]] = {
     **dict(subtables("control.parameters", FeedbackTable())),
     **dict(subtables("sensing", SensingTable())),
+    "robot.tether": Tether,
     "paper": PaperTable,
     "driven": DrivenTable,
     "policy": PolicyTable,

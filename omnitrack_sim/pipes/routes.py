@@ -13,7 +13,7 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.pipes.assembly import Assembly, Part, attached
-from omnitrack_sim.pipes.centreline import Centreline
+from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings.base import (
     ARCS,
     Arcs,
@@ -233,12 +233,17 @@ class Route:
         # Added up piece by piece, as the centreline does, so that both are equal to the last bit.
         return sum(length for p in self.passages for length, _ in p.curve.segments)
 
+    @property
+    def segments(self) -> list[Segment]:
+        """Lines and arcs of the centreline, in order."""
+        return [s for p in self.passages for s in p.part.segments(p.curve)]
+
     @cached_property
     def centreline(self) -> Centreline:
         """The centreline through all passages."""
         first = self.passages[0]
         side = first.part.port(first.enter).rotation[:, 0] if self.side is None else self.side
-        return Centreline([s for p in self.passages for s in p.part.segments(p.curve)], side)
+        return Centreline(self.segments, side)
 
     def index_at(self, s: float) -> int:
         """Return the number of the passage at arc length ``s`` m; beyond the end the last one."""

@@ -48,6 +48,12 @@ class Outcome(StrEnum):
         "slipping",
         "The belts ran but the robot did not follow: raise world.friction or robot.preload.",
     )
+    HELD_BY_TETHER = (
+        "held_by_tether",
+        "The tether held the robot: its length is used up, or it pulled by more than a quarter of "
+        "the robot's weight: start from a nearer opening, or take a lighter or longer tether, or "
+        "one with less friction.",
+    )
     NO_MOTION_LINE = (
         "no_motion_line",
         "The modules lie on the no-motion line (roll near 90 degrees), where both tracks touch "

@@ -35,7 +35,8 @@ from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.quantity import Parameter, QuantityModel, parameter_rows
+from omnitrack_sim.robots.quantity import Parameter, QuantityModel, parameter_rows, quantity
+from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
     import mujoco
@@ -105,6 +106,7 @@ class Robot(QuantityModel):
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
         claims: ``module:MEASURES`` of what was published of it; see ``docs/how-to/any-robot.md``.
             Empty where nothing is measured.
+        tether: that it drags along; None: it has none.
         slips: its metrics have the slip without load, which takes a short run of its own.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
@@ -128,6 +130,9 @@ class Robot(QuantityModel):
         0.12
     """
 
+    tether: Tether | None = quantity(
+        None, "", "assumed", "a table of the line that it drags; left out: none"
+    )
     OTHER_KEYS: ClassVar[tuple[str, ...]] = ("kind",)
     understands: ClassVar[tuple[str, ...]] = ()
     scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
@@ -160,6 +165,8 @@ class Robot(QuantityModel):
     @model_serializer(mode="wrap")
     def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         values = handler(self)
+        if self.tether is None:
+            values.pop("tether", None)  # most robots have none
         return values if self.kind == STANDARD else {"kind": self.kind, **values}
 
     @property
@@ -215,7 +222,7 @@ class Robot(QuantityModel):
     def parameters(self) -> list[Parameter]:
         """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
         with value, unit, provenance and source."""
-        return parameter_rows(self)
+        return [row for row in parameter_rows(self) if row.name != "tether"]
 
     # Size
 

@@ -38,7 +38,7 @@ from omnitrack_sim.robots.control import Controller, controller_of, parameters_m
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.robot import SPECIAL, RobotOfKind
 from omnitrack_sim.robots.sensor import Sensor
-from omnitrack_sim.robots.tail import TAIL_METRICS
+from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
     ControlTable,
     MonitorTable,
@@ -281,7 +281,7 @@ class Scenario(Table):
     @property
     def is_pulled(self) -> bool:
         """Return whether something pulls at the robot's tail."""
-        return self.pull != PullTable()
+        return self.pull != PullTable() or self.robot.tether is not None
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
@@ -292,10 +292,11 @@ class Scenario(Table):
             InputError: there is no such metric.
         """
         metrics = _of_kind("record.metrics", self.record.metrics, Metric)
-        shipped = (*self.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS)
+        shipped = (*self.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS)
         taken = {metric.name for metric in shipped}
         refuse_taken("record.metrics", [metric.name for metric in metrics], taken)
         of_tail = TAIL_METRICS if self.is_pulled else ()
+        of_tail += TETHER_METRICS if self.robot.tether else ()
         return (*metrics, *of_tail, *(ESTIMATE_METRICS if self.sensing.kind == "onboard" else ()))
 
     @property

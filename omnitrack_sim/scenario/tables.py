@@ -224,8 +224,8 @@ class RunTable(Table):
     legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
     expected_outcome: Outcome | None = None
     """`omnitrack run` says whether it came true: `reached_goal`, `motion_singularity`, `stalled`,
-    `stuck`, `wedged`, `slipping`, `no_motion_line`, `left_pipe`, `timed_out`, `wrong_map`, `lost`,
-    `ended` or `diverged`."""
+    `stuck`, `wedged`, `slipping`, `held_by_tether`, `no_motion_line`, `left_pipe`, `timed_out`,
+    `wrong_map`, `lost`, `ended` or `diverged`."""
 
 
 class RecordTable(Table):

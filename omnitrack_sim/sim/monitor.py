@@ -167,7 +167,8 @@ class Monitor:
 
     def cause(self, robot: int, location: Location) -> Outcome:
         """Return the cause for which a robot makes no headway."""
-        return self._diagnosis.cause(robot, location, self.routes)
+        cause = self._diagnosis.cause(robot, location, self.routes)
+        return cause if self._tail is None else self._tail.cause(robot, cause)
 
     def lies_across(self, robot: int, location: Location) -> bool:
         """Return whether a robot lies across its pipe."""

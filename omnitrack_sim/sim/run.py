@@ -164,7 +164,7 @@ def _unloaded(scenario: Scenario) -> Scenario:
     return validate(
         {
             "name": "no_load",
-            "robot": scenario.robot.model_dump(),
+            "robot": scenario.robot.model_dump() | {"tether": None},
             "physics": scenario.physics.model_dump(),
             "run": {"time_limit": BASELINE_TIME},
             "control": autopilot_of(scenario),

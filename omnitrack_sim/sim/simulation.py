@@ -32,7 +32,6 @@ from omnitrack_sim.robots.control import (
 )
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.sensor import Sensor, State
-from omnitrack_sim.robots.tail import TAIL_CHANNELS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
@@ -159,7 +158,7 @@ class Simulation:
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
         own = [sensor.channel for sensor in sensors]
-        more = (*self.senses.recorded, *(TAIL_CHANNELS if self._tail else ()))
+        more = (*self.senses.recorded, *(self._tail.channels if self._tail else ()))
         self.channels: tuple[Channel, ...] = (*robot.channels.values(), *own, *more)
         schema = {channel.name: channel for channel in self.channels if channel.recorded}
         self.recorder = Recorder(self.phases, schema)
@@ -196,6 +195,8 @@ class Simulation:
         start = start_of(scenarios, routes, route)
         settings, notes = settings_of(scenarios, routes, route)
         self.plant.reset(rows, start)
+        if self._tail is not None:
+            self._tail.reset(rows)
         limits = np.array([s.time_limit_s for s in scenarios])
         self.monitor.reset(rows, each(scenarios, "distance"), settings.cruise_speed, limits)
         self.readings = self.plant.read()
