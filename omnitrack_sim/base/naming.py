@@ -175,6 +175,11 @@ def shipped_networks() -> ByName[Path]:
     return _shipped_in("networks")
 
 
+def shipped_courses() -> ByName[Path]:
+    """Courses of the benchmark of mobility that come with the package, by name."""
+    return _shipped_in("courses")
+
+
 def shipped_policies() -> ByName[Path]:
     """Policy files that come with the package, by name.
 

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ValidationError
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import (
     look_beside,
+    shipped_courses,
     shipped_networks,
     shipped_scenarios,
     shipped_studies,
@@ -68,7 +69,8 @@ SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), s
 SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), shipped_sweeps)
 NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), shipped_networks)
 STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), shipped_studies)
-KINDS = (SCENARIO, SWEEP, STUDY, NETWORK)
+COURSE = Kind("course", "bench --course", frozenset({"words"}), shipped_courses)
+KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE)
 _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",

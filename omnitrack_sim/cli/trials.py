@@ -1,4 +1,4 @@
-"""sweep, optimise, bench-control: many trials; their workers, progress and interruption."""
+"""sweep, optimise, bench: many trials; their workers, progress and interruption."""
 
 from __future__ import annotations
 
@@ -147,29 +147,40 @@ def optimise(
         _print_study(result, target)
 
 
-@app.command("bench-control")
-def bench_control(
-    policies: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[POLICY]...",
-            help="Policies to enter beside the shipped entries or those of --entry: files, or "
-            "NAME=FILE.",
-            autocompletion=complete.policies,
+@app.command()
+def bench(
+    suite: Annotated[
+        str,
+        typer.Option(
+            metavar="SUITE",
+            help="mobility, of robots; or control, of controllers and policies of the package's "
+            "own robot.",
         ),
-    ] = None,
-    entries: Annotated[
+    ] = "mobility",
+    robots: Annotated[
         list[str] | None,
         typer.Option(
-            "--entry",
-            metavar="ENTRY",
-            help="This entry instead of all shipped ones: one of these, a kind of controller, "
-            "module:Class or a policy file; NAME= before it renames it. Repeat for several.",
+            "--robot",
+            metavar="ROBOT",
+            help="Beside the shipped ones: an MJCF file, module:Class or the name of a shipped "
+            "one; NAME= before it renames it. Repeat for several.",
         ),
     ] = None,
-    tasks: Annotated[
+    controllers: Annotated[
         list[str] | None,
-        typer.Option("--task", metavar="TASK", help="Only this task. Repeat for several."),
+        typer.Option(
+            "--controller",
+            metavar="CONTROLLER",
+            help="Of each --robot, in their order: module:Class or one of the robot's own. Without "
+            "--robot it drives the package's own, and may be a policy file.",
+        ),
+    ] = None,
+    alone: Annotated[
+        bool, typer.Option("--alone", help="Leave out what comes with the package.")
+    ] = False,
+    courses: Annotated[
+        list[str] | None,
+        typer.Option("--course", metavar="COURSE", help="Only this course. Repeat for several."),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A few trials of each, to see that all runs.")
@@ -180,12 +191,13 @@ def bench_control(
             "--trials",
             metavar="N",
             min=1,
-            help="So many trials of each task, for narrower intervals; drawn anew.",
+            help="So many trials of each course, for narrower intervals; drawn anew.",
         ),
     ] = None,
+    assignments: SetOption = None,
     folder: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Where all goes; out/bench_control by default."),
+        typer.Option("--out", metavar="DIR", help="Where all goes; out/bench_SUITE by default."),
     ] = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
@@ -193,22 +205,37 @@ def bench_control(
         bool, typer.Option("--json", help="Print the rows as JSON instead of tables.")
     ] = False,
 ) -> None:
-    """Put controllers and policies through the same held-out trials; the same command goes on after
-    an interruption."""
-    from omnitrack_sim.trials.bench import Bench, shipped_entries
+    """Put robots or controllers through the same courses; the same command goes on after an
+    interruption."""
+    from omnitrack_sim.trials.bench import Bench, suite_of
     from omnitrack_sim.trials.bench_run import run_bench
 
-    names = [*(entries or shipped_entries()), *(policies or [])]
-    bench = Bench.of(tasks, names, quick=quick, trials=trials)
+    shipped = [] if alone else [*suite_of(suite).entries()]
+    entries = [*shipped, *_pairs(robots or [], controllers or [])]
+    planned = with_changes(
+        lambda changes: Bench.of(
+            suite, courses, entries, quick=quick, trials=trials, changes=changes
+        ),
+        assignments,
+    )
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
-    target = folder or Path("out") / f"bench_control{kind}"
+    target = folder or Path("out") / f"bench_{suite}{kind}"
     options = worker_options(workers, dask)
-    with trials_bar("bench-control") as report:
-        result = run_bench(bench, out=target, progress=report, **options)
+    with trials_bar(f"bench {suite}") as report:
+        result = run_bench(planned, out=target, progress=report, **options)
     if as_json:
         print_json(result.rows)
     else:
         _print_bench(result, target)
+
+
+def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
+    """Robots with their controllers; "" for what is not there."""
+    if robots and controllers and len(robots) != len(controllers):
+        problem = "give one for each --robot, or none"
+        raise InputError(Fault("--controller", problem))
+    count = max(len(robots), len(controllers))
+    return list(zip(robots or [""] * count, controllers or [""] * count, strict=True))
 
 
 def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
@@ -471,16 +498,19 @@ def _figure(value: Any) -> str:
 
 
 def _print_bench(result: BenchResult, target: Path) -> None:
-    from omnitrack_sim.trials.bench_run import MEASURES, figures_of
+    from omnitrack_sim.trials.bench_run import figures_of
 
-    units = ["" if measure.unit == "1" else f"\n{measure.unit}" for measure in MEASURES]
-    heads = [m.words.replace(" ", "\n") + unit for m, unit in zip(MEASURES, units, strict=True)]
-    for task in result.bench.tasks:
+    suite = result.bench.suite
+    heads = [
+        one.replace(", ", "\n").replace(" ", "\n")
+        for one in (*(m.head for m in suite.measures), *(score.words for score in suite.scores))
+    ]
+    for course in result.bench.courses:
         table = table_of("entry", "passed", "95 %\ninterval", *heads, gap=1)
-        table.title, table.title_justify = f"{task.name}: {task.words}", "left"
+        table.title, table.title_justify = f"{course.name}: {course.words}", "left"
         for column in table.columns[1:]:
             column.justify, column.no_wrap = "right", True
-        for row in (row for row in result.rows if row["task"] == task.name):
-            table.add_row(plain(row["entry"]), *figures_of(row))
+        for row in (row for row in result.rows if row["course"] == course.name):
+            table.add_row(plain(row["entry"]), *figures_of(suite, row))
         out.print(table)
     out.say(f"  saved in {plain(str(target))}")

@@ -239,6 +239,12 @@ class Robot(QuantityModel):
         return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
 
     @property
+    def nominal_speed(self) -> float:
+        """Speed along a level straight, m/s, that it is made for: benchmarks take time limits from
+        it. By default a fifth of a bore a second, slow enough for most."""
+        return self.nominal_bore / 5
+
+    @property
     def bores(self) -> tuple[float, float]:
         """Smallest and largest bore, m, that the robot fits; bores beyond them are refused."""
         return 0.0, math.inf

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.results.provenance import environment
@@ -193,6 +193,9 @@ def _rows_of(scenarios: dict[int, Scenario]) -> dict[int, Row]:
         # A fault of one trial would otherwise cost all those that share its batch.
         if len(scenarios) == 1:
             (index,) = scenarios
+            if isinstance(error, InputError):
+                # A robot that does not fit its pipe shows it only once it has settled there.
+                return {index: failed_row(index, INVALID, "; ".join(str(error).splitlines()))}
             return {index: failed_row(index, ERROR, f"{type(error).__name__}: {error}")}
         rows: dict[int, Row] = {}
         for index, scenario in scenarios.items():

@@ -1,143 +1,65 @@
-"""Benchmarks of controllers: the entries that drive, and the tasks, each with held-out trials.
-
-The seeds of the tasks are for nothing else: neither the controllers nor the shipped studies have
-used them, and whoever trains a policy keeps away from them.
-"""
+"""Benchmarks: suites of courses, each with held-out trials, and the entries put through them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import shipped_policies
+from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.pipes.random import random_network
-from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
-from omnitrack_sim.robots.omnitrack.policy.file import load_policy
-from omnitrack_sim.scenario import Scenario, load_scenario, validate
-from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
+from omnitrack_sim.trials.store import numbers_of
 from omnitrack_sim.trials.sweep import Sweep
 
-DEFAULT = "feedback"
-"""The entry that all others are compared with."""
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SUITES: Mapping[str, str] = {
+    "mobility": "omnitrack_sim.trials.mobility:SUITE",
+    "control": "omnitrack_sim.trials.controllers:SUITE",
+}
+"""Suites that come with the package, ``module:Object`` by name; the first is the default."""
+Changes = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One way to drive.
+    """A robot and what drives it.
 
     Attributes:
         name: of its rows and of the folder of its trials.
         words: what it is.
-        changes: of the scenarios of all tasks, by dotted path, in this order.
+        changes: of the scenarios of all courses, by dotted path, in this order.
     """
 
     name: str
     words: str
     changes: Mapping[str, Any] = field(default_factory=dict)
 
+    def renamed(self, name: str, source: str) -> Entry:
+        """Return the same entry under another name.
 
-# The values before commit aa5bc0e and sway, where they are parameters.
-_BEFORE = {
-    "robot.motor.speed_bandwidth": 50.0,
-    "robot.motor.speed_droop": 0.0,
-    "control.parameters.tracking.turn_speed": 1.0,
-    "control.parameters.damping.tee_turn": 5.0,
-    "control.parameters.damping.tee_straight": 2.5,
-    "control.parameters.sway.lean_deg": 0.0,
-    "control.parameters.alignment.aside_tee_turn": [0.0, 0.0, 0.0],
-}
-_SHIPPED = (
-    Entry(DEFAULT, "the default controller: feedback on the heading, gentle drive, sway"),
-    Entry("earlier", "the same before gentle drive, sway and rolling aside", _BEFORE),
-    Entry("equal", "all modules at cruise speed", {"control.kind": "equal"}),
-    Entry(
-        "as_written",
-        "the paper's speeds, open loop: Eq. 20 in elbows, inner module backward in tees",
-        {"control.kind": "paper"},
-    ),
-    Entry(
-        "eq20",
-        "Eq. 20 in every turn, open loop; a tee is taken for an elbow",
-        {"control.kind": "omnitrack_sim.paper.open_loop:BendController"},
-    ),
-    Entry("differential", "one motor and a differential", {"robot.drive": "differential"}),
-)
+        Args:
+            name: the new one.
+            source: what the user wrote, for the fault.
 
-
-def shipped_entries() -> dict[str, Entry]:
-    """Return the shipped entries and policies by name, the default one first."""
-    entries = {entry.name: entry for entry in _SHIPPED}
-    return entries | {name: _of_policy(name, name) for name in shipped_policies()}
-
-
-def entry_of(source: str) -> Entry:
-    """Return the entry for a source.
-
-    A source is the name of a shipped entry, a kind of controller, ``module:Object``, or the path
-    of a policy file; ``NAME=`` before it gives it another name.
-
-    Raises:
-        InputError: there is no such thing, or it cannot be used.
-    """
-    name, renamed, what = source.rpartition("=")
-    shipped = shipped_entries()
-    if what in shipped:
-        entry = shipped[what]
-    elif what.endswith(".npz"):
-        entry = _of_policy(Path(what).stem, what)
-    else:
-        entry = _of_controller(what, tuple(shipped))
-    return replace(entry, name=_fit(name, source)) if renamed else entry
-
-
-def _of_policy(name: str, source: str) -> Entry:
-    policy = load_policy(source)
-    words = f"policy, {policy.acting.name}"
-    # Workers may run in another folder.
-    path = str(Path(source).resolve()) if Path(source).is_file() else source
-    changes = {"control.kind": "policy", "control.parameters.policy": path}
-    return Entry(_fit(name, source), words, changes)
-
-
-def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
-    if kind not in CONTROLLERS and ":" not in kind:
-        choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
-        raise InputError(Fault("--entry", f"is {kind!r}", choices, given=kind))
-    # Refuse a class that cannot be imported before any trial of another entry is run.
-    controller_of(kind, CONTROLLERS)
-    return Entry(_fit(kind.replace(":", "."), kind), f"controller {kind}", {"control.kind": kind})
-
-
-def _fit(name: str, source: str) -> str:
-    """Check that a name can be that of a folder."""
-    if re.match(NAME_PATTERN, name.replace(".", "_")) and len(name) <= 100:
-        return name
-    raise InputError(Fault(f"--entry {source}", "has no name for a folder; write NAME= before it"))
-
-
-SEED = 71_000
-"""Of the first task; the others count on from it."""
-FIRST_NETWORK = 71_000_000
-"""Seed of the first random network."""
-DRY, SLIPPERY = (0.7, 1.0), (0.5, 0.7)
-BATCH = 16
-"""Trials that run together."""
-Changes = Mapping[str, Any]
+        Raises:
+            InputError: the name cannot be that of a folder.
+        """
+        if re.match(NAME_PATTERN, name.replace(".", "_")) and len(name) <= 100:
+            return replace(self, name=name)
+        problem = "has no name for a folder; write NAME= before it"
+        raise InputError(Fault(f"entry {source}", problem))
 
 
 @dataclass(frozen=True)
-class Task:
+class Course:
     """One job.
 
     Attributes:
@@ -145,108 +67,129 @@ class Task:
         words: what the robot does.
         trials: of the whole benchmark.
         quick: number of trials with ``--quick``.
-        sweep: makes the trials of an entry, from their number and the entry's changes.
+        sweep: makes the trials of an entry, from their number and the entry's changes; or says why
+            the entry's robot does not fit the course.
     """
 
     name: str
     words: str
     trials: int
     quick: int
-    sweep: Callable[[int, Changes], Sweep]
+    sweep: Callable[[int, Changes], Sweep | str]
 
 
-def _axes(friction: tuple[float, float]) -> tuple[Axis, ...]:
-    return (
-        UniformAxis(path="start.theta5_deg", kind="uniform", low=-60, high=60),
-        UniformAxis(path="world.friction", kind="uniform", low=friction[0], high=friction[1]),
-        UniformAxis(path="robot.preload", kind="uniform", low=20, high=35),
-        DirectionAxis(path="world.gravity", kind="direction"),
-    )
+@dataclass(frozen=True)
+class BenchMeasure:
+    """A figure of a run that passed.
+
+    Attributes:
+        name: of its columns.
+        unit: of its values.
+        words: what it is, short.
+        columns: of the tables of sweeps, of which it is the mean: one, or one a module.
+        over: column that it is divided by; empty for none.
+    """
+
+    name: str
+    unit: str
+    words: str
+    columns: tuple[str, ...]
+    over: str = ""
+
+    def of(self, table: pa.Table) -> Array:
+        """Return the figure of each trial of a table; not a number where there is none."""
+        # Robots differ in their metrics: what one of them does not have is no fault.
+        if not {*self.columns, *filter(None, [self.over])} <= {*table.column_names}:
+            return np.full(len(table), np.nan)
+        mean = np.mean([numbers_of(table, name) for name in self.columns], axis=0)
+        return mean / numbers_of(table, self.over) if self.over else mean
+
+    @property
+    def head(self) -> str:
+        """Words and unit, for the head of a column."""
+        return self.words if self.unit == "1" else f"{self.words}, {self.unit}"
 
 
-def _drawn(
-    base: str, seed: int, friction: tuple[float, float], trials: int, changes: Changes
-) -> Sweep:
-    """Random trials of a shipped scenario."""
-    scenario = load_scenario(base, changes)
-    return Sweep(
-        name=base,
-        seed=seed,
-        samples=trials,
-        sampling="latin_hypercube",
-        batch=BATCH,
-        axes=_axes(friction),
-        bases={base: scenario},
-        set=dict(changes),
-    )
+@dataclass(frozen=True)
+class BenchScore:
+    """A figure of all trials of an entry on a course together.
+
+    Attributes:
+        name: of its column.
+        words: what it is, short, with its unit.
+        of: from the table of the trials to the figure; not a number where there is none.
+    """
+
+    name: str
+    words: str
+    of: Callable[[pa.Table], float]
 
 
-def _networks(trials: int, changes: Changes) -> Sweep:
-    """One mission through a random network a trial, each a base of its own."""
-    bases = {f"network_{i}": _mission(FIRST_NETWORK + i, changes) for i in range(trials)}
-    return Sweep(name="network", batch=BATCH, bases=bases, set=dict(changes))
+@dataclass(frozen=True)
+class Suite:
+    """A family of courses, and of what may be put through them.
+
+    Attributes:
+        name: on the command line.
+        title: above its page.
+        version: of courses, seeds and scores: results of two versions are not compared.
+        courses: by name.
+        entries: makes the entries that come with the package, by name.
+        entry_of: makes an entry from the two texts of the command line: a source, or "" for the
+            standard one, and a controller, or "" for the source's own.
+        measures: of the trials that an entry passed.
+        scores: of all trials of an entry on a course.
+        default: name of the entry that all others are compared with; empty for none.
+        of_controllers: one text alone names a controller, not a robot.
+    """
+
+    name: str
+    title: str
+    version: int
+    courses: Mapping[str, Course]
+    entries: Callable[[], Mapping[str, Entry]]
+    entry_of: Callable[[str, str], Entry]
+    measures: tuple[BenchMeasure, ...]
+    scores: tuple[BenchScore, ...] = ()
+    default: str = ""
+    of_controllers: bool = False
 
 
-def _mission(seed: int, changes: Changes) -> Scenario:
-    """Draw a mission between two ends of a random network with 6 to 12 fittings."""
-    # A generator apart from that of the network, whose draws may become more in a later version.
-    draw = np.random.default_rng([seed, 1])
-    network = random_network(seed)
-    start, goal = draw.choice(network.open_ends, 2, replace=False)
-    # Normal components have no preferred direction; normalised they are uniform on the sphere.
-    gravity = draw.normal(size=3)
-    data = {
-        "name": f"network_{seed}",
-        "network": network.model_dump(mode="json"),
-        "mission": {"start": str(start), "goals": [str(goal)]},
-        "start": {"theta5_deg": float(draw.uniform(-180, 180))},
-        "world": {
-            "friction": float(draw.uniform(*DRY)),
-            "gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist(),
-        },
-    }
-    return validate(data, changes=changes)
+def suite_of(name: str) -> Suite:
+    """Return a suite by its name.
 
-
-_DRAWN = (
-    ("turn", "up a run, out through the branch of a dry tee", "tee_turn", DRY),
-    ("turn_slippery", "the same on slippery walls", "tee_turn", SLIPPERY),
-    ("merge", "out of the branch, up the run", "tee_merge", DRY),
-    ("over", "straight over a tee", "tee_straight", DRY),
-    ("elbow", "through an elbow of mean radius 90 mm", "elbow_short", DRY),
-)
-TASKS: Mapping[str, Task] = {
-    **{
-        name: Task(name, words, 200, 8, partial(_drawn, base, SEED + i, friction))
-        for i, (name, words, base, friction) in enumerate(_DRAWN)
-    },
-    "network": Task("network", "to a far end of a random network", 100, 4, _networks),
-}
-"""All tasks by name."""
+    Raises:
+        InputError: there is no such suite.
+    """
+    if name not in SUITES:
+        raise InputError(Fault("--suite", f"is {name!r}", tuple(SUITES), given=name))
+    return named(SUITES[name], "--suite", {})
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A plan of trials: each entry is put through the sweep of each task.
+    """A plan of trials: each entry is put through the sweep of each course.
 
     Attributes:
-        tasks: of the benchmark.
+        suite: of the courses.
+        courses: of the suite that are run.
         entries: of the benchmark.
         quick: only a few trials of each, to see that everything runs.
-        trials: of each task, other ones than without it; none: as many as each task has.
+        trials: of each course, other ones than without it; none: as many as each course has.
         changes: of all scenarios by dotted path, after those of the entries.
 
     Raises:
-        InputError: there is no task or no entry, two entries have one name, or the number of trials
-            is given twice.
+        InputError: there is no course or no entry, two entries have one name, or the number of
+            trials is given twice.
 
     Example:
-        >>> bench = ot.Bench.of(tasks=["elbow"], entries=["feedback", "equal"], quick=True)
+        >>> bench = ot.Bench.of("control", ["elbow"], ["feedback", "equal"], quick=True)
         >>> {key: sweep.size for key, sweep in bench.sweeps().items()}
         {('elbow', 'feedback'): 8, ('elbow', 'equal'): 8}
     """
 
-    tasks: Sequence[Task]
+    suite: Suite
+    courses: Sequence[Course]
     entries: Sequence[Entry]
     quick: bool = False
     trials: int | None = None
@@ -255,25 +198,34 @@ class Bench:
     @classmethod
     def of(
         cls,
-        tasks: Sequence[str] | None = None,
-        entries: Sequence[str] | None = None,
+        suite: str = next(iter(SUITES)),
+        courses: Sequence[str] | None = None,
+        entries: Sequence[str | tuple[str, str]] | None = None,
         **options: Any,
     ) -> Bench:
         """Return a benchmark by names.
 
         Args:
-            tasks: names of tasks; none: all of them.
-            entries: sources, see ``entry_of``; none: the shipped entries and policies.
+            suite: ``mobility`` for robots, ``control`` for controllers and policies.
+            courses: names of courses; none: all of them.
+            entries: names of shipped ones, robots, or pairs of a robot and its controller, of the
+                suite ``control`` controllers and policies; none: the shipped ones.
             options: ``quick``, ``trials`` and ``changes``.
 
         Raises:
-            InputError: there is no such task or entry.
+            InputError: there is no such suite, course or entry.
         """
-        for name in tasks or ():
-            if name not in TASKS:
-                raise InputError(Fault("--task", f"is {name!r}", tuple(TASKS), given=name))
-        chosen = [task for name, task in TASKS.items() if not tasks or name in tasks]
-        return cls(chosen, [entry_of(name) for name in entries or shipped_entries()], **options)
+        own = suite_of(suite)
+        for name in courses or ():
+            if name not in own.courses:
+                raise InputError(Fault("--course", f"is {name!r}", tuple(own.courses), given=name))
+        chosen = [course for name, course in own.courses.items() if not courses or name in courses]
+        made = []
+        for source in own.entries() if entries is None else entries:
+            alone = ("", source) if own.of_controllers else (source, "")
+            robot, controller = alone if isinstance(source, str) else source
+            made.append(own.entry_of(robot, controller))
+        return cls(own, chosen, made, **options)
 
     def __post_init__(self) -> None:
         names = [entry.name for entry in self.entries]
@@ -281,8 +233,8 @@ class Bench:
             if names.count(name) > 1:
                 problem = f"{name!r} is the name of two; write NAME= before one of them"
                 raise InputError(Fault("entries", problem))
-        if not self.tasks or not self.entries:
-            raise InputError(Fault("tasks, entries", "one of each at least"))
+        if not self.courses or not self.entries:
+            raise InputError(Fault("courses, entries", "one of each at least"))
         if self.quick and self.trials is not None:
             raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
 
@@ -293,15 +245,16 @@ class Bench:
             return "a few trials of each"
         return "all trials" if self.trials is None else f"{counted(self.trials, 'trial')} of each"
 
-    def sweeps(self) -> dict[tuple[str, str], Sweep]:
-        """Return the sweep of each task and entry.
+    def sweeps(self) -> dict[tuple[str, str], Sweep | str]:
+        """Return the sweep of each course and entry, or why the entry's robot does not fit.
 
         Raises:
-            InputError: an entry cannot drive a task.
+            InputError: an entry cannot drive a course.
         """
-        sweeps = {}
-        for task in self.tasks:
+        sweeps: dict[tuple[str, str], Sweep | str] = {}
+        for course in self.courses:
             for entry in self.entries:
-                count = task.quick if self.quick else self.trials or task.trials
-                sweeps[task.name, entry.name] = task.sweep(count, {**entry.changes, **self.changes})
+                count = course.quick if self.quick else self.trials or course.trials
+                changes = {**entry.changes, **self.changes}
+                sweeps[course.name, entry.name] = course.sweep(count, changes)
         return sweeps

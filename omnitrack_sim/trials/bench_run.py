@@ -1,7 +1,8 @@
-"""Benchmark runs: the sweeps of all tasks and entries on one engine, and their tables."""
+"""Benchmark runs: the sweeps of all courses and entries on one engine, and their tables."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,18 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
+from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import finite, strict_json
 from omnitrack_sim.base.writing import check_folder, told, write_file, write_files
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
-from omnitrack_sim.robots.omnitrack import MODULES
 from omnitrack_sim.show.plots.style import attempt, figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
-from omnitrack_sim.trials.bench import DEFAULT, Bench
+from omnitrack_sim.trials.batches import INVALID
+from omnitrack_sim.trials.bench import Bench, Suite
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
-from omnitrack_sim.trials.store import column, made_by, numbers_of, passed_of, to_csv, to_parquet
+from omnitrack_sim.trials.store import column, made_by, passed_of, to_csv, to_parquet
+from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_run import finish_sweep, sweep_store
 
 if TYPE_CHECKING:
@@ -32,7 +35,8 @@ if TYPE_CHECKING:
 
 BENCH_FILE = "bench.json"
 TRIALS = "trials"
-"""Folder with the sweeps of all tasks and entries."""
+"""Folder with the sweeps of all courses and entries."""
+MISFIT = "does not fit"
 RESULTS, TRIALS_TABLE, PAGE, FIGURE = "results", "trials.parquet", "results.md", "bench.png"
 FILES = (BENCH_FILE, f"{RESULTS}.parquet", f"{RESULTS}.csv", TRIALS_TABLE, PAGE, FIGURE)
 
@@ -43,7 +47,8 @@ class BenchResult:
 
     Attributes:
         bench: that was run.
-        table: one row for each task and entry: rates, means, differences from the default entry.
+        table: one row for each course and entry: rates, means, scores, differences from the default
+            entry.
         status: how many trials there are, were found done, and are done now.
         folder: of the files; None if nothing was written.
         rows: of ``table``, each without the columns that it has no value for.
@@ -51,7 +56,9 @@ class BenchResult:
 
     Example:
         >>> short = {"run.time_limit": 0.01}
-        >>> bench = ot.Bench.of(["elbow"], ["feedback", "equal"], trials=1, changes=short)
+        >>> bench = ot.Bench.of(
+        ...     "control", ["elbow"], ["feedback", "equal"], trials=1, changes=short
+        ... )
         >>> result = ot.run_bench(bench)
         >>> [(row["entry"], row["passed"], row["others"]) for row in result.rows]
         [('feedback', 0, '1 timed_out'), ('equal', 0, '1 timed_out')]
@@ -78,18 +85,20 @@ def run_bench(
     Args:
         bench: what to run.
         out: folder of the files; trials that are there already are not run again, whatever entries
-            and tasks were asked for then. Without one nothing is written.
+            and courses were asked for then. Without one nothing is written.
         workers: processes that run trials; with 1 this one does.
         executor: runs them instead, as in ``run_sweep``.
         progress: called with the ``Status`` of all trials together.
 
     Raises:
-        InputError: an entry cannot drive a task; no such number of workers.
+        InputError: an entry cannot drive a course; no such number of workers.
         OutputError: the folder holds something else, or cannot be written; finished batches stay.
         WorkersLost: the given executor has broken; the same call goes on from there.
 
     Example:
-        >>> bench = ot.Bench.of(["elbow"], ["equal"], trials=2, changes={"run.time_limit": 0.01})
+        >>> bench = ot.Bench.of(
+        ...     "mobility", ["elbow_15"], ["presser"], trials=2, changes={"run.time_limit": 0.01}
+        ... )
         >>> ot.run_bench(bench).trials.num_rows
         2
     """
@@ -97,95 +106,109 @@ def run_bench(
     folder = None if out is None else Path(out)
     if folder is not None:
         check_folder(folder, mark=BENCH_FILE, files=FILES)
-    sweeps = bench.sweeps()
+        _check_record(bench, folder)
+    planned = bench.sweeps()
     if folder is not None and not (folder / BENCH_FILE).is_file():
         with told(folder):
             folder.mkdir(parents=True, exist_ok=True)
         # The record marks the folder as a benchmark's before the first batch, in case this is
         # killed.
-        write_file(folder / BENCH_FILE, b"{}\n")
+        write_file(folder / BENCH_FILE, (strict_json(_plan(bench)) + "\n").encode())
+    sweeps = {key: sweep for key, sweep in planned.items() if isinstance(sweep, Sweep)}
     jobs = []
     stores = {}
-    for (task, entry), sweep in sweeps.items():
-        place = None if folder is None else folder / TRIALS / task / entry
-        stores[task, entry] = store = sweep_store(sweep, place)
+    for (course, entry), sweep in sweeps.items():
+        place = None if folder is None else folder / TRIALS / course / entry
+        stores[course, entry] = store = sweep_store(sweep, place)
         jobs.append([(store, batch) for batch in sweep.batches()])
     with Engine(workers, executor, progress) as engine:
         engine.begin(sum(sweep.size for sweep in sweeps.values()))
-        # All sweeps as one list, so that workers stay busy from one task to the next.
+        # All sweeps as one list, so that workers stay busy from one course to the next.
         parts = iter(engine.run([job for own in jobs for job in own]))
-    tables = {}
+    tables: dict[tuple[str, str], pa.Table | str] = {}
     for (key, sweep), own in zip(sweeps.items(), jobs, strict=True):
         made = [next(parts) for _ in own]
-        tables[key] = stores[key].columns.merged(made)
-        finish_sweep(sweep, stores[key], tables[key], {made_by(part) for part in made})
+        tables[key] = table = stores[key].columns.merged(made)
+        finish_sweep(sweep, stores[key], table, {made_by(part) for part in made})
     # A sweep all of whose trials are invalid is no error here: the table says so.
-    rows = rows_of(tables)
-    result = BenchResult(bench, _table(rows), engine.status, folder, rows, _all_trials(tables))
+    rows = rows_of(bench.suite, {key: tables.get(key, misfit) for key, misfit in planned.items()})
+    result = BenchResult(
+        bench, _table(bench.suite, rows), engine.status, folder, rows, _all_trials(tables)
+    )
     if folder is not None:
         _write(result, folder)
     return result
 
 
-@dataclass(frozen=True)
-class BenchMeasure:
-    """A figure of a run that passed.
+def _plan(bench: Bench) -> dict[str, Any]:
+    """What all runs in one folder have in common."""
+    return {
+        "suite": bench.suite.name,
+        "version": bench.suite.version,
+        "quick": bench.quick,
+        "trials": bench.trials,
+        "changes": dict(bench.changes),
+    }
 
-    Attributes:
-        name: of its columns.
-        unit: of its values.
-        words: what it is, short.
-        columns: of the tables of sweeps, of which it is the mean: one, or one a module.
+
+def _check_record(bench: Bench, folder: Path) -> None:
+    """Refuse a folder with another benchmark.
+
+    Raises:
+        OutputError: its suite, version, number of trials or changes are others.
     """
-
-    name: str
-    unit: str
-    words: str
-    columns: tuple[str, ...]
-
-    def of(self, table: pa.Table) -> Array:
-        """Return the figure of each trial of a table; not a number where there is none."""
-        return np.mean([numbers_of(table, name) for name in self.columns], axis=0)
-
-    @property
-    def head(self) -> str:
-        """Words and unit, for the head of a column."""
-        return self.words if self.unit == "1" else f"{self.words}, {self.unit}"
+    file = folder / BENCH_FILE
+    try:
+        record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    except (ValueError, OSError):
+        record = {}
+    for key, value in json.loads(strict_json(_plan(bench))).items():
+        if record.get(key, value) != value:
+            raise OutputError(
+                f"{folder}: holds a benchmark with {key} {record[key]!r}, not {value!r}; choose "
+                "another folder with --out, or remove this one to begin anew"
+            )
 
 
-def _of_modules(name: str, unit: str, words: str) -> BenchMeasure:
-    return BenchMeasure(name, unit, words, tuple(f"{name}_{i + 1}" for i in range(MODULES)))
-
-
-MEASURES = (
-    BenchMeasure("duration_s", "s", "time", ("duration_s",)),
-    _of_modules("slip_ratio_mean", "1", "slip"),
-    BenchMeasure("energy_j", "J", "energy", ("energy_j",)),
-    _of_modules("torque_change_nm_s", "N m/s", "torque change"),
-    BenchMeasure("tilt_max_deg", "deg", "largest tilt", ("tilt_max_deg",)),
-)
-"""Measures of the trials that an entry passed."""
-
-
-def rows_of(tables: Mapping[tuple[str, str], pa.Table]) -> list[dict[str, Any]]:
-    """Return one row for each task and entry: rates, means, differences from the default entry.
+def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> list[dict[str, Any]]:
+    """Return one row for each course and entry: rates, means, scores, differences from the default
+    entry.
 
     Differences are paired: of the success over all trials that both ran, of the other figures over
     those that both passed.
 
     Args:
-        tables: of the trials, by (task, entry).
+        suite: that was run.
+        tables: of the trials, by (course, entry); a text says why the robot does not fit.
     """
     rows = []
-    for (task, entry), table in tables.items():
-        row: dict[str, Any] = {"task": task, "entry": entry, **_rates(table)}
-        for measure in MEASURES:
+    for (course, entry), table in tables.items():
+        row: dict[str, Any] = {"course": course, "entry": entry}
+        if isinstance(table, str):
+            rows.append(row | _no_rates(table))
+            continue
+        row |= _rates(table)
+        for measure in suite.measures:
             row |= _spread(measure.name, measure.of(table)[passed_of(table) == 1])
-        default = tables.get((task, DEFAULT))
-        if default is not None and entry != DEFAULT:
-            row |= _differences(table, default)
+        row |= finite({score.name: score.of(table) for score in suite.scores})
+        default = tables.get((course, suite.default), "")
+        if not isinstance(default, str) and entry != suite.default:
+            row |= _differences(suite, table, default)
         rows.append(row)
     return rows
+
+
+def _no_rates(reason: str) -> dict[str, Any]:
+    low, high = wilson_interval(0, 0)
+    return {
+        "trials": 0,
+        "passed": 0,
+        "success": None,
+        "success_low": low,
+        "success_high": high,
+        "others": MISFIT,
+        "reason": reason,
+    }
 
 
 def _rates(table: pa.Table) -> dict[str, Any]:
@@ -193,6 +216,9 @@ def _rates(table: pa.Table) -> dict[str, Any]:
     counted, passed = int(np.isfinite(ends).sum()), int(np.nansum(ends))
     low, high = wilson_interval(passed, counted)
     outcomes = Counter(table["outcome"].to_pylist())
+    reasons = [text for text in table["reason"].to_pylist() if text]
+    if set(outcomes) == {INVALID}:
+        return _no_rates(reasons[0])
     others = {name: n for name, n in sorted(outcomes.items()) if name != Outcome.REACHED_GOAL}
     return {
         "trials": counted,
@@ -201,18 +227,20 @@ def _rates(table: pa.Table) -> dict[str, Any]:
         "success_low": low,
         "success_high": high,
         "others": ", ".join(f"{count} {name}" for name, count in others.items()),
+        "reason": next(iter(reasons), ""),
     }
 
 
 def _spread(name: str, values: Array) -> dict[str, Any]:
     """Mean of values with its interval; None where there is none."""
+    values = values[np.isfinite(values)]
     low, high = mean_interval(values.tolist())
     ends = (float(np.mean(values)) if len(values) else math.nan, low, high)
     keys = (name, f"{name}_low", f"{name}_high")
     return finite(dict(zip(keys, ends, strict=True)))
 
 
-def _differences(table: pa.Table, default: pa.Table) -> dict[str, Any]:
+def _differences(suite: Suite, table: pa.Table, default: pa.Table) -> dict[str, Any]:
     # Both entries have the same draws, so differences trial by trial cancel what the draws do.
     more = passed_of(table) - passed_of(default)
     gained, lost, total = (int(one.sum()) for one in (more == 1, more == -1, np.isfinite(more)))
@@ -223,7 +251,7 @@ def _differences(table: pa.Table, default: pa.Table) -> dict[str, Any]:
         "success_more_high": high,
     }
     both = passed_of(table) + passed_of(default) == 2
-    for measure in MEASURES:
+    for measure in suite.measures:
         own, others = measure.of(table)[both], measure.of(default)[both]
         row |= _spread(f"{measure.name}_more", own - others)
     return row
@@ -233,10 +261,8 @@ def _write(result: BenchResult, folder: Path) -> None:
     """Write everything but the trials' own folders, none before all are made."""
     bench, rows = result.bench, result.rows
     record = {
-        "quick": bench.quick,
-        "trials": bench.trials,
-        "changes": dict(bench.changes),
-        "tasks": {task.name: task.words for task in bench.tasks},
+        **_plan(bench),
+        "courses": {course.name: course.words for course in bench.courses},
         "entries": {e.name: {"words": e.words, "changes": dict(e.changes)} for e in bench.entries},
         "rows": rows,
         **environment(),
@@ -248,73 +274,94 @@ def _write(result: BenchResult, folder: Path) -> None:
         PAGE: page(bench, rows).encode(),
         BENCH_FILE: (strict_json(record) + "\n").encode(),
     }
-    figure = attempt(FIGURE, lambda: _figure(rows))
+    figure = attempt(FIGURE, lambda: figure_bytes(bench_figure(rows)))
     files |= {} if figure is None else {FIGURE: figure}
     write_files({folder / name: data for name, data in files.items()})
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """The rows as a table with all columns, and the units of those that have one."""
     import pyarrow as pa
 
     names = list(dict.fromkeys(name for row in rows for name in row))
     kinds = {"trials": pa.int64(), "passed": pa.int64()}
-    kinds |= dict.fromkeys(("task", "entry", "others"), pa.string())
-    fields = [column(name, kinds.get(name, pa.float64()), _unit(name)) for name in names]
+    kinds |= dict.fromkeys(("course", "entry", "others", "reason"), pa.string())
+    # Means, their ends and their differences share the measure's name as a prefix.
+    units = {name: m.unit for name in names for m in suite.measures if name.startswith(m.name)}
+    fields = [column(name, kinds.get(name, pa.float64()), units.get(name, "1")) for name in names]
     return pa.Table.from_pylist([dict(row) for row in rows], pa.schema(fields))
 
 
-def _unit(name: str) -> str:
-    # Means, their ends and their differences share the measure's name as a prefix.
-    return next((m.unit for m in MEASURES if name.startswith(m.name)), "1")
-
-
 def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
-    """All trials of all entries in one table; what a task does not vary is null."""
+    """All trials of all entries in one table; what a course does not vary is null."""
     import pyarrow as pa
 
     parts = []
-    for (task, entry), table in tables.items():
+    for (course, entry), table in tables.items():
         # Each sweep's table has its own hash in the metadata; tables with different ones do not
         # join.
         plain = table.replace_schema_metadata(None)
-        for name, value in (("entry", entry), ("task", task)):
+        for name, value in (("entry", entry), ("course", course)):
             plain = plain.add_column(0, name, pa.array([value] * len(plain), pa.string()))
         parts.append(plain)
-    return pa.concat_tables(parts, promote_options="default")
+    # Without a single trial, as where no robot fits, there is nothing to join.
+    return pa.concat_tables(parts, promote_options="permissive") if parts else pa.table({})
 
 
 def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows as Markdown: for each task the entries, and the paired differences."""
-    units = [measure.head for measure in MEASURES]
-    lines = [f"# Controllers compared, {bench.extent}", ""]
-    for task in bench.tasks:
-        own = [row for row in rows if row["task"] == task.name]
-        lines += [f"## {task.name}: {task.words}", ""]
-        cells = [[f"`{row['entry']}`", *figures_of(row), row["others"] or "-"] for row in own]
-        lines += _table_of(["entry", "passed", "95 %", *units, "others"], cells)
+    """Return the rows as Markdown: the trials passed, then for each course the entries, and the
+    paired differences."""
+    suite = bench.suite
+    version = f"suite {suite.name}, version {suite.version}; {bench.extent}"
+    lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
+    units = [measure.head for measure in suite.measures]
+    heads = ["entry", "passed", "95 %", *units, *(score.words for score in suite.scores), "others"]
+    for course in bench.courses:
+        own = [row for row in rows if row["course"] == course.name]
+        lines += [f"## {course.name}: {course.words}", ""]
+        cells = [
+            [f"`{row['entry']}`", *figures_of(suite, row), row["others"] or "-"] for row in own
+        ]
+        lines += markdown_table(heads, cells)
         others = [row for row in own if "success_more" in row]
         if others:
-            differences = [("success_more", 100.0), *((f"{m.name}_more", 1.0) for m in MEASURES)]
+            differences = [
+                ("success_more", 100.0),
+                *((f"{m.name}_more", 1.0) for m in suite.measures),
+            ]
             cells = [
                 [f"`{row['entry']}`", *(_more(row, *d) for d in differences)] for row in others
             ]
-            lines += _table_of([f"entry less `{DEFAULT}`", "passed, %", *units], cells)
+            lines += markdown_table([f"entry less `{suite.default}`", "passed, %", *units], cells)
     return "\n".join(lines)
 
 
-def _table_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table of Markdown, and the empty line below it."""
+def passed_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return lines of Markdown: a row a course, a column an entry, with the trials passed."""
+    courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
+    texts = {(row["course"], row["entry"]): rate_of(row) for row in rows}
+    cells = [[f"`{one}`", *(texts.get((one, entry), "-") for entry in entries)] for one in courses]
+    return markdown_table(["course", *(f"`{entry}`" for entry in entries)], cells)
+
+
+def rate_of(row: Mapping[str, Any]) -> str:
+    """Return the trials passed of a row as text, or that its robot does not fit."""
+    return f"{row['passed']} of {row['trials']}" if row["trials"] else row["others"]
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table of Markdown, and the empty line below it."""
     lines = [f"| {' | '.join(cells)} |" for cells in rows]
     return [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *lines, ""]
 
 
-def figures_of(row: Mapping[str, Any]) -> list[str]:
-    """Return the trials passed, their rate's interval, and the measures of a row, as texts."""
+def figures_of(suite: Suite, row: Mapping[str, Any]) -> list[str]:
+    """Return the trials passed, their rate's interval, the measures and the scores of a row, as
+    texts."""
     interval = f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %"
-    values = [row[measure.name] for measure in MEASURES]
+    values = [row.get(one.name) for one in (*suite.measures, *suite.scores)]
     texts = ["-" if value is None else f"{value:.3g}" for value in values]
-    return [f"{row['passed']} of {row['trials']}", interval, *texts]
+    return [rate_of(row), interval if row["trials"] else "-", *texts]
 
 
 def _more(row: Mapping[str, Any], name: str, factor: float) -> str:
@@ -324,7 +371,3 @@ def _more(row: Mapping[str, Any], name: str, factor: float) -> str:
         return "-"
     middle, low, high = (f"{factor * end:+.3g}" for end in ends if end is not None)
     return f"{middle} ({low} to {high})"
-
-
-def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    return figure_bytes(bench_figure(rows))

@@ -365,6 +365,11 @@ class Omnitrack(Robot):
         """Inner diameter of the pipe that the robot is made for, m."""
         return 2 * self.nominal_pipe_radius
 
+    @property
+    def nominal_speed(self) -> float:
+        """The paper's cruise speed, m/s, in any bore."""
+        return 0.1
+
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
         return self.scale * bore / self.nominal_bore

@@ -82,6 +82,11 @@ class Presser(Robot):
         """See ``Robot``."""
         return self.bore
 
+    @property
+    def nominal_speed(self) -> float:
+        """See ``Robot``."""
+        return self.speed
+
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
         pipe's axis."""

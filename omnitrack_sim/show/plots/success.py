@@ -504,33 +504,34 @@ _LONGEST_NAME = 24
 
 @style(PAPER)
 def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Plot how many trials of each task each entry of a benchmark passed, by the rows of its
-    table: a panel for each task, with a row for each entry."""
-    tasks = list(dict.fromkeys(row["task"] for row in rows))
+    """Plot how many trials of each course each entry of a benchmark passed, by the rows of its
+    table: a panel for each course, with a row for each entry."""
+    courses = list(dict.fromkeys(row["course"] for row in rows))
     entries = list(dict.fromkeys(row["entry"] for row in rows))
-    across, down = min(len(tasks), _ACROSS), math.ceil(len(tasks) / _ACROSS)
+    across, down = min(len(courses), _ACROSS), math.ceil(len(courses) / _ACROSS)
     height = down * (_HEAD + _ROW * len(entries))
     figure = new_figure((PAGE, height), layout="constrained")
     panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-    for panel, task in zip(panels, tasks, strict=False):
-        _draw_task(panel, [row for row in rows if row["task"] == task], entries)
-        panel.set_title(task.replace("_", " "), loc="left")
-    for panel in panels[len(tasks) :]:
+    for panel, course in zip(panels, courses, strict=False):
+        _draw_course(panel, [row for row in rows if row["course"] == course], entries)
+        panel.set_title(course.replace("_", " "), loc="left")
+    for panel in panels[len(courses) :]:
         panel.set_axis_off()
-    for panel in panels[max(len(tasks) - across, 0) : len(tasks)]:
+    for panel in panels[max(len(courses) - across, 0) : len(courses)]:
         panel.set_xlabel("passed [%]")
         panel.tick_params(labelbottom=True)
     return figure
 
 
-def _draw_task(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
+def _draw_course(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
     for row in rows:
         place = entries.index(row["entry"])
         colour = INK if place else CURVE_COLOURS[0]
+        if not row["trials"]:
+            panel.text(0, place, row["others"], color=GREY, size=6, va="center")
+            continue
         ends = [100 * row[f"success_{end}"] for end in ("low", "high")]
         panel.plot(ends, (place, place), color=colour, linewidth=1.4, solid_capstyle="butt")
-        if not row["trials"]:
-            continue
         rate = 100 * row["passed"] / row["trials"]
         panel.plot(rate, place, "o", color=colour, markersize=3.6, clip_on=False)
         if not place:  # the default, with which the others are compared

@@ -1,0 +1,337 @@
+"""Suite ``mobility``: any robot through the same courses, at every friction of a ladder.
+
+Courses are files of ``scenarios/courses``, with all lengths in bores of the robot. Version, courses
+and seeds belong together: whoever changes a course or a seed gives the suite another version.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from omnitrack_sim.base.errors import InputError, ScenarioError
+from omnitrack_sim.base.naming import shipped_courses
+from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
+from omnitrack_sim.base.table import Angle, Table, symbol_of
+from omnitrack_sim.pipes.fittings.kinds import fitting_class
+from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.record.metrics import Metric, Run
+from omnitrack_sim.robots.control import controller_of
+from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, ROBOTS, STANDARD, Robot, robot_class
+from omnitrack_sim.scenario import Scenario, set_value, validate
+from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
+from omnitrack_sim.trials.bench import BenchMeasure, BenchScore, Changes, Course, Entry, Suite
+from omnitrack_sim.trials.store import numbers_of, passed_of
+from omnitrack_sim.trials.sweep import Sweep
+
+VERSION = 1
+SEED = 72_000
+"""Of the first course; the others count on from it."""
+FIRST_NETWORK = 72_000_000
+"""Seed of the first random network."""
+LADDER = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""Frictions of the walls: oily steel to dry rubber."""
+TRIALS, QUICK = 40, 2
+"""Trials of a robot on a course: five at each friction; with ``--quick`` at 0.5 and 0.9."""
+NETWORKS, QUICK_NETWORKS = 10, 1
+"""The same in random networks, which take as long as all other courses together."""
+BATCH = 16
+"""Trials that run together."""
+BEHIND = 0.25
+"""Room between the end of the first pipe and the robot's tail, bores."""
+ROOM = 0.5
+"""Least length of the straights of a network beyond that of the robot, bores."""
+LIMIT, SPARE = 2.5, 10.0
+"""Time limit of a trial: so many times the way at the robot's nominal speed, and so many s."""
+ORDER = (
+    "straight_level",
+    "straight_up_45",
+    "straight_up_90",
+    "straight_down_45",
+    "straight_down_90",
+    "elbow_30",
+    "elbow_15",
+    "elbow_10",
+    "elbow_06",
+    "two_elbows",
+    "tee_over",
+    "tee_into",
+    "tee_out",
+    "wye_into",
+    "reducer",
+    "bore_small",
+    "bore_large",
+    "network",
+)
+"""Courses of this version."""
+
+
+class NetworkDraw(Table):
+    """A random network of a course; fields as arguments of ``random_network``, in bores."""
+
+    fittings: Annotated[int, Field(ge=1, le=1000)]
+    lengths: tuple[float, float]
+    mean_radii: tuple[float, ...]
+    tee_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+class CourseFile(Table):
+    """A course as it is written. docs/studies/benchmark.md explains the keys."""
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN)]
+    words: str
+    climb_deg: Angle | None = None
+    pipes: tuple[dict[str, Any], ...] = ()
+    network: NetworkDraw | None = None
+
+    def scenario(self, number: int, changes: Changes) -> Scenario:
+        """Return the course for a robot.
+
+        Args:
+            number: of the trial, which decides the random network.
+            changes: that make the entry, by dotted path.
+
+        Raises:
+            ScenarioError: the robot does not fit.
+        """
+        robot = robot_of(changes)
+        data: dict[str, Any] = {
+            "name": self.name,
+            "start": {"distance": robot.length / 2 + BEHIND * robot.nominal_bore},
+            "control": {"cruise_speed": robot.nominal_speed},
+            "record": {"metrics": [f"{__name__}:CONTACT_FORCE"]},
+        }
+        if self.network is not None:
+            data |= _mission(self.network, robot, FIRST_NETWORK + number)
+        else:
+            data["pipes"] = _pipes(self.pipes, robot)
+        if self.climb_deg is not None:
+            climb = math.radians(self.climb_deg)
+            data["start"]["axis"] = [math.cos(climb), 0.0, math.sin(climb)]
+        scenario = validate(data, changes=changes)
+        if scenario.run.time_limit is not None:
+            return scenario
+        way = scenario.goal_distance - scenario.start.distance
+        limit = math.ceil(LIMIT * way / scenario.control.cruise_speed + SPARE)
+        run = scenario.run.model_copy(update={"time_limit": float(limit)})
+        return scenario.model_copy(update={"run": run})
+
+    def sweep(self, seed: int, trials: int, changes: Changes) -> Sweep | str:
+        """Return the trials of a robot on this course, or why it does not fit."""
+        # So many rungs of the ladder as there are trials, evenly spread.
+        rungs = min(trials, len(LADDER))
+        friction = tuple(LADDER[int((i + 0.5) * len(LADDER) / rungs)] for i in range(rungs))
+        try:
+            if self.network is not None:
+                bases = {
+                    f"network_{i}": self.scenario(
+                        i, {**changes, "world.friction": friction[i % rungs]}
+                    )
+                    for i in range(trials)
+                }
+                return Sweep(name=self.name, batch=BATCH, bases=bases, set=dict(changes))
+            scenario = self.scenario(0, changes)
+        except ScenarioError as error:
+            return "; ".join(str(error).splitlines())
+        axes: list[Axis] = [
+            ListAxis(path="world.friction", kind="list", values=friction),
+            UniformAxis(path="start.theta5_deg", kind="uniform", low=-180, high=180),
+        ]
+        if self.climb_deg is None:
+            axes.append(DirectionAxis(path="world.gravity", kind="direction", magnitude=GRAVITY))
+        return Sweep(
+            name=self.name,
+            seed=seed,
+            samples=math.ceil(trials / rungs),
+            sampling="latin_hypercube",
+            draws="independent",
+            batch=BATCH,
+            axes=tuple(axes),
+            bases={self.name: scenario},
+            set=dict(changes),
+        )
+
+
+def _scaled(fitting: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Keys of a fitting with its lengths times ``factor``."""
+    table = fitting_class(str(fitting["kind"])).Table
+    return {
+        key: value * factor if symbol_of(table, key) == "m" and value is not None else value
+        for key, value in fitting.items()
+    }
+
+
+def _pipes(pipes: tuple[dict[str, Any], ...], robot: Robot) -> list[dict[str, Any]]:
+    """Pipes of a course in metres, with room for the robot in the first and the last one."""
+    scaled = [_scaled({"inner_diameter": 1.0, **pipe}, robot.nominal_bore) for pipe in pipes]
+    for pipe in (scaled[0], scaled[-1]):
+        pipe["length"] += robot.length
+    return scaled
+
+
+def _mission(draw: NetworkDraw, robot: Robot, seed: int) -> dict[str, Any]:
+    """Keys of a scenario: a random network and the way between two of its ends."""
+    low, high = draw.lengths
+    low = max(low, robot.length / robot.nominal_bore + ROOM)
+    network = random_network(
+        seed,
+        draw.fittings,
+        lengths=(low * REFERENCE_BORE, max(low, high) * REFERENCE_BORE),
+        mean_radii=tuple(radius * REFERENCE_BORE for radius in draw.mean_radii),
+        tee_share=draw.tee_share,
+        inner_diameter=REFERENCE_BORE,
+    )
+    # A generator apart from that of the network, whose draws may become more in a later version.
+    generator = np.random.default_rng([seed, 1])
+    start, goal = generator.choice(network.open_ends, 2, replace=False)
+    gravity = generator.normal(size=3)
+    data = network.model_dump(mode="json")
+    factor = robot.nominal_bore / REFERENCE_BORE
+    data["fittings"] = [_scaled(fitting, factor) for fitting in data["fittings"]]
+    return {
+        "network": data,
+        "mission": {"start": str(start), "goals": [str(goal)]},
+        "world": {"gravity": (GRAVITY * gravity / np.linalg.norm(gravity)).tolist()},
+    }
+
+
+def load_course(source: str | Path) -> CourseFile:
+    """Read a course file, or a shipped course by name.
+
+    Raises:
+        InputError: no such file, bad TOML, or any fault in it.
+    """
+    _, data = read_file(source, COURSE, InputError)
+    return checked(CourseFile, data, InputError)
+
+
+def robot_of(changes: Changes) -> Robot:
+    """Return the robot of an entry.
+
+    Raises:
+        InputError: there is no such robot, or one of its values does not fit.
+    """
+    data: dict[str, Any] = {"robot": {}}
+    for path, value in changes.items():
+        if path.startswith("robot."):
+            set_value(data, path, value)
+    kind = data["robot"].pop("kind", STANDARD)
+    return checked(robot_class(kind), data["robot"], InputError)
+
+
+# Entries
+
+_VARIANTS = (
+    Entry(
+        "omnitrack_differential",
+        "the omnidirectional robot with one motor and a differential",
+        {"robot.drive": "differential"},
+    ),
+)
+
+
+def shipped_entries() -> dict[str, Entry]:
+    """Return the robots that come with the package by name, each with its own controller."""
+    entries = {}
+    for kind in ROBOTS:
+        if kind != "mjcf":
+            words = (robot_class(kind).__doc__ or kind).splitlines()[0].rstrip(".")
+            entries[kind] = Entry(kind, words, {"robot.kind": kind})
+        if kind == STANDARD:
+            entries |= {entry.name: entry for entry in _VARIANTS}
+    return entries
+
+
+def entry_of(source: str, controller: str) -> Entry:
+    """Return the entry for a robot.
+
+    Args:
+        source: name of a shipped entry, an MJCF or URDF file, or ``module:Class``; ``NAME=`` before
+            it gives it another name. None: the package's own robot.
+        controller: kind of controller of that robot, or ``module:Class``; none: the robot's own.
+
+    Raises:
+        InputError: there is no such robot or controller, or it cannot be used.
+    """
+    name, is_renamed, what = (source or STANDARD).rpartition("=")
+    shipped = shipped_entries()
+    if what in shipped:
+        entry = shipped[what]
+    elif Path(what).suffix in (".xml", ".mjcf", ".urdf"):
+        # Workers may run in another folder.
+        changes = {"robot.kind": "mjcf", "robot.file": str(Path(what).resolve())}
+        entry = Entry(Path(what).stem, f"robot of {what}", changes)
+    else:
+        robot_class(what)
+        entry = Entry(what.replace(":", "."), f"robot {what}", {"robot.kind": what})
+    robot = robot_of(entry.changes)
+    if controller:
+        controller_of(controller, robot.controllers)
+        changes = {**entry.changes, "control.kind": controller}
+        entry = Entry(f"{entry.name}.{controller}".replace(":", "."), entry.words, changes)
+    return entry.renamed(name if is_renamed else entry.name, source)
+
+
+# Scores
+
+
+def _contact_force(run: Run) -> float:
+    # Bodies of other robots, modules of the package's own.
+    name = "wall_force" if "wall_force" in run.trajectory else "normal_force"
+    return float(np.nan_to_num(run.trajectory[name]).max(initial=0.0))
+
+
+CONTACT_FORCE = Metric(
+    "contact_force_max_n",
+    "N",
+    "largest force between the wall and one body or module of the robot",
+    _contact_force,
+)
+
+
+def least_friction(table: Any) -> float:
+    """Return the lowest friction of the ladder at which, and at all higher ones, at least half of
+    the trials passed; not a number where there is none."""
+    passed = passed_of(table)
+    if "world.friction" not in table.column_names:
+        return math.nan
+    friction, least = numbers_of(table, "world.friction"), math.nan
+    for rung in sorted({*friction.tolist()}, reverse=True):
+        own = passed[(friction == rung) & np.isfinite(passed)]
+        if not len(own) or own.mean() < 0.5:
+            break
+        least = rung
+    return least
+
+
+def _courses() -> dict[str, Course]:
+    courses = {}
+    for i, name in enumerate(ORDER):
+        file = load_course(shipped_courses()[name])
+        counts = (NETWORKS, QUICK_NETWORKS) if file.network is not None else (TRIALS, QUICK)
+        courses[name] = Course(name, file.words, *counts, partial(file.sweep, SEED + i))
+    return courses
+
+
+SUITE = Suite(
+    "mobility",
+    "Robots compared",
+    version=VERSION,
+    courses=_courses(),
+    entries=shipped_entries,
+    entry_of=entry_of,
+    measures=(
+        BenchMeasure("duration_s", "s", "time", ("duration_s",)),
+        BenchMeasure("mean_speed_m_s", "m/s", "speed", ("mean_speed_m_s",)),
+        BenchMeasure("energy_per_metre", "J/m", "energy", ("energy_j",), over="distance_m"),
+        BenchMeasure("contact_force_max_n", "N", "largest wall force", ("contact_force_max_n",)),
+        BenchMeasure("pose_error", "m", "pose error", ("localisation_error_mean_m",)),
+    ),
+    scores=(BenchScore("least_friction", "least friction", least_friction),),
+)
