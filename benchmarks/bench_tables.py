@@ -1,10 +1,11 @@
-"""Compares controllers, as `omnitrack bench-control` does, and prints the result as tables.
+"""Compares robots or controllers, as `omnitrack bench` does, and prints the result as tables.
 
-python benchmarks/bench_tables.py --out DIR [--task TASK ...] [--entry ENTRY ...] [--trials N]
-    [--workers N]
+python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry ENTRY ...]
+    [--trials N] [--workers N]
 
-Printed are the trials passed of each entry and task, the means of each entry, and its paired
-differences to the default controller, a table a task.
+Printed are the trials passed of each entry and course. Of robots follow what stopped them on each
+course, and their figures over all courses; of controllers the means of each entry, and its paired
+differences to the default one, a table a course.
 """
 
 from __future__ import annotations
@@ -15,27 +16,37 @@ from pathlib import Path
 from typing import Any
 
 import omnitrack_sim as ot
-from omnitrack_sim.trials.bench_run import MEASURES
+from omnitrack_sim.trials.bench import BenchMeasure, Suite
+from omnitrack_sim.trials.bench_run import ALL, markdown_table, rate_of
 
 Row = dict[str, Any]
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of Markdown."""
-    lines = [f"| {' | '.join(cells)} |" for cells in rows]
-    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *lines])
+    return "\n".join(markdown_table(heads, rows)[:-1])
+
+
+def rate_and_interval(row: Row) -> str:
+    """Trials passed with the interval of their rate."""
+    interval = f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %"
+    return f"{rate_of(row)} ({interval})" if row["trials"] else rate_of(row)
 
 
 def passed(rows: Sequence[Row]) -> str:
-    """Trials passed with the interval of their rate: a row an entry, a column a task."""
-    tasks, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("task", "entry"))
-    cells = {
-        (row["task"], row["entry"]): f"{row['passed']} of {row['trials']} "
-        f"({100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %)"
-        for row in rows
-    }
-    body = [[f"`{one}`", *(cells.get((task, one), "-") for task in tasks)] for one in entries]
-    return table(["entry", *(f"`{task}`" for task in tasks)], body)
+    """Trials passed with the interval of their rate: a row an entry, a column a course."""
+    courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
+    cells = {(row["course"], row["entry"]): rate_and_interval(row) for row in rows}
+    body = [[f"`{one}`", *(cells.get((course, one), "-") for course in courses)] for one in entries]
+    return table(["entry", *(f"`{course}`" for course in courses)], body)
+
+
+def by_course(rows: Sequence[Row], text: Any) -> str:
+    """A text of each row: a row a course, a column an entry."""
+    courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
+    cells = {(row["course"], row["entry"]): text(row) for row in rows}
+    body = [[f"`{one}`", *(cells.get((one, entry), "-") for entry in entries)] for one in courses]
+    return table(["course", *(f"`{entry}`" for entry in entries)], body)
 
 
 def spread(row: Row, name: str, form: str) -> str:
@@ -47,36 +58,54 @@ def spread(row: Row, name: str, form: str) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def measures(rows: Sequence[Row], ending: str, form: str) -> str:
+def measures(rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, form: str) -> str:
     """The measures of some rows, or with ``_more`` their differences to the default."""
-    heads = ["entry", *(measure.head for measure in MEASURES)]
-    return table(
-        heads,
-        [
-            [f"`{row['entry']}`", *(spread(row, f"{m.name}{ending}", form) for m in MEASURES)]
-            for row in rows
-        ],
-    )
+    cells = [
+        [f"`{row['entry']}`", *(spread(row, f"{m.name}{ending}", form) for m in figures)]
+        for row in rows
+    ]
+    return table(["entry", *(measure.head for measure in figures)], cells)
+
+
+def of_robots(rows: Sequence[Row], suite: Suite) -> None:
+    """Print what was passed, what stopped each robot, and the figures over all courses."""
+    print(f"## passed\n\n{by_course(rows, rate_of)}\n")
+    print(f"## stopped\n\n{by_course(rows, lambda row: row['others'] or '-')}\n")
+    known = [m for m in suite.measures if any(row.get(m.name) is not None for row in rows)]
+    heads = ["entry", "passed", *(measure.head for measure in known)]
+    body = [
+        [f"`{row['entry']}`", rate_and_interval(row), *(spread(row, m.name, ".3g") for m in known)]
+        for row in rows
+        if row["course"] == ALL
+    ]
+    print(f"## all\n\n{table(heads, body)}\n")
+
+
+def of_controllers(rows: Sequence[Row], suite: Suite) -> None:
+    """Print what was passed, means, and differences to the default."""
+    rows = [row for row in rows if row["course"] != ALL]
+    print(f"## passed\n\n{passed(rows)}\n")
+    for course in dict.fromkeys(row["course"] for row in rows):
+        own = [row for row in rows if row["course"] == course]
+        print(f"## {course} means\n\n{measures(own, suite.measures, '', '.3g')}\n")
+        others = [row for row in own if "success_more" in row]
+        print(f"## {course} differences\n\n{measures(others, suite.measures, '_more', '+.3g')}\n")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("suite")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--task", nargs="+", dest="tasks")
+    parser.add_argument("--course", nargs="+", dest="courses")
     parser.add_argument("--entry", nargs="+", dest="entries")
     parser.add_argument("--trials", type=int)
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    bench = ot.Bench.of(given.tasks, given.entries, trials=given.trials)
+    bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
     rows = ot.run_bench(bench, out=given.out, workers=given.workers).rows
-    print(f"## passed\n\n{passed(rows)}\n")
-    for task in bench.tasks:
-        own = [row for row in rows if row["task"] == task.name]
-        print(f"## {task.name} means\n\n{measures(own, '', '.3g')}\n")
-        others = [row for row in own if "success_more" in row]
-        print(f"## {task.name} differences\n\n{measures(others, '_more', '+.3g')}\n")
+    (of_controllers if bench.suite.of_controllers else of_robots)(rows, bench.suite)
 
 
 if __name__ == "__main__":

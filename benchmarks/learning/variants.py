@@ -19,7 +19,7 @@ TIME_LIMIT = 20.0
 OBSERVATION = "preview"
 """What robots without sensors for forces and slip know; policies of it run by own sensors, too."""
 _THETA5 = (-60.0, 60.0)
-"""One period of the robot's threefold symmetry, as in ``omnitrack bench-control``, degrees."""
+"""One period of the robot's threefold symmetry, as in the suite ``control``, degrees."""
 _PRELOAD = (20.0, 35.0)
 """N, likewise."""
 

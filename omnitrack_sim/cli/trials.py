@@ -498,19 +498,22 @@ def _figure(value: Any) -> str:
 
 
 def _print_bench(result: BenchResult, target: Path) -> None:
-    from omnitrack_sim.trials.bench_run import figures_of
+    from omnitrack_sim.trials.bench_run import figures_of, headings
 
     suite = result.bench.suite
-    heads = [
-        one.replace(", ", "\n").replace(" ", "\n")
-        for one in (*(m.head for m in suite.measures), *(score.words for score in suite.scores))
-    ]
-    for course in result.bench.courses:
+    figures = [one for one in (*suite.measures, *suite.scores) if _is_known(result.rows, one.name)]
+    heads = [one.head.replace(", ", "\n").replace(" ", "\n") for one in figures]
+    for name, words in headings(result.bench, result.rows).items():
         table = table_of("entry", "passed", "95 %\ninterval", *heads, gap=1)
-        table.title, table.title_justify = f"{course.name}: {course.words}", "left"
+        table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns[1:]:
             column.justify, column.no_wrap = "right", True
-        for row in (row for row in result.rows if row["course"] == course.name):
-            table.add_row(plain(row["entry"]), *figures_of(suite, row))
+        for row in (row for row in result.rows if row["course"] == name):
+            table.add_row(plain(row["entry"]), *figures_of(figures, row))
         out.print(table)
     out.say(f"  saved in {plain(str(target))}")
+
+
+def _is_known(rows: list[dict[str, Any]], name: str) -> bool:
+    """Return whether any row has a value in a column."""
+    return any(row.get(name) is not None for row in rows)

@@ -69,6 +69,7 @@ class Course:
         quick: number of trials with ``--quick``.
         sweep: makes the trials of an entry, from their number and the entry's changes; or says why
             the entry's robot does not fit the course.
+        is_passed: whether a trial can pass it; else only its measures count.
     """
 
     name: str
@@ -76,11 +77,12 @@ class Course:
     trials: int
     quick: int
     sweep: Callable[[int, Changes], Sweep | str]
+    is_passed: bool = True
 
 
 @dataclass(frozen=True)
 class BenchMeasure:
-    """A figure of a run that passed.
+    """A figure of a run.
 
     Attributes:
         name: of its columns.
@@ -88,6 +90,7 @@ class BenchMeasure:
         words: what it is, short.
         columns: of the tables of sweeps, of which it is the mean: one, or one a module.
         over: column that it is divided by; empty for none.
+        of_failures: it counts for all runs, else for those that passed.
     """
 
     name: str
@@ -95,6 +98,7 @@ class BenchMeasure:
     words: str
     columns: tuple[str, ...]
     over: str = ""
+    of_failures: bool = False
 
     def of(self, table: pa.Table) -> Array:
         """Return the figure of each trial of a table; not a number where there is none."""
@@ -116,12 +120,12 @@ class BenchScore:
 
     Attributes:
         name: of its column.
-        words: what it is, short, with its unit.
+        head: of a column: what it is, short, with its unit.
         of: from the table of the trials to the figure; not a number where there is none.
     """
 
     name: str
-    words: str
+    head: str
     of: Callable[[pa.Table], float]
 
 
@@ -137,7 +141,7 @@ class Suite:
         entries: makes the entries that come with the package, by name.
         entry_of: makes an entry from the two texts of the command line: a source, or "" for the
             standard one, and a controller, or "" for the source's own.
-        measures: of the trials that an entry passed.
+        measures: of the trials.
         scores: of all trials of an entry on a course.
         default: name of the entry that all others are compared with; empty for none.
         of_controllers: one text alone names a controller, not a robot.

@@ -24,7 +24,7 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt, figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import INVALID
-from omnitrack_sim.trials.bench import Bench, Suite
+from omnitrack_sim.trials.bench import Bench, BenchMeasure, BenchScore, Suite
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.store import column, made_by, passed_of, to_csv, to_parquet
 from omnitrack_sim.trials.sweep import Sweep
@@ -37,6 +37,8 @@ BENCH_FILE = "bench.json"
 TRIALS = "trials"
 """Folder with the sweeps of all courses and entries."""
 MISFIT = "does not fit"
+ALL = "all"
+"""Course of the rows over all courses together."""
 RESULTS, TRIALS_TABLE, PAGE, FIGURE = "results", "trials.parquet", "results.md", "bench.png"
 FILES = (BENCH_FILE, f"{RESULTS}.parquet", f"{RESULTS}.csv", TRIALS_TABLE, PAGE, FIGURE)
 
@@ -129,7 +131,9 @@ def run_bench(
     for (key, sweep), own in zip(sweeps.items(), jobs, strict=True):
         made = [next(parts) for _ in own]
         tables[key] = table = stores[key].columns.merged(made)
-        finish_sweep(sweep, stores[key], table, {made_by(part) for part in made})
+        makers = {made_by(part) for part in made}
+        # The benchmark has a figure of its own: one for each of hundreds of sweeps would take long.
+        finish_sweep(sweep, stores[key], table, makers, draws=False)
     # A sweep all of whose trials are invalid is no error here: the table says so.
     rows = rows_of(bench.suite, {key: tables.get(key, misfit) for key, misfit in planned.items()})
     result = BenchResult(
@@ -182,20 +186,38 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
         tables: of the trials, by (course, entry); a text says why the robot does not fit.
     """
     rows = []
-    for (course, entry), table in tables.items():
+    for (course, entry), table in (tables | _over_all(suite, tables)).items():
         row: dict[str, Any] = {"course": course, "entry": entry}
         if isinstance(table, str):
             rows.append(row | _no_rates(table))
             continue
-        row |= _rates(table)
+        row |= _rates(table, course not in suite.courses or suite.courses[course].is_passed)
+        passed = passed_of(table)
         for measure in suite.measures:
-            row |= _spread(measure.name, measure.of(table)[passed_of(table) == 1])
+            counts = np.isfinite(passed) if measure.of_failures else passed == 1
+            row |= _spread(measure.name, measure.of(table)[counts])
         row |= finite({score.name: score.of(table) for score in suite.scores})
         default = tables.get((course, suite.default), "")
         if not isinstance(default, str) and entry != suite.default:
             row |= _differences(suite, table, default)
         rows.append(row)
     return rows
+
+
+def _over_all(
+    suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]
+) -> dict[tuple[str, str], pa.Table | str]:
+    """The trials of each entry on all courses that it fits and can pass, if these are several."""
+    idle = {course.name for course in suite.courses.values() if not course.is_passed}
+    tables = {key: table for key, table in tables.items() if key[0] not in idle}
+    if len({course for course, _ in tables}) < 2:
+        return {}
+    together = {}
+    for entry in dict.fromkeys(entry for _, entry in tables):
+        own = {key: table for key, table in tables.items() if key[1] == entry}
+        fit = {key: table for key, table in own.items() if not isinstance(table, str)}
+        together[ALL, entry] = _all_trials(fit) if fit else next(iter(own.values()))
+    return together
 
 
 def _no_rates(reason: str) -> dict[str, Any]:
@@ -211,19 +233,20 @@ def _no_rates(reason: str) -> dict[str, Any]:
     }
 
 
-def _rates(table: pa.Table) -> dict[str, Any]:
-    ends = passed_of(table)
-    counted, passed = int(np.isfinite(ends).sum()), int(np.nansum(ends))
+def _rates(table: pa.Table, is_passed: bool) -> dict[str, Any]:
+    judged = passed_of(table)
+    counted, passed = int(np.isfinite(judged).sum()), int(np.nansum(judged))
     low, high = wilson_interval(passed, counted)
     outcomes = Counter(table["outcome"].to_pylist())
-    reasons = [text for text in table["reason"].to_pylist() if text]
+    ends = zip(table["outcome"].to_pylist(), table["reason"].to_pylist(), strict=True)
+    reasons = [reason for outcome, reason in ends if outcome != Outcome.REACHED_GOAL and reason]
     if set(outcomes) == {INVALID}:
         return _no_rates(reasons[0])
     others = {name: n for name, n in sorted(outcomes.items()) if name != Outcome.REACHED_GOAL}
     return {
         "trials": counted,
         "passed": passed,
-        "success": passed / counted if counted else None,
+        "success": passed / counted if counted and is_passed else None,
         "success_low": low,
         "success_high": high,
         "others": ", ".join(f"{count} {name}" for name, count in others.items()),
@@ -274,7 +297,9 @@ def _write(result: BenchResult, folder: Path) -> None:
         PAGE: page(bench, rows).encode(),
         BENCH_FILE: (strict_json(record) + "\n").encode(),
     }
-    figure = attempt(FIGURE, lambda: figure_bytes(bench_figure(rows)))
+    passable = {course.name for course in bench.courses if course.is_passed} | {ALL}
+    judged = [row for row in rows if row["course"] in passable]
+    figure = attempt(FIGURE, lambda: figure_bytes(bench_figure(judged))) if judged else None
     files |= {} if figure is None else {FIGURE: figure}
     write_files({folder / name: data for name, data in files.items()})
 
@@ -315,12 +340,13 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     version = f"suite {suite.name}, version {suite.version}; {bench.extent}"
     lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
     units = [measure.head for measure in suite.measures]
-    heads = ["entry", "passed", "95 %", *units, *(score.words for score in suite.scores), "others"]
-    for course in bench.courses:
-        own = [row for row in rows if row["course"] == course.name]
-        lines += [f"## {course.name}: {course.words}", ""]
+    figures = (*suite.measures, *suite.scores)
+    heads = ["entry", "passed", "95 %", *(one.head for one in figures), "others"]
+    for name, words in headings(bench, rows).items():
+        own = [row for row in rows if row["course"] == name]
+        lines += [f"## {name}: {words}", ""]
         cells = [
-            [f"`{row['entry']}`", *figures_of(suite, row), row["others"] or "-"] for row in own
+            [f"`{row['entry']}`", *figures_of(figures, row), row["others"] or "-"] for row in own
         ]
         lines += markdown_table(heads, cells)
         others = [row for row in own if "success_more" in row]
@@ -336,6 +362,13 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def headings(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return what the robot does on each course that has rows, by the name of the course."""
+    words = {course.name: course.words for course in bench.courses}
+    names = dict.fromkeys(row["course"] for row in rows)
+    return {name: words.get(name, "over all courses that it fits") for name in names}
+
+
 def passed_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return lines of Markdown: a row a course, a column an entry, with the trials passed."""
     courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
@@ -345,7 +378,10 @@ def passed_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def rate_of(row: Mapping[str, Any]) -> str:
-    """Return the trials passed of a row as text, or that its robot does not fit."""
+    """Return the trials passed of a row as text; or the pull, or that its robot does not fit."""
+    if row["trials"] and row["success"] is None:
+        pull = row.get("pull_held_n")
+        return "-" if pull is None else f"{pull:.3g} N"
     return f"{row['passed']} of {row['trials']}" if row["trials"] else row["others"]
 
 
@@ -355,13 +391,12 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
     return [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *lines, ""]
 
 
-def figures_of(suite: Suite, row: Mapping[str, Any]) -> list[str]:
-    """Return the trials passed, their rate's interval, the measures and the scores of a row, as
-    texts."""
+def figures_of(figures: Iterable[BenchMeasure | BenchScore], row: Mapping[str, Any]) -> list[str]:
+    """Return the trials passed, their rate's interval, and the ``figures`` of a row, as texts."""
     interval = f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %"
-    values = [row.get(one.name) for one in (*suite.measures, *suite.scores)]
+    values = [row.get(one.name) for one in figures]
     texts = ["-" if value is None else f"{value:.3g}" for value in values]
-    return [rate_of(row), interval if row["trials"] else "-", *texts]
+    return [rate_of(row), "-" if row["success"] is None else interval, *texts]
 
 
 def _more(row: Mapping[str, Any], name: str, factor: float) -> str:

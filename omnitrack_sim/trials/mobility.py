@@ -18,7 +18,7 @@ from pydantic import Field
 from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.base.naming import shipped_courses
 from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
-from omnitrack_sim.base.table import Angle, Table, symbol_of
+from omnitrack_sim.base.table import Angle, NotNegative, Table, symbol_of
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
@@ -47,6 +47,8 @@ BEHIND = 0.25
 """Room between the end of the first pipe and the robot's tail, bores."""
 ROOM = 0.5
 """Least length of the straights of a network beyond that of the robot, bores."""
+FITTED = ("pipes", "network", "mission", "start")
+"""Tables of a scenario whose faults say that a robot does not fit a course."""
 LIMIT, SPARE = 2.5, 10.0
 """Time limit of a trial: so many times the way at the robot's nominal speed, and so many s."""
 ORDER = (
@@ -68,6 +70,7 @@ ORDER = (
     "bore_small",
     "bore_large",
     "network",
+    "pull",
 )
 """Courses of this version."""
 
@@ -87,6 +90,7 @@ class CourseFile(Table):
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     words: str
     climb_deg: Angle | None = None
+    pull_rate: NotNegative = 0.0
     pipes: tuple[dict[str, Any], ...] = ()
     network: NetworkDraw | None = None
 
@@ -111,6 +115,8 @@ class CourseFile(Table):
             data |= _mission(self.network, robot, FIRST_NETWORK + number)
         else:
             data["pipes"] = _pipes(self.pipes, robot)
+        if self.pull_rate:
+            data["pull"] = {"rate": self.pull_rate * robot.mass * GRAVITY}
         if self.climb_deg is not None:
             climb = math.radians(self.climb_deg)
             data["start"]["axis"] = [math.cos(climb), 0.0, math.sin(climb)]
@@ -138,6 +144,9 @@ class CourseFile(Table):
                 return Sweep(name=self.name, batch=BATCH, bases=bases, set=dict(changes))
             scenario = self.scenario(0, changes)
         except ScenarioError as error:
+            # Only what the pipes refuse is a misfit; a wrong change is the user's mistake.
+            if any(fault.where.partition(".")[0] not in FITTED for fault in error.faults):
+                raise
             return "; ".join(str(error).splitlines())
         axes: list[Axis] = [
             ListAxis(path="world.friction", kind="list", values=friction),
@@ -161,8 +170,9 @@ class CourseFile(Table):
 def _scaled(fitting: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Keys of a fitting with its lengths times ``factor``."""
     table = fitting_class(str(fitting["kind"])).Table
+    lengths = [key for key in table.model_fields if symbol_of(table, key) == "m"]
     return {
-        key: value * factor if symbol_of(table, key) == "m" and value is not None else value
+        key: value * factor if key in lengths and value is not None else value
         for key, value in fitting.items()
     }
 
@@ -229,7 +239,7 @@ def robot_of(changes: Changes) -> Robot:
 
 _VARIANTS = (
     Entry(
-        "omnitrack_differential",
+        "differential",
         "the omnidirectional robot with one motor and a differential",
         {"robot.drive": "differential"},
     ),
@@ -315,7 +325,8 @@ def _courses() -> dict[str, Course]:
     for i, name in enumerate(ORDER):
         file = load_course(shipped_courses()[name])
         counts = (NETWORKS, QUICK_NETWORKS) if file.network is not None else (TRIALS, QUICK)
-        courses[name] = Course(name, file.words, *counts, partial(file.sweep, SEED + i))
+        sweep, is_passed = partial(file.sweep, SEED + i), not file.pull_rate
+        courses[name] = Course(name, file.words, *counts, sweep, is_passed)
     return courses
 
 
@@ -331,6 +342,7 @@ SUITE = Suite(
         BenchMeasure("mean_speed_m_s", "m/s", "speed", ("mean_speed_m_s",)),
         BenchMeasure("energy_per_metre", "J/m", "energy", ("energy_j",), over="distance_m"),
         BenchMeasure("contact_force_max_n", "N", "largest wall force", ("contact_force_max_n",)),
+        BenchMeasure("pull_held_n", "N", "pull left over", ("pull_held_n",), of_failures=True),
         BenchMeasure("pose_error", "m", "pose error", ("localisation_error_mean_m",)),
     ),
     scores=(BenchScore("least_friction", "least friction", least_friction),),

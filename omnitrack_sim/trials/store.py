@@ -366,7 +366,7 @@ class Folder(Store):
             elif not self._holds(name, data):
                 write_file(self.path / name, data)
 
-    def finish(self, files: Mapping[str, bytes | None], draw: Callable[[], bytes]) -> None:
+    def finish(self, files: Mapping[str, bytes | None], draw: Callable[[], bytes] | None) -> None:
         """Write the files of the whole, in order, and then the figure.
 
         Nothing is written where all are there already. A figure that cannot be drawn is a warning,
@@ -374,11 +374,11 @@ class Folder(Store):
 
         Args:
             files: contents by name; None: no such file may remain.
-            draw: makes the figure.
+            draw: makes the figure; None: there is none.
         """
         figure = self.files[-1]
         as_asked = all(self._holds(name, data) for name, data in files.items())
-        if as_asked and not self._renamed and (self.path / figure).is_file():
+        if as_asked and not self._renamed and (draw is None or (self.path / figure).is_file()):
             return
         # The figure goes first: as long as it is missing, the same command does all of this again.
         self.put(figure, None)
@@ -386,7 +386,7 @@ class Folder(Store):
             self.put(name, data)
         if self._renamed:
             self.put(self.record(), self._new_record)
-        picture = attempt(figure, draw)
+        picture = None if draw is None else attempt(figure, draw)
         if picture is not None:
             self.put(figure, picture)
 

@@ -19,6 +19,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.robots.robot import STANDARD
 from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import (
@@ -168,7 +169,7 @@ def sweep_store(sweep: Sweep, out: str | Path | None) -> Store:
 
 
 def finish_sweep(
-    sweep: Sweep, store: Store, table: pa.Table, makers: Collection[str]
+    sweep: Sweep, store: Store, table: pa.Table, makers: Collection[str], draws: bool = True
 ) -> dict[str, Any]:
     """Return the summary of a sweep; where its store is a folder, write the files of the whole.
 
@@ -177,6 +178,7 @@ def finish_sweep(
         store: of its batches.
         table: of all trials.
         makers: versions and commits that the batches were made by, as JSON.
+        draws: also write the figure.
     """
     summary = summarise_sweep(sweep, table, makers)
     if isinstance(store, Folder):
@@ -185,7 +187,7 @@ def finish_sweep(
             SUMMARY_FILE: to_json(summary),
             TABLE_FILE: to_parquet(table),
         }
-        store.finish(files, lambda: draw_map(sweep, table))
+        store.finish(files, (lambda: draw_map(sweep, table)) if draws else None)
     return summary
 
 
@@ -344,8 +346,11 @@ def singular_range(case: TurnCase | None) -> SingularRange | None:
 
 
 def turn_case(sweep: Sweep) -> TurnCase | None:
-    """Return robot and tee of the first base; None if its route does not turn in a tee."""
+    """Return robot and tee of the first base; None if its route does not turn in a tee, or the
+    robot has no modules that turn it."""
     scenario = next(iter(sweep.bases.values()))
+    if scenario.robot.kind != STANDARD:
+        return None
     # Missions are left out: they may turn in several tees.
     for passage in scenario.route.passages if scenario.pipes else ():
         if passage.manoeuvre == "tee_turn":

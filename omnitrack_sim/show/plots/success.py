@@ -527,7 +527,7 @@ def _draw_course(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequen
     for row in rows:
         place = entries.index(row["entry"])
         colour = INK if place else CURVE_COLOURS[0]
-        if not row["trials"]:
+        if row["success"] is None:
             panel.text(0, place, row["others"], color=GREY, size=6, va="center")
             continue
         ends = [100 * row[f"success_{end}"] for end in ("low", "high")]

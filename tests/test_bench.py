@@ -1,0 +1,305 @@
+"""Benchmarks of controllers and robots: courses, entries, figures, tables, and going on."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from policy_samples import driver
+
+from omnitrack_sim.base.errors import InputError, OutputError
+from omnitrack_sim.cli import main
+from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
+from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials.bench import Bench, Course, suite_of
+from omnitrack_sim.trials.bench_run import FILES, page, rows_of, run_bench
+from omnitrack_sim.trials.controllers import DRY, _drawn
+
+CONTROL = suite_of("control")
+
+
+def driven_by(source: str):
+    """The entry of a controller."""
+    return CONTROL.entry_of("", source)
+
+
+def _short(trials: int, changes: dict):
+    """Begins of turns in the tee, of 0.3 s."""
+    return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
+
+
+SHORT = Course("short", "up the run for a moment", 4, 2, _short)
+
+
+def _status(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "--suite", "control", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def test_every_entry_can_drive_every_course_by_the_same_draws():
+    bench = Bench.of("control", quick=True)
+    entries, sweeps = bench.entries, bench.sweeps()
+    assert len(sweeps) == len(CONTROL.courses) * len(entries)
+    for course in CONTROL.courses:
+        trials = [sweeps[course, entry.name].trials() for entry in entries]
+        assert all(one == trials[0] for one in trials)
+    kinds = {key: next(iter(sweep.bases.values())).control.kind for key, sweep in sweeps.items()}
+    assert kinds["network", "equal"] == "equal"
+    assert sweeps["turn", "earlier"].bases["tee_turn"].robot.motor.speed_bandwidth == 50.0
+    assert sweeps["turn", "differential"].bases["tee_turn"].robot.drive == "differential"
+    networks = sweeps["network", "feedback"].bases.values()
+    assert len({scenario.network.model_dump_json() for scenario in networks}) == 4
+
+
+def test_more_trials_are_so_many_of_each_course():
+    """Drawn anew, but for networks, which are counted on."""
+    turn, network = CONTROL.courses["turn"], CONTROL.courses["network"]
+    courses = [replace(turn, trials=20), replace(network, trials=3)]
+    entries = [driven_by("feedback")]
+    some, more = (Bench(CONTROL, courses, entries, trials=n).sweeps() for n in (None, 5))
+    assert [sweep.size for sweep in some.values()] == [20, 3]
+    assert [sweep.size for sweep in more.values()] == [5, 5]
+    friction = [s["turn", "feedback"].trials()["world.friction"] for s in (some, more)]
+    assert not set(friction[0]) & set(friction[1])
+    assert list(more["network", "feedback"].bases)[:3] == list(some["network", "feedback"].bases)
+
+
+def test_dry_and_slippery_walls_do_not_overlap():
+    sweeps = Bench.of("control", ["turn", "turn_slippery"], ["feedback"]).sweeps()
+    dry, wet = (sweep.trials()["world.friction"] for sweep in sweeps.values())
+    assert len(dry) == len(wet) == 200
+    assert min(dry) >= 0.7 >= max(wet) >= 0.69
+    assert min(wet) >= 0.5
+
+
+def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
+    """Only what is not there is run, also by two workers."""
+    driver().save(tmp_path / "driver.npz")
+    first = [driven_by("feedback"), driven_by(f"mine={tmp_path / 'driver.npz'}")]
+    rows = run_bench(Bench(CONTROL, [SHORT], first), out=tmp_path / "out").rows
+    assert [row["entry"] for row in rows] == ["feedback", "mine"]
+    assert rows[0]["others"] == "4 timed_out"
+    with monkeypatch.context() as patch:
+        patch.setattr(dispatch, "run_trials", lambda batch: pytest.fail("ran again"))
+        assert run_bench(Bench(CONTROL, [SHORT], first), out=tmp_path / "out").rows == rows
+    told = []
+    more = Bench(
+        CONTROL, [SHORT], [*first, driven_by("omnitrack_sim.paper.open_loop:EqualController")]
+    )
+    again = run_bench(more, out=tmp_path / "out", workers=2, progress=told.append).rows
+    assert again[:2] == rows
+    assert again[2]["entry"] == "omnitrack_sim.paper.open_loop.EqualController"
+    assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
+    for name in FILES:
+        assert (tmp_path / "out" / name).stat().st_size > 0, name
+    table = pq.read_table(tmp_path / "out" / "trials.parquet")
+    assert table.num_rows == 12
+    assert table.column_names[:2] == ["course", "entry"]
+    results = pq.read_table(tmp_path / "out" / "results.parquet")
+    assert results.schema.field("energy_j").metadata[b"unit"] == b"J"
+    assert json.loads((tmp_path / "out" / "bench.json").read_text())["rows"][0]["trials"] == 4
+
+
+def _trials(seconds: list[float], outcomes: list[str]) -> pa.Table:
+    """Table of trials that took so long, each with its outcome."""
+    figures = {
+        name: [1.0] * len(seconds) for measure in CONTROL.measures for name in measure.columns
+    }
+    figures |= {"duration_s": seconds, "success": [one == "reached_goal" for one in outcomes]}
+    figures |= {"reason": [""] * len(outcomes)}
+    return pa.table({"outcome": outcomes, **figures})
+
+
+def test_rates_and_paired_differences():
+    """Of time only over trials that both passed; what did not run does not count."""
+    default = _trials([10.0, 11.0, 12.0, 50.0, 50.0], ["reached_goal"] * 3 + ["stuck"] * 2)
+    other = _trials(
+        [9.0, 10.5, 50.0, 4.0, math.nan],
+        ["reached_goal", "reached_goal", "stuck", "reached_goal", "error"],
+    )
+    plain, paired = rows_of(CONTROL, {("turn", "feedback"): default, ("turn", "other"): other})
+    assert (plain["passed"], plain["trials"], plain["duration_s"]) == (3, 5, 11.0)
+    assert "success_more" not in plain
+    assert (paired["passed"], paired["trials"]) == (3, 4)
+    assert paired["others"] == "1 error, 1 stuck"
+    assert paired["success_more"] == 0.0
+    assert (paired["success_more_low"], paired["success_more_high"]) == paired_rate_interval(
+        1, 1, 4
+    )
+    assert paired["duration_s_more"] == pytest.approx(-0.75)
+    assert paired["duration_s_more_low"] < -0.75 < paired["duration_s_more_high"]
+    written = page(Bench(CONTROL, [SHORT], [driven_by("feedback")]), [plain | {"course": "short"}])
+    assert "| `feedback` | 3 of 5 |" in written
+    assert "entry less" not in written
+
+
+def test_intervals():
+    """Bonett and Price's own form, and Student's t of 1, 2, 3."""
+    assert paired_rate_interval(0, 0, 0) == (-1.0, 1.0)
+    low, high = paired_rate_interval(20, 5, 98)
+    half = 1.959964 * math.sqrt((0.21 + 0.06 - 0.15**2) / 100)
+    assert (low, high) == pytest.approx((0.15 - half, 0.15 + half), abs=1e-6)
+    assert paired_rate_interval(5, 20, 98) == pytest.approx((-high, -low))
+    assert mean_interval([1.0, 2.0, 3.0]) == pytest.approx((2 - 2.48414, 2 + 2.48414), abs=1e-4)
+    assert all(map(math.isnan, mean_interval([1.0])))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--course", "trun"], "did you mean 'turn'"),
+        (["--suite", "contrl"], "did you mean 'control'"),
+        (["--controller", "feedbck"], "did you mean 'feedback'"),
+        (["--controller", "xyz"], "jacobian, paper, driven, policy, module:Object"),
+        (["--controller", "no_such:Thing"], "module 'no_such' cannot be imported"),
+        (["--controller", "missing.npz"], "no such file, nor a shipped policy"),
+        (["--controller", "a/b=equal"], "has no name for a folder"),
+        (["--controller", "equal=paper"], "is the name of two"),
+        (["--robot", "presser"], "is for the suite mobility"),
+        (["--robot", "a", "--robot", "b", "--controller", "c"], "give one for each --robot"),
+        (["--trials", "12"], "is the number of trials; leave out --quick"),
+    ],
+)
+def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, told):
+    out = tmp_path / "out"
+    assert _status(monkeypatch, "--quick", "--out", str(out), *arguments) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
+def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert _status(monkeypatch, "--quick", "--out", str(tmp_path)) == 2
+    assert "holds files but no bench.json" in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_entry_that_cannot_drive_is_refused_before_any_trial():
+    with pytest.raises(InputError, match="one of each at least"):
+        Bench(CONTROL, [SHORT], [])
+
+
+# Robots
+
+SLUG = """<mujoco><worldbody><body name="slug"><freejoint/><site name="middle"/>
+<geom type="capsule" size="0.03 0.03" mass="0.1"/></body></worldbody>
+<actuator><general site="middle" gear="0 0 1 0 0 0"/></actuator></mujoco>"""
+PUSH = """import numpy as np, omnitrack_sim as ot
+class Push:
+    def __init__(self, setup):
+        self.ctrl = np.full((setup.n, 1), 1.2)
+    def step(self, observation):
+        return ot.Actuation(self.ctrl)
+"""
+
+
+@pytest.fixture
+def outside(tmp_path, monkeypatch):
+    """A folder of somebody else's, with a robot and its controller."""
+    (tmp_path / "slug.xml").write_text(SLUG)
+    (tmp_path / "push_control.py").write_text(PUSH)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_an_outside_robot_has_its_row_by_one_command(outside, monkeypatch, capsys):
+    line = "bench --quick --alone --robot slug.xml --controller push_control:Push --workers 1"
+    line += " --course straight_level --json"
+    monkeypatch.setattr("sys.argv", ["omnitrack", *line.split()])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    rows = json.loads(capsys.readouterr().out)
+    (row,) = rows
+    assert (row["course"], row["entry"]) == ("straight_level", "slug.push_control.Push")
+    assert (row["passed"], row["trials"]) == (2, 2)
+    assert row["least_friction"] == 0.5
+    assert row["mean_speed_m_s"] > 0.01
+    out = outside / "out" / "bench_mobility_quick"
+    assert (out / "bench.png").is_file()
+    assert "2 of 2" in (out / "results.md").read_text()
+
+
+def test_courses_are_of_the_robots_size(outside):
+    """Lengths in bores, with room for the robot, and time by its speed."""
+    sweeps = Bench.of("mobility", ["elbow_15"], ["omnitrack", "slug.xml"], quick=True).sweeps()
+    large, small = (next(iter(sweep.bases.values())) for sweep in sweeps.values())
+    assert small.robot.nominal_bore == pytest.approx(0.06)
+    for scenario in (large, small):
+        bore, length = scenario.robot.nominal_bore, scenario.robot.length
+        assert scenario.pipes[1].mean_radius == pytest.approx(1.5 * bore)
+        assert scenario.pipes[0].length == pytest.approx(0.5 * bore + length)
+        assert scenario.pipes[2].inner_diameter == pytest.approx(bore)
+        assert scenario.control.cruise_speed == scenario.robot.nominal_speed
+    assert small.run.time_limit > large.run.time_limit / 2
+
+
+def test_every_shipped_robot_has_every_course():
+    """Or a reason why it does not fit; not one of them is an abort."""
+    sweeps = Bench.of("mobility", quick=True).sweeps()
+    assert all(sweep.size in (1, 2) for sweep in sweeps.values() if not isinstance(sweep, str))
+    assert [key for key, sweep in sweeps.items() if isinstance(sweep, str)] == []
+
+
+@pytest.mark.parametrize(
+    ("robot", "bore", "reason"),
+    [("omnitrack", 0.3, "the arms reach bores from"), ("slug.xml", 0.054, "deep in the wall")],
+)
+def test_a_robot_that_does_not_fit_is_a_row(outside, robot, bore, reason):
+    """By its own bores, or by what is seen once it has settled."""
+    changes = {"pipes.0.inner_diameter": bore}
+    bench = Bench.of("mobility", ["bore_small"], [robot], trials=1, changes=changes)
+    (row,) = run_bench(bench).rows
+    assert (row["trials"], row["success"], row["others"]) == (0, None, "does not fit")
+    assert reason in row["reason"]
+
+
+def test_what_can_be_passed_counts_for_all_courses():
+    """A pull is measured; rates are of the others, and of those together."""
+    short = {"run.time_limit": 0.2}
+    bench = Bench.of(
+        "mobility", ["elbow_15", "tee_over", "pull"], ["presser"], quick=True, changes=short
+    )
+    rows = {row["course"]: row for row in run_bench(bench).rows}
+    assert list(rows) == ["elbow_15", "tee_over", "pull", "all"]
+    assert rows["pull"]["success"] is None
+    assert rows["pull"]["pull_held_n"] > 0
+    assert (rows["all"]["passed"], rows["all"]["trials"]) == (0, 4)
+    assert rows["all"]["others"] == "4 timed_out"
+
+
+def test_a_wrong_change_is_no_misfit():
+    bench = Bench.of("mobility", ["bore_small"], ["presser"], changes={"world.frction": 1.0})
+    with pytest.raises(InputError, match="frction"):
+        bench.sweeps()
+
+
+def _results(out, workers: int) -> tuple[str, bytes]:
+    short = {"run.time_limit": 0.3}
+    bench = Bench.of(
+        "mobility", ["elbow_15", "straight_up_90"], ["presser"], trials=3, changes=short
+    )
+    run_bench(bench, out=out, workers=workers)
+    return tuple((out / name).read_bytes() for name in ("results.csv", "trials.parquet"))
+
+
+def test_the_table_is_the_same_whoever_runs_it(tmp_path):
+    """By one process and two; and where some batches were lost."""
+    whole = _results(tmp_path / "one", workers=1)
+    (tmp_path / "one" / "trials" / "elbow_15" / "presser" / "parts").rename(tmp_path / "lost")
+    (tmp_path / "one" / "results.csv").unlink()
+    assert _results(tmp_path / "one", workers=1) == whole
+    assert _results(tmp_path / "two", workers=2) == whole
+
+
+def test_a_folder_of_another_form_is_left_alone(tmp_path):
+    _results(tmp_path, workers=1)
+    other = Bench.of("mobility", ["elbow_15"], ["presser"], quick=True)
+    with pytest.raises(OutputError, match="holds a benchmark with quick False"):
+        run_bench(other, out=tmp_path)
