@@ -19,13 +19,18 @@ from omnitrack_sim.results.html import sketch
 from omnitrack_sim.scenario import validate
 
 DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
-PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1}
+PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1, "your-robot-in-10-minutes": 2}
 """Notebooks, and how many pictures each shows at least."""
 SHORTER = {
     "tutorial": {"samples = 6": "samples = 1"},
     "learn-in-5-minutes": {
         "for generation in range(10):": "for generation in (0, 1):",
         '"run.time_limit": 3.0': '"run.time_limit": 0.3',
+    },
+    "your-robot-in-10-minutes": {
+        "while data.time < 8.0:": "while data.time < 0.5:",
+        "for _ in range(8):": "for _ in range(2):",
+        "start.distance = 0.15": "start.distance = 0.15\nrun.time_limit = 2.0",
     },
 }
 """What the test runs less of: it passes through the same code."""
