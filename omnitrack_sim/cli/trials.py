@@ -506,8 +506,10 @@ def _print_bench(result: BenchResult, target: Path) -> None:
     for name, words in headings(result.bench, result.rows).items():
         table = table_of("entry", "passed", "95 %\ninterval", *heads, gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
+        for column in table.columns:
+            column.no_wrap = True
         for column in table.columns[1:]:
-            column.justify, column.no_wrap = "right", True
+            column.justify = "right"
         for row in (row for row in result.rows if row["course"] == name):
             table.add_row(plain(row["entry"]), *figures_of(figures, row))
         out.print(table)

@@ -393,7 +393,7 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
 
 def figures_of(figures: Iterable[BenchMeasure | BenchScore], row: Mapping[str, Any]) -> list[str]:
     """Return the trials passed, their rate's interval, and the ``figures`` of a row, as texts."""
-    interval = f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %"
+    interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f} %"
     values = [row.get(one.name) for one in figures]
     texts = ["-" if value is None else f"{value:.3g}" for value in values]
     return [rate_of(row), "-" if row["success"] is None else interval, *texts]
