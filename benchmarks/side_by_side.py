@@ -1,6 +1,6 @@
 """Three robots that are to turn into the branch of the same tee, side by side.
 
-python benchmarks/side_by_side.py --out FOLDER [--robots A B C] [--film]
+python benchmarks/side_by_side.py --out FOLDER [--film]
 
 side_by_side.png: stills at the same moments, a row a moment, with how each run ended below.
 side_by_side.mp4 with --film: all of it. The course is that of the benchmark.
@@ -17,14 +17,14 @@ from PIL import Image, ImageDraw
 
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.overlay import font
-from omnitrack_sim.show.film.render import film
+from omnitrack_sim.show.film.render import film, render_frames
 from omnitrack_sim.trials.bench import suite_of
 from omnitrack_sim.trials.mobility import load_course
 
 ROBOTS = ("omnitrack", "climber", "presser")
-TIMES = (1.5, 3.5, 5.5)
-"""Of the stills, s; then the robots are at the opening, in it and behind it."""
-PANEL = (480, 480)
+TIMES = (1.5, 3.0, 6.5)
+"""Of the stills, s; then the robots are before the opening, beside it, and at their ends."""
+PANEL = (360, 360)
 FPS, LAST = 25, 1.0
 """Frames a second; how long the film shows the ends, s."""
 HEAD, GAP = 30, 6
@@ -37,41 +37,26 @@ def run_of(robot: str) -> ot.Result:
     return ot.run(load_course("tee_into").scenario(0, changes), no_load=False)
 
 
-def rows_of(runs: Sequence[ot.Result], times: Sequence[float]) -> list[np.ndarray]:
-    """Panels of all robots at each time, side by side, with head lines."""
+def panels_of(name: str, run: ot.Result, times: Sequence[float]) -> list[np.ndarray]:
+    """Panels of one robot at each time, with a head line; at last with how the run ended."""
     width, height = PANEL
-    columns = []
-    for name, run in zip(ROBOTS, runs, strict=True):
-        last = [min(time, run.duration_s) for time in times]
-        columns.append(
-            ot_frames(run, name, last, [time >= run.duration_s for time in times], width, height)
-        )
-    return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
-
-
-def ot_frames(
-    run: ot.Result,
-    name: str,
-    times: Sequence[float],
-    over: Sequence[bool],
-    width: int,
-    height: int,
-) -> list[np.ndarray]:
-    """Panels of one robot."""
-    from omnitrack_sim.show.film.render import render_frames
-
     options = {"width": width, "height": height, "inset": False, "overlay": False}
+    moments = [min(time, run.duration_s) for time in times]
     panels = []
-    for frame, time, ended in zip(
-        render_frames(run, times=times, **options), times, over, strict=True
-    ):
+    for frame, time in zip(render_frames(run, times=moments, **options), moments, strict=True):
         panel = Image.new("RGB", (width + GAP, height + HEAD), "white")
         panel.paste(Image.fromarray(frame), (0, HEAD))
-        words = run.outcome.value.replace("_", " ") if ended else "on its way"
+        words = run.outcome.value.replace("_", " ") if time == run.duration_s else "on its way"
         text = f"{name}: {words}, {time:.1f} s"
-        ImageDraw.Draw(panel).text((4, 5), text, font=font(18), fill=(34, 38, 43))
+        ImageDraw.Draw(panel).text((4, 5), text, font=font(16), fill=(34, 38, 43))
         panels.append(np.asarray(panel))
     return panels
+
+
+def rows_of(runs: Sequence[ot.Result], times: Sequence[float]) -> list[np.ndarray]:
+    """Panels of all robots at each time, side by side."""
+    columns = [panels_of(name, run, times) for name, run in zip(ROBOTS, runs, strict=True)]
+    return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
 
 
 def main() -> None:

@@ -504,7 +504,7 @@ def _print_bench(result: BenchResult, target: Path) -> None:
     figures = [one for one in (*suite.measures, *suite.scores) if _is_known(result.rows, one.name)]
     heads = [one.head.replace(", ", "\n").replace(" ", "\n") for one in figures]
     for name, words in headings(result.bench, result.rows).items():
-        table = table_of("entry", "passed", "95 %\ninterval", *heads, gap=1)
+        table = table_of("entry", "passed", "95 %\ninterval\n%", *heads, gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns:
             column.no_wrap = True

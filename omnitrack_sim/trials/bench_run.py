@@ -341,7 +341,7 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
     units = [measure.head for measure in suite.measures]
     figures = (*suite.measures, *suite.scores)
-    heads = ["entry", "passed", "95 %", *(one.head for one in figures), "others"]
+    heads = ["entry", "passed", "95 % interval, %", *(one.head for one in figures), "others"]
     for name, words in headings(bench, rows).items():
         own = [row for row in rows if row["course"] == name]
         lines += [f"## {name}: {words}", ""]
@@ -393,10 +393,15 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
 
 def figures_of(figures: Iterable[BenchMeasure | BenchScore], row: Mapping[str, Any]) -> list[str]:
     """Return the trials passed, their rate's interval, and the ``figures`` of a row, as texts."""
-    interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f} %"
+    interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f}"
     values = [row.get(one.name) for one in figures]
-    texts = ["-" if value is None else f"{value:.3g}" for value in values]
+    texts = ["-" if value is None else three_digits(value) for value in values]
     return [rate_of(row), "-" if row["success"] is None else interval, *texts]
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three digits, and more only before the point."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _more(row: Mapping[str, Any], name: str, factor: float) -> str:
