@@ -237,7 +237,7 @@ def test_courses_are_of_the_robots_size(outside):
         assert scenario.pipes[0].length == pytest.approx(0.5 * bore + length)
         assert scenario.pipes[2].inner_diameter == pytest.approx(bore)
         assert scenario.control.cruise_speed == scenario.robot.nominal_speed
-    assert small.run.time_limit > large.run.time_limit / 2
+    assert small.time_limit_s > large.time_limit_s / 2
 
 
 def test_every_shipped_robot_has_every_course():
