@@ -52,7 +52,7 @@ from .robots.control import Actuation as Actuation
 from .robots.control import Controller as Controller
 from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
-from .robots.features import Feature as Feature
+from .robots.feature import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
 from .robots.omnitrack.control.command import Command as Command
 from .robots.omnitrack.drive import DRIVES as DRIVES

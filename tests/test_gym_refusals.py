@@ -11,7 +11,7 @@ from environments import single, vector
 
 import omnitrack_sim as ot
 from omnitrack_sim.gym import RobotVectorEnv
-from omnitrack_sim.robots.features import DECISION_PERIOD
+from omnitrack_sim.robots.feature import DECISION_PERIOD
 
 
 @pytest.mark.parametrize(

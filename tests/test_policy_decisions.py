@@ -10,7 +10,7 @@ import pytest
 from runs import there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.features import Feature, bounds
+from omnitrack_sim.robots.feature import Feature, bounds
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURE_SETS, features_of
 from omnitrack_sim.robots.omnitrack.policy.file import DIRECT, RESIDUAL

@@ -17,7 +17,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.bounds import MOST_POLICY_BYTES
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.cli import main
-from omnitrack_sim.robots.features import Feature
+from omnitrack_sim.robots.feature import Feature
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS, FEATURES
 from omnitrack_sim.robots.omnitrack.policy.file import RESIDUAL, Mlp, Policy, named_features
 

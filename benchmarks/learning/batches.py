@@ -13,7 +13,7 @@ import numpy as np
 
 import omnitrack_sim as ot
 import omnitrack_sim.gym
-from omnitrack_sim.robots.features import FloatRows
+from omnitrack_sim.robots.feature import FloatRows
 
 
 class Batch:

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.features import FloatRows
+from omnitrack_sim.robots.feature import FloatRows
 from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS, Mlp, TrainingRecord, named_features
 
 NEARNESS = 1e-6

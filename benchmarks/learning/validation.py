@@ -10,7 +10,7 @@ from batches import Batch
 from variants import VALIDATION_SEED
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.features import FloatRows
+from omnitrack_sim.robots.feature import FloatRows
 
 
 class Score(NamedTuple):

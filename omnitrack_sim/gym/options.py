@@ -12,7 +12,7 @@ from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.gym.reward import TERMS
-from omnitrack_sim.robots.features import Feature
+from omnitrack_sim.robots.feature import Feature
 from omnitrack_sim.robots.robot import Robot
 
 _DRAWN = ("world.friction", "start.theta5_deg", "control.cruise_speed", "start.distance")

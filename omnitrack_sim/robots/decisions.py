@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
-from omnitrack_sim.robots.features import (
+from omnitrack_sim.robots.feature import (
     DECISION_PERIOD,
     PLACE,
     ROUTE,

@@ -15,7 +15,7 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import FileName, Table
 from omnitrack_sim.robots.control import ControlSetup, Observation, controller_of, parameters_model
-from omnitrack_sim.robots.features import (
+from omnitrack_sim.robots.feature import (
     DECISION_PERIOD,
     Feature,
     FloatRows,

@@ -19,7 +19,7 @@ import numpy as np
 
 from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.robots.features import (
+from omnitrack_sim.robots.feature import (
     ANGULAR_VELOCITY,
     ASIDE,
     ROUTE,

@@ -27,7 +27,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted, strict_json
 from omnitrack_sim.base.writing import npz_of, write_file
-from omnitrack_sim.robots.features import DECISION_PERIOD, Feature, FloatRows
+from omnitrack_sim.robots.feature import DECISION_PERIOD, Feature, FloatRows
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURES, features_of
 
 HEADER = "policy"
