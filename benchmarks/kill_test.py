@@ -1,12 +1,13 @@
 """Kills commands at all moments of their lives, and looks at what is there afterwards.
 
-python benchmarks/kill_test.py [--quick] [--kills N] [--only sweep|run|film|render|reproduce]
+python benchmarks/kill_test.py [--quick] [--kills N] [--only NAME]
 
 ``run`` (with and without a film), ``render`` and ``reproduce --quick`` replace an earlier output.
 Half of their kills come right before a change of a file, the other half at random times. After
 each one the earlier output or the new one must be there whole, and after the next undisturbed
-start the new one and nothing beside it. A sweep is killed and resumed until it is done, and must
-leave the files of an undisturbed one. Ends with status 1 where anything is lost or left.
+start the new one and nothing beside it. A sweep and a benchmark are killed and resumed until
+they are done, and must leave the files of an undisturbed one. Ends with status 1 where anything is
+lost or left.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 from killing.outputs import Subject, Trial
-from killing.sweep import kill_sweep
+from killing.sweep import FILES, kill_trials
 
 
 def _run(friction: float, *more: str) -> tuple[str, ...]:
@@ -54,8 +55,8 @@ SUBJECTS = {
         statuses=(0, 1),  # 1 where a verdict has changed
     ),
 }
-SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "sweep": 20}
-"""How often each is killed; 40 kills without the sweep's."""
+SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "sweep": 20, "bench": 6}
+"""How often each is killed; 40 kills without those of trials."""
 QUICK = {"run": 4, "render": 2}
 
 
@@ -65,9 +66,9 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="about a minute: run and render only")
-    parser.add_argument("--only", choices=[*SUBJECTS, "sweep"])
+    parser.add_argument("--only", choices=[*SUBJECTS, *FILES])
     parser.add_argument("--kills", type=int, metavar="N", help="of each")
-    parser.add_argument("--trials", type=int, default=1000, help="of the sweep")
+    parser.add_argument("--trials", type=int, default=1000, help="of the sweep, or of each course")
     parser.add_argument("--workers", type=int, default=2, help="of the sweep")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
@@ -76,9 +77,9 @@ def main() -> int:
     for name in shares if given.only is None else (given.only,):
         kills = shares.get(name, 2) if given.kills is None else given.kills
         with tempfile.TemporaryDirectory() as place:
-            if name == "sweep":
+            if name in FILES:
                 sizes = (given.trials, given.workers)
-                faults += kill_sweep(Path(place), kills, given.seed, *sizes)
+                faults += kill_trials(name, Path(place), kills, given.seed, *sizes)
             else:
                 faults += Trial(SUBJECTS[name], Path(place) / name).kill_often(kills, given.seed)
     print("nothing lost, nothing left" if not faults else f"{len(faults)} faults:")
