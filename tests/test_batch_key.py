@@ -12,6 +12,7 @@ from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.scenario.tables import PullTable
 from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
 
 OWN = (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in Omnitrack.own_values))
@@ -71,7 +72,7 @@ def test_all_that_is_taken_of_each_is_a_key() -> None:
         for path in leaves(plain(name))
         for depth in range(5)
     }
-    known |= {"mission.avoid"}
+    known |= {"mission.avoid", *(f"pull.{key}" for key in PullTable.model_fields)}
     assert [path for path in OWN if path not in known] == []
 
 
@@ -98,6 +99,8 @@ OTHER: dict[str, Any] = {
     "control.parameters": {"recovery": {"retries": 0}, "tracking": {"gain": 1.0}},
     "run.time_limit": 0.7,
     "run.goal_distance": 0.31,
+    "pull.force": 4.0,
+    "pull.rate": 9.0,
 }
 """Another value for each path that a batch takes of each robot, and for the goal that each brings
 to its own legs."""
@@ -105,7 +108,7 @@ to its own legs."""
 
 def straight(**changes: Any) -> ot.Scenario:
     """A second in a straight pipe, from a little beside the best orientation."""
-    base = {"run.time_limit": 0.8, "start.distance": 0.25}
+    base = {"run.time_limit": 0.8, "start.distance": 0.25, "pull.force": 1.0}
     return ot.override(ot.load_scenario("straight"), base | changes)
 
 
@@ -118,6 +121,7 @@ def tee(**changes: Any) -> ot.Scenario:
         "run.time_limit": 2.2,
         "start.theta5_deg": 15.0,
         "start.distance": 0.30,
+        "pull.force": 1.0,
     }
     return rolling_tee(**(base | changes))
 

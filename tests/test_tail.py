@@ -40,7 +40,7 @@ def in_straight(kind, changes=None, **pull):
         "pipes": [{"kind": "straight", "length": 4.0}],
         "start": {"distance": 2.0},
         "world": {"gravity": [0, 0, 0]},
-        "pull": pull,
+        "pull": pull or None,
         "control": {"kind": "jacobian" if kind == "omnitrack" else "own"},
         "run": {"time_limit": 1.0},
         "monitor": {"slide_back": 5.0, "patience_time": 2.0},

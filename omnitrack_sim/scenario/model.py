@@ -95,7 +95,8 @@ class Scenario(Table):
     """Start, goals and task in the network."""
     start: StartTable = StartTable()
     world: WorldTable = WorldTable()
-    pull: PullTable = PullTable()
+    pull: PullTable | None = None
+    """A pull at the robot's tail, backward along the pipe."""
     robot: RobotOfKind = Omnitrack()
     control: ControlTable = ControlTable()
     sensing: SensingTable = SensingTable()
@@ -281,7 +282,7 @@ class Scenario(Table):
     @property
     def is_pulled(self) -> bool:
         """Return whether something pulls at the robot's tail."""
-        return self.pull != PullTable() or self.robot.tether is not None
+        return self.pull is not None or self.robot.tether is not None
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:

@@ -98,7 +98,7 @@ class WorldTable(Table):
 
 
 class PullTable(Table):
-    """A pull at the robot's tail, backward along the pipe."""
+    """A pull at the robot's tail, backward along the pipe; left out, there is none."""
 
     force: Annotated[NotNegative, Unit("N")] = 0.0
     """At the start."""

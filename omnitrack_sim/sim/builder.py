@@ -35,6 +35,8 @@ EACH: Mapping[str, str] = {
     "safe_margin_deg": "control.safe_margin_deg",
     "parameters": "control.parameters",
     "time_limit": "run.time_limit",
+    "pull": "pull.force",
+    "pull_rate": "pull.rate",
 }
 """Values that may differ between the scenarios of a batch, by name and dotted path; beside those of
 the robot, ``Robot.own_values``."""

@@ -16,6 +16,7 @@ from omnitrack_sim.robots.plant import Plant
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.tail import TAIL_CHANNELS, TETHER_CHANNELS, Tether, rest
 from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
 
 VAGUE_CAUSES = (Outcome.STUCK, Outcome.STALLED, Outcome.SLIPPING)
@@ -43,7 +44,7 @@ class TailLoad:
     """Pulls at the tails of n robots, backward along their routes.
 
     Args:
-        scenarios: of one batch, which share what pulls; the list is the simulation's, which
+        scenarios: of one batch, which share the tether; the list is the simulation's, which
             changes it.
         legs: that the robots drive.
         plant: that the forces act in.
@@ -55,29 +56,31 @@ class TailLoad:
 
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, plant: Plant) -> None:
         first, n = scenarios[0], len(scenarios)
-        self._pull, self._half = first.pull, first.robot.length / 2
+        self._scenarios, self._half = scenarios, first.robot.length / 2
         self._legs, self._plant = legs, plant
         self._tethers = None
         self.channels: tuple[Channel, ...] = TAIL_CHANNELS
         if first.robot.tether is not None:
             self._tethers = Tethers(first.robot.tether, scenarios, legs)
             self.channels += TETHER_CHANNELS
-        self.force = np.zeros(n)
+        self.force, self._pull, self._rate = np.zeros((3, n))
         self.reset(np.arange(n))
 
     def reset(self, rows: NDArray[np.intp]) -> None:
         """Begin anew for robots ``rows`` (k,), which stand at the start of their legs."""
-        self.force = with_rows(self.force, rows, self._pull.force)
+        if self._scenarios[0].pull is not None:
+            self._pull, self._rate = (each(self._scenarios, name) for name in ("pull", "pull_rate"))
+        self.force = with_rows(self.force, rows, self._pull[rows])
         if self._tethers is not None:
             self._tethers.reset(rows, self._legs.near[rows] - self._half)
-            self.force = self.force + self._tethers.tension
+            self.force = with_rows(self.force, rows, (self.force + self._tethers.tension)[rows])
 
     def act(self, time: Array, location: Location) -> None:
         """Pull at all robots, at ``time`` (n,) s and where they are, until this is called again."""
         legs = self._legs
         # In reverse gear the tail leads.
         tail = location.distance - legs.gear * self._half
-        self.force = self._pull.force + self._pull.rate * time
+        self.force = self._pull + self._rate * time
         if self._tethers is not None:
             self.force += legs.gear * self._tethers.pull(tail)
         backward = -legs.routes.tangents(tail[:, None], location.route)[:, 0]
