@@ -86,6 +86,9 @@ from .sim.run import run_batch as run_batch
 from .sim.sensing import Senses as Senses
 from .sim.sensing import Truth as Truth
 from .sim.simulation import Simulation as Simulation
+from .towns.passport import Passport as Passport
+from .towns.passport import load_passport as load_passport
+from .towns.passport import run_passport as run_passport
 from .trials.bench import Bench as Bench
 from .trials.bench_run import BenchResult as BenchResult
 from .trials.bench_run import run_bench as run_bench
