@@ -11,7 +11,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.tail import rest
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.tail import Tethers
+from omnitrack_sim.sim.tail_load import Tethers
 
 
 class Slug(ot.Robot):

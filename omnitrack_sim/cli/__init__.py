@@ -13,10 +13,10 @@ import omnitrack_sim
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.base.workers import name_glfw_library
-from omnitrack_sim.cli import networks, package, paper, runs, trials, view
+from omnitrack_sim.cli import networks, package, paper, runs, towns, trials, view
 from omnitrack_sim.cli.common import app, err, plain
 
-__all__ = ["app", "main", "networks", "package", "paper", "runs", "trials", "view"]
+__all__ = ["app", "main", "networks", "package", "paper", "runs", "towns", "trials", "view"]
 _LONGEST = 4000
 """Characters of a line of a message; a list of faults bounds its lines itself."""
 

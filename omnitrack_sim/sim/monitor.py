@@ -14,7 +14,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.tables import MonitorTable
-from omnitrack_sim.sim.tail import TailLoad
+from omnitrack_sim.sim.tail_load import TailLoad
 
 
 class Verdict(NamedTuple):

@@ -39,7 +39,7 @@ from omnitrack_sim.sim.monitor import Monitor
 from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 from omnitrack_sim.sim.supervisor import Ending, HeldCommand, Supervisor
-from omnitrack_sim.sim.tail import TailLoad
+from omnitrack_sim.sim.tail_load import TailLoad
 
 Progress = Callable[[float, str], None]
 """Called with the part done, 0 to 1, which never falls, and with simulated time and place."""

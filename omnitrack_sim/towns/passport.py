@@ -1,8 +1,8 @@
 """Passport of a robot: what it passes, how surely and at what cost, measured once by random trials.
 
-For each kind of fitting and way through it the trials are kept as they are. An estimate at a point
-counts them by their nearness, so it says how many stand behind it, and says nothing where there are
-none.
+For each kind of fitting and way through it the trials are kept as they are, and a regression says
+what stands behind them at a point: a probability with its interval, time and energy; and nothing
+outside of what was tried.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.writing import write_files
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import Z95, wilson_interval
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.robot import GRAVITY, Robot
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.towns.features import FEATURES, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.ways import FEATURES, kind_of, shape_of, slopes_of
 from omnitrack_sim.trials.axes import DirectionAxis, NormalAxis, UniformAxis
 from omnitrack_sim.trials.dispatch import MakeExecutor, Progress
 from omnitrack_sim.trials.mobility import CourseFile, entry_of, robot_of
@@ -42,64 +44,95 @@ FULL, QUICK = 64, 8
 """Trials of a course."""
 LEAD = 0.75
 """Length of the straights before and behind a fitting, bores, beside that of the robot."""
+MATTERS = 1.0
+"""Change of the logit over a feature's range from which on the feature is said to matter."""
 BORES = (1.0, 0.97, 1.03)
 """Bores of the courses that are tried in several, over the nominal one."""
 
 
 @dataclass(frozen=True)
 class PassportSettings:
-    """Model of a passport.
+    """Trials of a passport.
 
     Attributes:
-        widths: that may be chosen for the nearness in one feature, parts of its range; infinite:
-            it does not matter.
-        prior: trials of the kind's overall rate that stand behind every estimate.
-        least: trials, counted by their nearness, below which a point is unknown.
-        slack: by feature, how far outside the trials' range a point still counts as inside.
+        friction: range of the walls'.
         pull: largest pull that is tried, robot weights. spread: standard deviation of the pulls'
             half normal distribution: tethers pull little on most of a way.
-        friction: range of the walls'.
     """
 
-    widths: tuple[float, ...] = (0.1, 0.2, 0.35, 0.6, math.inf)
-    prior: float = 1.0
-    least: float = 3.0
-    slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015)
+    friction: tuple[float, float] = (0.3, 1.0)
     pull: float = 6.0
     spread: float = 2.0
-    friction: tuple[float, float] = (0.3, 1.0)
 
 
-SETTINGS = PassportSettings()
+@dataclass(frozen=True)
+class ModelSettings:
+    """Model of the trials of a kind of passage.
+
+    Attributes:
+        intercept: standard deviation of the prior of the constant, in logits: 10 says next to
+            nothing.
+        linear, quadratic: those of the features and of their squares and products, each running
+            from -1 to 1, of which the trials choose.
+        slack: by feature, how far outside the trials' range a point still counts as inside.
+        leverage: how many times farther from the middle of the trials than the farthest of them a
+            point may lie, in the measure of regression: combinations that nobody tried are unknown.
+    """
+
+    intercept: float = 10.0
+    linear: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
+    quadratic: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
+    slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015)
+    leverage: float = 1.5
+
+
+SETTINGS, MODEL = PassportSettings(), ModelSettings()
 
 
 class Estimate(NamedTuple):
-    """Estimates (q,) at points of one kind of passage.
+    """Estimates (q,) at points of one kind of passage; not numbers where nothing is known.
 
     Attributes:
         probability: of passing.
+        logit_std: standard deviation of its logit.
         low, high: ends of its 95 % interval.
-        support: trials behind it, counted by their nearness.
-        is_known: the point lies inside what was tried; elsewhere all else is not a number.
         seconds, joules, slip: means of a pass: s, J and m; in straights of a metre.
         seconds_std, joules_std: standard deviations from pass to pass.
     """
 
     probability: Array
+    logit_std: Array
     low: Array
     high: Array
-    support: Array
-    is_known: Array
     seconds: Array
     joules: Array
     slip: Array
     seconds_std: Array
     joules_std: Array
 
+    @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """Points (q,) inside of what was tried."""
+        return np.isfinite(self.probability)
+
+
+class _Logistic(NamedTuple):
+    """Fit of a logistic regression: coefficients, their covariance, and logarithm of the
+    evidence."""
+
+    coefficients: Array
+    covariance: Array
+    evidence: float
+
 
 @dataclass(frozen=True, eq=False)
 class KindTrials:
-    """Trials of one kind of passage.
+    """Trials of one kind of passage, and the model of them: Bayesian logistic regression on the
+    features, their squares and products.
+
+    Priors are normal, and their widths those with the largest evidence (MacKay 1992, "Bayesian
+    interpolation"), so that a feature which does not matter costs nothing. The estimate is the
+    mode, whose probabilities add up to the passes; its interval is Laplace's.
 
     Attributes:
         points: (n, features).
@@ -113,90 +146,108 @@ class KindTrials:
     costs: Array
     outcomes: Sequence[str]
 
-    @cached_property
-    def widths(self) -> Array:
-        """Widths (features,) of the nearness, in the features' units.
-
-        Of each feature in turn the one is taken with which the other trials foretell each trial
-        best, by the sum of the logarithms of the probabilities that they give to what happened.
-        """
-        ranges = np.ptp(self.points, axis=0)
-        squares = [np.square(x[:, None] - x[None, :]) for x in self.points.T]
-        parts = np.where(ranges > 0, SETTINGS.widths[-2], math.inf)
-
-        def exponent(feature: int, part: float) -> Array:
-            # A feature that never varied cannot tell trials apart.
-            if math.isinf(part) or ranges[feature] == 0:
-                return np.zeros((len(self.passed),) * 2)
-            return squares[feature] / (part * ranges[feature]) ** 2
-
-        for _ in range(2):
-            for feature in np.flatnonzero(ranges > 0).tolist():
-                others = sum(exponent(k, parts[k]) for k in range(len(parts)) if k != feature)
-                scores = [
-                    self._left_out_score(np.exp(-(others + exponent(feature, part)) / 2))
-                    for part in SETTINGS.widths
-                ]
-                # The widest of equally good ones: it has more trials behind it.
-                best = max(scores)
-                parts[feature] = max(
-                    part
-                    for part, score in zip(SETTINGS.widths, scores, strict=True)
-                    if score >= best - 1e-9
-                )
-        return parts * np.where(ranges > 0, ranges, 1.0)
-
-    @property
-    def rate(self) -> float:
-        """Rate of passes, by Jeffreys' prior."""
-        return (float(self.passed.sum()) + 0.5) / (len(self.passed) + 1)
-
-    def _left_out_score(self, weights: Array) -> float:
-        np.fill_diagonal(weights, 0.0)
-        passed = weights @ self.passed + SETTINGS.prior * self.rate
-        rate = passed / (weights.sum(axis=1) + SETTINGS.prior)
-        return float(np.log(np.where(self.passed == 1, rate, 1 - rate)).sum())
-
     def estimate(self, points: Array) -> Estimate:
         """Return estimates at points (q, features)."""
-        from scipy.stats import beta
+        basis = self._basis(points)
+        logit = basis @ self._fit.coefficients
+        std = np.sqrt(np.einsum("qi,ij,qj->q", basis, self._fit.covariance, basis))
+        means, deviations = self.cost(points)
+        ends = (_probability(logit + side * Z95 * std) for side in (-1, 1))
+        values = (_probability(logit), std, *ends, *means, *deviations[:2])
+        known = self._knows(points)
+        return Estimate(*(np.where(known, value, np.nan) for value in values))
 
-        squared = np.zeros((len(points), len(self.passed)))
-        for x, own, width in zip(points.T, self.points.T, self.widths, strict=True):
-            if np.isfinite(width):
-                squared += np.square((x[:, None] - own) / width)
-        weights = np.exp(-squared / 2)
-        support = weights.sum(axis=1)
-        passes = weights @ self.passed + SETTINGS.prior * self.rate
-        fails = support + SETTINGS.prior - passes
-        slack = np.array(SETTINGS.slack)
-        low, high = self.points.min(axis=0) - slack, self.points.max(axis=0) + slack
-        inside = ((points >= low) & (points <= high)).all(axis=1)
-        known = inside & (support >= SETTINGS.least)
-        ends = [beta.ppf(q, passes, fails) for q in (0.025, 0.975)]
-        means, deviations = self._cost(weights)
-        values = (passes / (passes + fails), *ends)
-        return Estimate(
-            *(np.where(known, value, np.nan) for value in values),
-            support,
-            known,
-            *(np.where(known, value, np.nan) for value in means),
-            *(np.where(known, value, np.nan) for value in deviations[:2]),
-        )
-
-    def _cost(self, weights: Array) -> tuple[Array, Array]:
-        """Means and standard deviations (3, q) of the costs of passes near points."""
-        done = (self.passed == 1) & np.isfinite(self.costs).all(axis=1)
+    def cost(self, points: Array) -> tuple[Array, Array]:
+        """Return means and standard deviations (3, q) of the costs of a pass, also where nothing is
+        known."""
+        done = np.isfinite(self.costs).all(axis=1)
         if not done.any():
-            return np.full((2, 3, len(weights)), np.nan)  # type: ignore[return-value]
-        costs, near = self.costs[done], weights[:, done]
-        overall = costs.mean(axis=0)
-        total = near.sum(axis=1, keepdims=True) + SETTINGS.prior
-        means = (near @ costs + SETTINGS.prior * overall) / total
-        # Of one pass about the mean here; the prior stands for the spread of all.
-        squares = near @ costs**2 + SETTINGS.prior * (costs**2).mean(axis=0)
-        variance = np.maximum(squares / total - means**2, 0.0)
-        return means.T, np.sqrt(variance).T
+            return np.full((3, len(points)), np.nan), np.full((3, len(points)), np.nan)
+        basis, costs = self._basis(self.points[done]), self.costs[done]
+        middle = costs.mean(axis=0)
+        # As a trial's weight for each coefficient but the constant: a few passes make no parabola.
+        ridge = np.diag([0.0, *[1.0] * (basis.shape[1] - 1)]) + 1e-9 * np.eye(basis.shape[1])
+        coefficients = np.linalg.solve(basis.T @ basis + ridge, basis.T @ (costs - middle))
+        residuals = costs - middle - basis @ coefficients
+        free = max(len(costs) - np.linalg.matrix_rank(basis), 1)
+        deviations = np.sqrt((residuals**2).sum(axis=0) / free)
+        means = middle + self._basis(points) @ coefficients
+        return means.T, np.repeat(deviations[:, None], len(points), axis=1)
+
+    def effect(self, feature: int) -> float:
+        """Return by how much a feature changes the logit over its range, others in the middle."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        line = np.tile((low + high) / 2, (21, 1))
+        line[:, feature] = np.linspace(low[feature], high[feature], 21)
+        return float(np.ptp(self._basis(line) @ self._fit.coefficients))
+
+    def _basis(self, points: Array) -> Array:
+        """Columns (q, c): 1, features that vary, from -1 to 1, their squares and products."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        varies = high - low > 1e-9
+        z = (2 * (points - low)[:, varies] / (high - low)[varies] - 1).T
+        products = [a * b for a, b in combinations(z, 2)]
+        return np.stack([np.ones(len(points)), *z, *z**2, *products], axis=-1)
+
+    @cached_property
+    def _fit(self) -> _Logistic:
+        basis = self._basis(self.points)
+        # 1 + d + d + d (d - 1) / 2 columns.
+        linear = round((math.sqrt(9 + 8 * (basis.shape[1] - 1)) - 3) / 2)
+        rest = basis.shape[1] - 1 - linear
+        fits = []
+        for first, second in product(MODEL.linear, MODEL.quadratic):
+            std = np.repeat([MODEL.intercept, first, second], [1, linear, rest])
+            fits.append(_fitted(basis, self.passed, std**-2.0))
+        return max(fits, key=lambda fit: fit.evidence)
+
+    @cached_property
+    def _hat(self) -> tuple[Array, float]:
+        """Matrix of the leverages, and the largest of the trials."""
+        basis = self._basis(self.points)
+        inverse = np.linalg.inv(basis.T @ basis + 1e-6 * len(basis) * np.eye(basis.shape[1]))
+        return inverse, float(np.einsum("ni,ij,nj->n", basis, inverse, basis).max())
+
+    def _knows(self, points: Array) -> NDArray[np.bool_]:
+        """Points (q,) inside of what was tried."""
+        slack = np.array(MODEL.slack)
+        low, high = self.points.min(axis=0) - slack, self.points.max(axis=0) + slack
+        inverse, most = self._hat
+        basis = self._basis(np.clip(points, low, high))
+        leverage = np.einsum("qi,ij,qj->q", basis, inverse, basis)
+        inside = ((points >= low) & (points <= high)).all(axis=1)
+        return inside & (leverage <= MODEL.leverage * most)
+
+
+def _probability(logit: Array) -> Array:
+    return 1 / (1 + np.exp(-np.clip(logit, -40, 40)))
+
+
+def _fitted(basis: Array, passed: Array, precision: Array) -> _Logistic:
+    """Fit a logistic regression with independent normal priors by Newton's method."""
+
+    def score(w: Array) -> float:
+        logit = basis @ w
+        fit = passed @ logit - np.logaddexp(0, logit).sum()
+        return float(fit - (precision * w**2).sum() / 2)
+
+    def curvature(w: Array) -> Array:
+        rate = _probability(basis @ w)
+        return (basis * (rate * (1 - rate))[:, None]).T @ basis + np.diag(precision)
+
+    w = np.zeros(basis.shape[1])
+    for _ in range(50):
+        slope = basis.T @ (passed - _probability(basis @ w)) - precision * w
+        step, before = np.linalg.solve(curvature(w), slope), score(w)
+        # Half steps where the parabola reaches too far: certain trials make a flat top.
+        while score(w + step) < before - 1e-12 and np.abs(step).max() > 1e-9:
+            step = step / 2
+        w = w + step
+        if np.abs(step).max() < 1e-8:
+            break
+    hessian = curvature(w)
+    evidence = score(w) + (np.log(precision).sum() - np.linalg.slogdet(hessian)[1]) / 2
+    return _Logistic(w, np.linalg.inv(hessian), float(evidence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +257,7 @@ class Passport:
     Attributes:
         robot: of which it is.
         changes: that make the robot and its controller in a scenario, by dotted path.
-        kinds: trials by the kind of passage; see ``towns.features.kind_of``.
+        kinds: trials by the kind of passage; see ``towns.ways.kind_of``.
         misfits: why the robot does not fit a course, by the course's name.
 
     Example:
@@ -228,9 +279,7 @@ class Passport:
         """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``."""
         points = np.asarray(points, float).reshape(-1, len(FEATURES))
         if kind not in self.kinds:
-            unknown = np.full(len(points), np.nan)
-            known = np.zeros(len(points), bool)
-            return Estimate(*[unknown] * 3, np.zeros(len(points)), known, *[unknown] * 5)
+            return Estimate(*[np.full(len(points), np.nan)] * len(Estimate._fields))
         return self.kinds[kind].estimate(points)
 
     def summary(self) -> dict[str, Any]:
@@ -250,9 +299,7 @@ class Passport:
                     **dict(zip(("seconds", "joules", "slip_m"), means, strict=True)),
                     "stopped_by": {o: kind.outcomes.count(o) for o in stopped},
                     "matters": [
-                        name
-                        for name, width in zip(FEATURES, kind.widths, strict=True)
-                        if np.isfinite(width)
+                        name for k, name in enumerate(FEATURES) if kind.effect(k) > MATTERS
                     ],
                 }
             )
@@ -288,6 +335,11 @@ def load_passport(path: str | Path) -> Passport:
 
     Raises:
         InputError: there is none, or it is not a passport of this version.
+
+    Example:
+        >>> made = ot.run_passport("presser", courses=["straight"], trials=1, out="presser")
+        >>> ot.load_passport("presser")
+        Passport('presser': 1 trials of 1 ways)
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -518,9 +570,7 @@ def _of_straights(
     for length, slope in ((before, climb), (behind, leaving)):
         there = points.copy()
         there[:, 2], there[:, 3], there[:, 4], there[:, 5] = slope, 0.0, 0.0, 0.0
-        estimate = straight.estimate(there)
-        costs = np.stack([estimate.seconds, estimate.joules, estimate.slip], axis=-1)
-        total += length[:, None] * costs
+        total += length[:, None] * straight.cost(there)[0].T
     return total
 
 

@@ -1,0 +1,117 @@
+"""Passports: estimates from trials, what they cover, where they say nothing; and their files."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.towns.passport import PASSPORT_FILE, KindTrials
+from omnitrack_sim.towns.ways import FEATURES, shape_of, slopes_of
+
+TRUTHS = {
+    "steep": lambda x: 1 / (1 + np.exp(-25 * (x[:, 0] - 0.55 - 0.15 * x[:, 2]))),
+    "smooth": lambda x: 1 / (1 + np.exp(-6 * (x[:, 0] - 0.6) + 0.8 * x[:, 1])),
+    "sure": lambda x: np.full(len(x), 0.995),
+}
+
+
+def points(rng, n):
+    """Random points in which friction, pull, climb and lift vary."""
+    x = np.zeros((n, len(FEATURES)))
+    x[:, 0], x[:, 1] = rng.uniform(0.3, 1.0, n), np.abs(rng.normal(0, 1, n))
+    x[:, 2:4] = rng.uniform(-1, 1, (n, 2))
+    x[:, 6] = 1.0
+    return x
+
+
+def drawn(truth, rng, n):
+    """Trials of a robot that passes with probabilities ``truth``."""
+    x = points(rng, n)
+    passed = (rng.uniform(size=n) < truth(x)).astype(float)
+    costs = np.stack([5 + x[:, 2] + rng.normal(0, 0.2, n), 2 + x[:, 0], 0 * passed], axis=-1)
+    return KindTrials(x, passed, np.where(passed[:, None] == 1, costs, np.nan), ["stuck"] * n)
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_intervals_cover_the_true_probability_of_held_out_points(name):
+    """On average over twenty robots and the points that are known, 95 % intervals hold the truth in
+    90 % of points and more, to a hundredth, and sums of probabilities are those of the passes."""
+    covered, passes, sure = [], 0.0, 0.0
+    for seed in range(20):
+        rng = np.random.default_rng([7, seed])
+        kind = drawn(TRUTHS[name], rng, 160)
+        x = points(rng, 100)
+        made, truth = kind.estimate(x), TRUTHS[name](x)
+        known = made.is_known
+        within = (made.low - 0.01 <= truth) & (truth <= made.high + 0.01)
+        covered.append(within[known])
+        passes += (rng.uniform(size=100) < truth)[known].sum()
+        sure += made.probability[known].sum()
+    counts = np.concatenate(covered)
+    assert len(counts) > 1500
+    assert counts.mean() > 0.9
+    low, high = wilson_interval(round(passes), len(counts))
+    assert low - 0.01 <= sure / len(counts) <= high + 0.01
+
+
+def test_features_that_matter_are_found():
+    """What decides has a large effect on the logit, what does not a small one."""
+    kind = drawn(TRUTHS["steep"], np.random.default_rng(3), 240)
+    effects = [kind.effect(k) for k in range(len(FEATURES))]
+    assert effects[0] > 10
+    assert effects[2] > 2
+    assert max(effects[1], effects[3]) < effects[2] / 2
+    assert effects[4:] == [0, 0, 0]
+
+
+def test_nothing_is_said_outside_what_was_tried():
+    """Neither beyond the range of a feature nor of a kind without trials; means are those near."""
+    kind = drawn(TRUTHS["sure"], np.random.default_rng(5), 200)
+    inside = np.array([[0.7, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    made = kind.estimate(inside)
+    assert made.is_known.all()
+    assert made.seconds == pytest.approx(5.0, abs=1.0)
+    for feature, value in ((0, 0.1), (1, 9.0), (4, 45.0), (6, 1.2)):
+        outside = inside.copy()
+        outside[0, feature] = value
+        unknown = kind.estimate(outside)
+        assert not unknown.is_known.any()
+        assert np.isnan([unknown.probability, unknown.low, unknown.seconds]).all()
+    passport = ot.Passport(ot.load_scenario("robots/presser_elbow").robot, {}, {"elbow": kind})
+    assert not passport.estimate("tee, run to branch", inside).is_known.any()
+
+
+def test_features_of_a_passage_are_slopes_and_shape():
+    """Up a run and out through the branch: climb 1, lift 0, a right angle; the other way round the
+    robot climbs last."""
+    turn, merge = (ot.load_scenario(name).route.passages[1] for name in ("tee_turn", "tee_merge"))
+    gravity = np.array([0.0, 0.0, -9.81])
+    assert slopes_of(turn, gravity) == pytest.approx((1, 0, 0), abs=1e-12)
+    assert slopes_of(merge, -turn.turn_direction) == pytest.approx(
+        slopes_of(merge, -turn.turn_direction * 9.81), abs=1e-12
+    )
+    assert shape_of(turn, 0.16) == pytest.approx((90, 0, 1))
+    elbow = ot.load_scenario("elbow").route.passages[1]
+    assert shape_of(elbow, 0.16) == pytest.approx((90, 0.16 / 0.24, 1))
+
+
+def test_a_passport_is_resumed_to_the_same_bytes(tmp_path):
+    """A passport whose batches are lost in part is finished to the bytes of one that ran through;
+    what is loaded estimates as what was made."""
+    plan = {"courses": ["straight", "reducer_105"], "trials": 2}
+    made = ot.run_passport("presser", out=tmp_path / "a", **plan)
+    whole = (tmp_path / "a" / PASSPORT_FILE).read_bytes()
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    (tmp_path / "b" / PASSPORT_FILE).unlink()
+    (tmp_path / "b" / "trials" / "trials.parquet").unlink()
+    next((tmp_path / "b" / "trials" / "parts").glob("*.parquet")).unlink()
+    ot.run_passport("presser", out=tmp_path / "b", **plan)
+    assert (tmp_path / "b" / PASSPORT_FILE).read_bytes() == whole
+    loaded = ot.load_passport(tmp_path / "a")
+    assert loaded.summary() == made.summary()
+    straight = loaded.kinds["straight"]
+    assert straight.costs[straight.passed == 1, 0].mean() == pytest.approx(1 / 0.085, rel=0.1)
+    with pytest.raises(ot.InputError, match="is no passport"):
+        ot.load_passport(tmp_path / "b" / "trials" / "trials.parquet")
