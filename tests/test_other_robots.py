@@ -13,9 +13,10 @@ from in_pipes import UP, Drive, pipe
 
 from omnitrack_sim.robots.inchworm import Inchworm
 from omnitrack_sim.robots.presser import Presser
+from omnitrack_sim.robots.screw import Screw
 from omnitrack_sim.robots.snake import Snake
 
-STARTS = {Presser: 0.2, Inchworm: 0.3, Snake: 0.35}
+STARTS = {Presser: 0.2, Inchworm: 0.3, Screw: 0.2, Snake: 0.35}
 """Arc length at which each begins, m."""
 kinds = pytest.mark.parametrize("kind", STARTS)
 

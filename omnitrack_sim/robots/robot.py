@@ -48,6 +48,7 @@ ROBOTS: Mapping[str, str] = {
     "climber": "omnitrack_sim.robots.climber:Climber",
     "presser": "omnitrack_sim.robots.presser:Presser",
     "inchworm": "omnitrack_sim.robots.inchworm:Inchworm",
+    "screw": "omnitrack_sim.robots.screw:Screw",
     "snake": "omnitrack_sim.robots.snake:Snake",
     "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
 }
