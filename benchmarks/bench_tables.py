@@ -3,23 +3,28 @@
 python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry ENTRY ...]
     [--trials N] [--workers N]
 
-Printed are the trials passed of each entry and course. Of robots follow what stopped them on each
-course, and their figures over all courses; of controllers the means of each entry, and its paired
-differences to the default one, a table a course.
+Printed are the trials passed of each entry and course; of robots also what they are, what stopped
+them on each course, and their figures over all courses; of controllers the means of each entry, and
+its paired differences to the default one, a table a course.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import omnitrack_sim as ot
-from omnitrack_sim.trials.bench import BenchMeasure, Suite
+from omnitrack_sim.trials.bench import BenchMeasure
 from omnitrack_sim.trials.bench_run import ALL, markdown_table, rate_of
+from omnitrack_sim.trials.mobility import robot_of
 
 Row = dict[str, Any]
+FIGURES = ("mean_speed_m_s", "energy_per_metre", "contact_force_max_n", "pose_error")
+"""Measures that pages show over all courses."""
+RISER, PULL = "straight_up_90", "pull"
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -67,22 +72,50 @@ def measures(rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, 
     return table(["entry", *(measure.head for measure in figures)], cells)
 
 
-def of_robots(rows: Sequence[Row], suite: Suite) -> None:
-    """Print what was passed, what stopped each robot, and the figures over all courses."""
+def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
+    """Print the robots, what was passed, what stopped each, and the figures over all courses."""
+    print(f"## robots\n\n{robots(bench)}\n")
     print(f"## passed\n\n{by_course(rows, rate_of)}\n")
     print(f"## stopped\n\n{by_course(rows, lambda row: row['others'] or '-')}\n")
-    known = [m for m in suite.measures if any(row.get(m.name) is not None for row in rows)]
-    heads = ["entry", "passed", *(measure.head for measure in known)]
-    body = [
-        [f"`{row['entry']}`", rate_and_interval(row), *(spread(row, m.name, ".3g") for m in known)]
-        for row in rows
-        if row["course"] == ALL
-    ]
+    cells = {(row["course"], row["entry"]): row for row in rows}
+    body = []
+    for entry in bench.entries:
+        over_all, riser, pull = (
+            cells.get((course, entry.name), {}) for course in (ALL, RISER, PULL)
+        )
+        least = riser.get("least_friction")
+        body.append(
+            [
+                f"`{entry.name}`",
+                rate_and_interval(over_all),
+                *(spread(over_all, name, ".3g") for name in FIGURES),
+                "-" if least is None else f"{least:g}",
+                spread(pull, "pull_held_n", ".3g"),
+            ]
+        )
+    heads = [m.head for m in bench.suite.measures if m.name in FIGURES]
+    heads = ["entry", "passed", *heads, "least friction, straight up", "pull left over, N"]
     print(f"## all\n\n{table(heads, body)}\n")
 
 
-def of_controllers(rows: Sequence[Row], suite: Suite) -> None:
+def robots(bench: ot.Bench) -> str:
+    """What each entry is: its words, bore, range of bores, length and mass."""
+    body = []
+    for entry in bench.entries:
+        robot = robot_of(entry.changes)
+        low, high = robot.bores
+        fits = "not stated" if math.isinf(high) else f"{1000 * low:.0f} to {1000 * high:.0f}"
+        bore, length = 1000 * robot.nominal_bore, robot.length / robot.nominal_bore
+        figures = (f"{bore:.0f}", fits, f"{length:.1f}", f"{robot.mass:.2f}")
+        speed = f"{1000 * robot.nominal_speed:.0f}"
+        body.append([f"`{entry.name}`", entry.words, *figures, speed])
+    heads = ["entry", "robot", "bore, mm", "fits, mm", "length, bores", "mass, kg", "speed, mm/s"]
+    return table(heads, body)
+
+
+def of_controllers(bench: ot.Bench, rows: Sequence[Row]) -> None:
     """Print what was passed, means, and differences to the default."""
+    suite = bench.suite
     rows = [row for row in rows if row["course"] != ALL]
     print(f"## passed\n\n{passed(rows)}\n")
     for course in dict.fromkeys(row["course"] for row in rows):
@@ -105,7 +138,7 @@ def main() -> None:
     given = parser.parse_args()
     bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
     rows = ot.run_bench(bench, out=given.out, workers=given.workers).rows
-    (of_controllers if bench.suite.of_controllers else of_robots)(rows, bench.suite)
+    (of_controllers if bench.suite.of_controllers else of_robots)(bench, rows)
 
 
 if __name__ == "__main__":
