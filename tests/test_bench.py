@@ -18,6 +18,7 @@ from omnitrack_sim.trials import dispatch
 from omnitrack_sim.trials.bench import Bench, Course, suite_of
 from omnitrack_sim.trials.bench_run import FILES, page, rows_of, run_bench
 from omnitrack_sim.trials.controllers import DRY, _drawn
+from omnitrack_sim.trials.mobility import least_friction
 
 CONTROL = suite_of("control")
 
@@ -272,6 +273,17 @@ def test_what_can_be_passed_counts_for_all_courses():
     assert rows["pull"]["pull_held_n"] > 0
     assert (rows["all"]["passed"], rows["all"]["trials"]) == (0, 4)
     assert rows["all"]["others"] == "4 timed_out"
+
+
+def test_least_friction():
+    """At it and at all higher ones half of the trials pass, wherever those without one stand."""
+    friction = [None, 0.3, 1.0, None, 0.5, 0.8, 0.8, 0.3]
+    ends = ["stuck", "reached_goal", "reached_goal", "stuck", "stuck"]
+    outcomes = [*ends, "reached_goal", "stuck", "reached_goal"]
+    columns = {"world.friction": friction, "outcome": outcomes}
+    columns["success"] = [outcome == "reached_goal" for outcome in outcomes]
+    assert least_friction(pa.table(columns)) == 0.8
+    assert math.isnan(least_friction(pa.table({**columns, "success": [False] * 8})))
 
 
 def test_a_wrong_change_is_no_misfit():

@@ -309,7 +309,8 @@ def least_friction(table: Any) -> float:
     if "world.friction" not in table.column_names:
         return math.nan
     friction, least = numbers_of(table, "world.friction"), math.nan
-    for rung in sorted({*friction.tolist()}, reverse=True):
+    # Trials in networks are not on the ladder: each has its friction in its own scenario.
+    for rung in sorted({*friction[np.isfinite(friction)].tolist()}, reverse=True):
         own = passed[(friction == rung) & np.isfinite(passed)]
         if not len(own) or own.mean() < 0.5:
             break
