@@ -50,6 +50,7 @@ ROBOTS: Mapping[str, str] = {
     "inchworm": "omnitrack_sim.robots.inchworm:Inchworm",
     "screw": "omnitrack_sim.robots.screw:Screw",
     "snake": "omnitrack_sim.robots.snake:Snake",
+    "pirate": "omnitrack_sim.robots.pirate:Pirate",
     "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
 }
 """Shipped robots, ``module:Class`` by the short name that ``robot.kind`` may give."""

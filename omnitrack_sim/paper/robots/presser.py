@@ -9,14 +9,14 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, verdict_of
+from omnitrack_sim.paper.robots.runs import runs_of
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.presser import ARMS, Presser
 from omnitrack_sim.robots.robot import GRAVITY
-from omnitrack_sim.scenario import load_scenario, override
-from omnitrack_sim.sim.run import run_batch
 
 T_RO = "Roh and Choi, IEEE T-RO 21(1), 2005"
+ELBOW = "robots/presser_elbow"
 BEND, INLET = 0.24, 0.5
 """Mean radius of the elbow and length of the straights, m."""
 BRANCH = [
@@ -24,12 +24,6 @@ BRANCH = [
     {"kind": "tee", "enter": "run_start", "leave": "branch"},
     {"kind": "straight", "length": INLET},
 ]
-
-
-def _run(*changes: dict[str, Any]) -> list[Result]:
-    """Results of the elbow's scenario with each of the ``changes``."""
-    base = load_scenario("robots/presser_elbow", {"run.expected_outcome": None})
-    return list(run_batch([override(base, change) for change in changes]))
 
 
 def _up(**changes: Any) -> dict[str, Any]:
@@ -43,7 +37,7 @@ def climb_limit(quick: bool) -> Claim:
     robot = Presser()
     weight, grip = robot.mass * GRAVITY, 3 * robot.preload
     parts = (0.9, 0.95, 1.05, 1.1)
-    runs = _run(*(_up(**{"world.friction": part * weight / grip}) for part in parts))
+    runs = runs_of(ELBOW, (_up(**{"world.friction": part * weight / grip}) for part in parts))
     ways = [float(np.ptp(r.trajectory["distance"][[0, -1]])) for r in runs]
     climbed = [r.trajectory["distance"][-1] > 0.65 for r in runs]
     slid = [r.trajectory["distance"][-1] < 0.59 for r in runs]
@@ -65,7 +59,7 @@ def climb_limit(quick: bool) -> Claim:
 def motor_droop(quick: bool) -> Claim:
     """The speed of climbing under its own weight."""
     robot = Presser()
-    (run,) = _run(_up())
+    (run,) = runs_of(ELBOW, [_up()])
     time, s = run.trajectory.time, run.trajectory["distance"]
     speed = float(np.polyfit(time[time > 1], s[time > 1], 1)[0])
     radius, gain = robot.wheel_radius, robot.motor_gain
@@ -86,8 +80,8 @@ def bend(quick: bool) -> list[Claim]:
     """Wheel speeds in an elbow, as those of the geometry and with all wheels alike."""
     rolls = np.arange(0, 120, 30)
     starts = [{"start.theta5_deg": float(roll)} for roll in rolls]
-    controlled = _run(*starts)
-    equal = _run(*({**start, "control.kind": "own"} for start in starts))
+    controlled = runs_of(ELBOW, starts)
+    equal = runs_of(ELBOW, ({**start, "control.kind": "own"} for start in starts))
     errors = [1e2 * _mean(_speed_error, runs) for runs in (controlled, equal)]
     energies = [_mean(_energy_a_metre, runs) for runs in (controlled, equal)]
     common = {"uncertainty": f"{len(rolls)} start rolls", "how": "presser_elbow, control.kind own"}
@@ -161,7 +155,7 @@ def branch(quick: bool) -> list[Claim]:
         axis = [float(x) for x in rng.normal(size=3)]
         roll = float(rng.uniform(0, 120))
         starts.append({"pipes": BRANCH, "start.axis": axis, "start.theta5_deg": roll})
-    runs = _run(*({**start, "run.time_limit": 40.0} for start in starts))
+    runs = runs_of(ELBOW, ({**start, "run.time_limit": 40.0} for start in starts))
     passed, total, text = rate(runs)
     low, high = wilson_interval(passed, total)
     how = "straight, tee into the branch, straight; random directions of gravity and start rolls"
