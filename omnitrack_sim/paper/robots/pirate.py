@@ -186,7 +186,7 @@ def branch(quick: bool) -> list[Claim]:
     """Turns into a branch."""
     rng = np.random.default_rng(7)
     tee = _between({"kind": "tee", "enter": "run_start", "leave": "branch"})
-    rolls = rng.uniform(-30, 30, 2 if quick else 24)
+    rolls = rng.uniform(-30, 30, 2 if quick else 20)
     starts = [{**tee, "start.theta5_deg": float(roll)} for roll in rolls]
     runs = runs_of(ELBOW, starts)
     free = runs_of(

@@ -1,0 +1,81 @@
+"""PIRATE: its clamps' forces, the shape that its controller asks for, and the branch it takes."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.paper.robots.pirate import clamp_forces
+from omnitrack_sim.robots.pirate import SIDES, Pirate, bending
+from omnitrack_sim.robots.plant import initial_state
+
+
+@pytest.mark.parametrize("bore", [0.051, 0.1, 0.12])
+def test_it_touches_both_walls_of_its_bore(bore):
+    """All six tyres end at the wall, and the angles of its joints are those between its nodes."""
+    robot = Pirate(bore=bore)
+    data = initial_state(robot)
+    nodes = np.array([data.body(f"wheel_{k}").xpos for k in range(6)])
+    np.testing.assert_allclose(nodes[:, 0], SIDES * robot.reach, atol=1e-9)
+    edge = math.hypot(robot.reach + robot.wheel_radius, robot.wheel_width / 2)
+    assert edge == pytest.approx(bore / 2, rel=1e-3)
+    lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    np.testing.assert_allclose(lengths, robot.link)
+    np.testing.assert_allclose(bending(nodes[None])[0], robot.bends(robot.slope), atol=1e-9)
+
+
+def test_a_clamp_at_rest_presses_as_torque_over_lever():
+    """Walls bear N = T / (L cos a) at the ends of a V, and 2 N at its apex, without friction."""
+    robot = Pirate(bore=0.08)
+    single = robot.clamp_torque / (robot.link * math.cos(robot.slope))
+    forces = clamp_forces(robot, 1e-12)
+    np.testing.assert_allclose(forces[1:], single * np.array([1, 2, 1, 1, 2, 1]))
+    assert forces[0] == pytest.approx(robot.pull(1e-12))
+    changes = {"robot.bore": 0.08, "world.gravity": [0, 0, 0], "run.time_limit": 1.0}
+    pipes = [{"kind": "straight", "length": 1.0, "inner_diameter": 0.08}]
+    base = ot.load_scenario("robots/pirate_elbow", {"run.expected_outcome": None})
+    run = ot.run(ot.override(base, {"pipes": pipes, **changes}))
+    force = run.trajectory["wall_force"][run.trajectory.time > 0.5].mean(axis=0)
+    assert force.sum() == pytest.approx(8 * single, rel=0.02)
+
+
+def test_traction_takes_from_the_clamp_ahead():
+    """Of the wheels at the noses of the two V's the front one presses less, the more friction there
+    is; the sum of all tractions is the pull."""
+    robot = Pirate(bore=0.06)
+    noses = [clamp_forces(robot, mu)[6] for mu in (0.0, 0.4, 0.8)]
+    assert noses == sorted(noses, reverse=True)
+    forces = clamp_forces(robot, 0.8)
+    assert forces[0] == pytest.approx(0.8 * forces[1:].sum())
+    assert (SIDES * forces[1:]).sum() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_bores_beyond_the_published_ones_are_refused():
+    """It is for 51 to 120 mm, ends included."""
+    assert not Pirate().misfit(0.051)
+    assert not Pirate().misfit(0.12)
+    assert "bores from" in Pirate().misfit(0.05)
+
+
+def test_it_takes_the_branch():
+    """From a riser into a level branch, as no other robot than the omnidirectional one."""
+    assert ot.run(ot.load_scenario("robots/pirate_branch")).as_expected
+
+
+def test_its_model_names_all_that_can_be_driven():
+    """Actuators stand in the order of the inputs."""
+    model = Pirate().spec().compile()
+    names = [model.actuator(i).name for i in range(model.nu)]
+    ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"bend_{k}") for k in range(1, 5)]
+    robot = Pirate()
+    bends = np.array([[0.1, 0.2, 0.3, 0.4]])
+    inputs = robot.inputs(bends, np.array([0.5]), np.zeros((1, 6)))[0]
+    press = robot.clamp_torque / robot.joint_stiffness
+    np.testing.assert_allclose(inputs[ids], bends[0] + [press, 0, 0, -press])
+    assert inputs[names.index("roll")] == 0.5
+    wheels = robot.inputs(bends, np.zeros(1), np.arange(1.0, 7.0)[None])[0]
+    for k in range(6):
+        turn = SIDES[k] * (k + 1) / robot.wheel_radius
+        assert wheels[names.index(f"wheel_{k}")] == pytest.approx(turn)
