@@ -108,9 +108,9 @@ def test_a_loop_that_misses_says_by_how_much():
         ({"nonsense": 1}, "nonsense", "fittings"),
         ({"fittings": [straight("a", colour=1)]}, "fittings.0.colour", "inner_diameter"),
         (
-            {"fittings": [{"kind": "cross", "name": "x"}]},
+            {"fittings": [{"kind": "crank", "name": "x"}]},
             "fittings.0.kind",
-            "elbow, reducer, straight, tee",
+            "elbow, mitre, reducer, straight, tee",
         ),
         ({"fittings": [{"kind": "tee"}]}, "fittings.0.name", "required"),
         ({"fittings": [straight("a.b")]}, "fittings.0.name", "no dot"),

@@ -41,6 +41,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 MOST_BYTES = {"TOML": 1_000_000, "JSON": 2_000_000}
 """Largest file that is read, by language: two seconds of reading and checking at worst. The
 scenario.json of a run through 5,000 fittings is as large."""
+TOWN_TIMES = 30
+"""A network's file may be larger by this: a town of 20,000 parts has 4 MB."""
 _TOO_DEEP = f"is nested too deeply: at most {MOST_LEVELS} levels of tables and lists"
 # Python's TOML reader takes time with the square of the number of keys between dots.
 _DEEP_KEY = re.compile(
@@ -114,7 +116,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
         InputError: of class ``error``: it cannot be read, is too large, or holds no table.
     """
     language = "JSON" if path.suffix.lower() == ".json" else "TOML"
-    most = MOST_BYTES[language]
+    most = MOST_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
         with path.open("rb") as file:
             # One byte more than allowed tells a file that is too large without reading all of it.

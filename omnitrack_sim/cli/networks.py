@@ -1,4 +1,4 @@
-"""network: pipe networks as files, routes through them, figures and exports."""
+"""network, import: pipe networks as files and from other programs', routes, figures, exports."""
 
 from __future__ import annotations
 
@@ -83,6 +83,74 @@ def network(
             _print_route(route)
         for path in written:
             print_saved(path)
+
+
+@app.command("import")
+def import_file(
+    source: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A town of EPANET (.inp; extra town).")
+    ],
+    to_file: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")
+    ] = None,
+    bend_radius: Annotated[
+        float | None, typer.Option(metavar="BORES", help="Mean radius of bends; 1.5.")
+    ] = None,
+    deflection: Annotated[
+        float | None,
+        typer.Option("--deflection-deg", metavar="DEG", help="Bend of a joint at most; 5."),
+    ] = None,
+    simplify: Annotated[
+        float | None, typer.Option(metavar="M", help="Leave out points off by less; 0.1.")
+    ] = None,
+    move: Annotated[
+        float | None, typer.Option(metavar="M", help="Move nodes at most, to make room; 1.")
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(metavar="M", help="Length of a unit of the map.")
+    ] = None,
+    schedule: Annotated[
+        str | None,
+        typer.Option(help="ASME B36.10 schedule of true bores, such as 40; the file's bores."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """A network of another program's file; what was assumed, mended and left out is listed."""
+    from omnitrack_sim.base.writing import check_file, write_file
+    from omnitrack_sim.pipes.importing.reading import import_network
+
+    if to_file is not None:
+        check_file(to_file)
+    options = {
+        "bend_radius": bend_radius,
+        "deflection_deg": deflection,
+        "simplify": simplify,
+        "move": move,
+        "scale": scale,
+        "schedule": schedule,
+    }
+    asked = {key: value for key, value in options.items() if value is not None}
+    imported = import_network(source, **asked)
+    if to_file is not None:
+        write_file(to_file, imported.network.to_toml().encode())
+    there, built = (sum(column) for column in zip(*imported.lengths.values(), strict=True))
+    if as_json:
+        print_json(
+            {
+                "name": imported.network.name,
+                "fittings": len(imported.network.fittings),
+                "length_m": built,
+                "length_in_file_m": there,
+                "notes": [note._asdict() for note in imported.notes],
+            }
+        )
+        return
+    print_table(("remedy", "where", "what"), [tuple(note) for note in imported.notes])
+    off = 100 * (built / there - 1)
+    parts = f"{len(imported.network.fittings)} parts of {len(imported.lengths)} pipes"
+    out.print(f"{parts}, {built:.1f} m of {there:.1f} m ({off:+.3f} %)")
+    if to_file is not None:
+        print_saved(to_file)
 
 
 def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.bounds import MOST_FAULTS
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.rotations import Array, Pose, length, rotation_about
+from omnitrack_sim.base.rotations import Array, Pose, dot, length, rotation_about, unit
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, AxisCurve, Fitting
 
@@ -37,6 +37,53 @@ def touching(centres: Array, radii: Array) -> Iterator[NDArray[np.intp]]:
         others = others[length(centres[others] - centres[i]) < radii[others] + radii[i]]
         if len(others):
             yield np.sort(np.stack([np.full(len(others), i), others], axis=-1), axis=1)
+
+
+def batched(blocks: Iterable[NDArray[np.intp]]) -> Iterator[NDArray[np.intp]]:
+    """Yield blocks (k, 2) together, ``BATCH`` pairs or more at a time: NumPy takes as long for ten
+    numbers as for a thousand."""
+    waiting: list[NDArray[np.intp]] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(map(len, waiting)) >= BATCH:
+            yield np.concatenate(waiting)
+            waiting = []
+    if waiting:
+        yield np.concatenate(waiting)
+
+
+BATCH = 4096
+"""Pairs that are compared at a time."""
+
+
+def between_lines(a: Array, b: Array) -> Array:
+    """Return distances (n,) m between straight pieces (n, 2, 3) m, given by their ends."""
+    u, v, w = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0], a[:, 0] - b[:, 0]
+    uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
+    # The nearest places of the lines; of parallel ones any. Then brought to the pieces, that of the
+    # second first, and that of the first after it.
+    square = uu * vv - uv * uv
+    square = np.where(square > 1e-12 * uu * vv, square, np.inf)
+    s = np.clip((uv * vw - uw * vv) / square, 0.0, 1.0)
+    t = np.clip((uv * s + vw) / np.where(vv > 0, vv, 1.0), 0.0, 1.0)
+    s = np.clip((uv * t - uw) / np.where(uu > 0, uu, 1.0), 0.0, 1.0)
+    return length(w + s[:, None] * u - t[:, None] * v)
+
+
+def beyond_an_end(a: Array, b: Array, reach: Array, square: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (n,) whether pieces of pipe about lines ``b`` (n, 2, 3) m lie wholly beyond the plane
+    at either end of lines ``a`` (n, 2, 3) m, square to them.
+
+    Args:
+        a, b: ends of the lines. reach: (n,) m, radii about ``b``.
+        square: (n,), whether the pieces end square too, so that they reach less far along.
+    """
+    way, along = unit(a[:, 1] - a[:, 0]), unit(b[:, 1] - b[:, 0])
+    lean = dot(way, along)
+    far = reach * np.where(square, np.sqrt(np.maximum(1 - lean * lean, 0.0)), 1.0)
+    before = dot(b - a[:, :1], way[:, None]).max(axis=1) + far
+    after = dot(b - a[:, 1:], way[:, None]).min(axis=1) - far
+    return (before <= 0) | (after >= 0)
 
 
 SAMPLE_SPACING = 0.02
@@ -162,6 +209,26 @@ class Part:
             ]
         return stretches
 
+    def capsules(self) -> list[tuple[Array, Array, float]]:
+        """Capsules about its axes, (start (3,) m, end (3,) m, radius m), that hold its bore, with
+        room for rounded rims."""
+        # A bore without a rim reaches no farther than its radius from its axis.
+        room = 0.0 if self.fitting.is_cut_square else self.fitting.largest_radius
+        capsules = []
+        for axis in self.fitting.axes:
+            widest = max(axis.start_radius, axis.end_radius)
+            for segment in self.segments(axis.curve):
+                s, k, point = segment.length, segment.curvature, segment.point
+                t, n = segment.tangent, segment.normal
+                if k == 0:
+                    capsules.append((point, point + s * t, widest + room))
+                    continue
+                sin, cos = np.sin(s * k), np.cos(s * k)
+                bow = (1 - np.cos(min(s * k / 2, np.pi))) / k
+                end = point + (t * sin + n * (1 - cos)) / k
+                capsules.append((point, end, widest + room + bow))
+        return capsules
+
     def holds(self, points: Array, margin: float) -> bool:
         """Return whether any of ``points`` (n, 3) m lies deeper than ``margin`` m in this bore.
 
@@ -281,27 +348,62 @@ class Assembly:
         return faults
 
     def _overlaps(self) -> list[Fault]:
-        """Parts that share space and are not joined, up to ``MOST_FAULTS``."""
-        joined = {frozenset((i, j)) for (i, _), (j, _) in self.joints}
-        pairs: set[tuple[int, int]] = set()
-        every = [(i, stretch) for i, part in enumerate(self.parts) for stretch in part.stretches()]
-        centres = np.array([stretch.centre for _, stretch in every]).reshape(-1, 3)
-        near = touching(centres, np.array([stretch.reach for _, stretch in every]))
-        for one, other in (pair for block in near for pair in block.tolist()):
-            (i, mine), (j, theirs) = every[one], every[other]
-            if i == j or (i, j) in pairs or frozenset((i, j)) in joined:
-                continue
-            # Both ways round: the samples of a wide bore may all miss a narrow one inside it.
-            a, b = self.parts[i], self.parts[j]
-            if a.holds(b.bore_samples(theirs), OVERLAP) or b.holds(a.bore_samples(mine), OVERLAP):
-                pairs.add((i, j))
-                if len(pairs) == MOST_FAULTS:
-                    break
+        """Faults of parts that share space."""
         names = [part.name for part in self.parts]
         return [
             Fault(f"pipes.{j}", f"{names[j]!r} runs into {names[i]!r} (pipes.{i})")
-            for i, j in sorted(pairs)
+            for i, j in self.overlaps()
         ]
+
+    def overlaps(self, most: int = MOST_FAULTS) -> list[tuple[int, int]]:
+        """Return pairs of parts, by index, that share space and are not joined, ``most`` of them at
+        most."""
+        joined = {(min(i, j), max(i, j)) for (i, _), (j, _) in self.joints}
+        pairs = []
+        for pair in sorted(self._near() - joined):
+            if self._share_space(*pair):
+                pairs.append(pair)
+                if len(pairs) == most:
+                    break
+        return pairs
+
+    def _near(self) -> set[tuple[int, int]]:
+        """Return pairs of parts whose bores may share space: those of which capsules about the axes
+        touch, and no port plane of a straight one separates them."""
+        rows = [(i, *capsule) for i, part in enumerate(self.parts) for capsule in part.capsules()]
+        owner = np.array([row[0] for row in rows])
+        ends = np.array([row[1:3] for row in rows]).reshape(-1, 2, 3)
+        reach = np.array([row[3] for row in rows])
+        axial = np.array([part.fitting.is_cut_square for part in self.parts])[owner]
+        half = length(ends[:, 1] - ends[:, 0]) / 2
+        near: set[tuple[int, int]] = set()
+        for block in batched(touching(ends.mean(axis=1), half + reach)):
+            i, j = block.T
+            apart = owner[i] != owner[j]
+            i, j = i[apart], j[apart]
+            close = between_lines(ends[i], ends[j]) < reach[i] + reach[j]
+            i, j = i[close], j[close]
+            beyond = axial[i] & beyond_an_end(ends[i], ends[j], reach[j], axial[j])
+            beyond |= axial[j] & beyond_an_end(ends[j], ends[i], reach[i], axial[i])
+            i, j = i[~beyond], j[~beyond]
+            both = np.sort(np.stack([owner[i], owner[j]], axis=-1), axis=1)
+            near.update(map(tuple, both.tolist()))
+        return near
+
+    def _share_space(self, i: int, j: int) -> bool:
+        """Return whether the bores of two parts share space."""
+        a, b = self.parts[i], self.parts[j]
+        mine, theirs = a.stretches(), b.stretches()
+        centres = [np.array([s.centre for s in part]) for part in (mine, theirs)]
+        reaches = [np.array([s.reach for s in part]) for part in (mine, theirs)]
+        apart = length(centres[0][:, None] - centres[1])
+        for one, other in np.argwhere(apart < reaches[0][:, None] + reaches[1]).tolist():
+            # Both ways round: the samples of a wide bore may all miss a narrow one inside it.
+            if a.holds(b.bore_samples(theirs[other]), OVERLAP) or b.holds(
+                a.bore_samples(mine[one]), OVERLAP
+            ):
+                return True
+        return False
 
     def _closures(self) -> list[Fault]:
         """Open ends of two parts in one place: the pipe closes on itself without being joined."""
@@ -332,6 +434,11 @@ def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
     of ``port``. Seen
     from the other side the turn is the same: either of two ports may be the placed one.
     """
+    return joined(port, fitting.ports[enter], turn)
+
+
+def joined(port: Pose, entry: Pose, turn: float) -> Pose:
+    """As ``attached``, for the port ``entry`` of a fitting in the fitting's frame."""
     rotation = port.rotation @ rotation_about([0, 0, 1], turn)
-    entry = Pose(rotation * [1, -1, -1], port.position)  # the port looks back along the route
-    return entry @ fitting.ports[enter].inverse()
+    # The port looks back along the route.
+    return Pose(rotation * [1, -1, -1], port.position) @ entry.inverse()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 import re
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
-from omnitrack_sim.base.bounds import FARTHEST, MOST_PARTS, too_long
+from omnitrack_sim.base.bounds import FARTHEST, MOST_TOWN_LENGTH, MOST_TOWN_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.reading import (
     NAME_PATTERN,
@@ -24,10 +25,11 @@ from omnitrack_sim.base.reading import (
     keys_at,
     read_file,
 )
-from omnitrack_sim.base.rotations import Pose, frame_along
+from omnitrack_sim.base.rotations import TURNED, Pose, frame_along
 from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting, Part, attached
+from omnitrack_sim.pipes.assembly import joined
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, by_kind, table_of
 
 CLOSES = 1e-3
@@ -57,12 +59,15 @@ class Joined:
     turn: float = 0.0
 
 
-def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Pose) -> Assembly:
+def lay_out(
+    fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Mapping[int, Pose]
+) -> Assembly:
     """Place the fittings along the joints, breadth first.
 
     Args:
         fittings: by name, in order. joints: ports that exist, each in one joint at most.
-        first: frame of the first port of the first fitting, z into the pipe, world frame.
+        first: by the index of a fitting, in each connected group one, the frame of its first port,
+            z into the pipe, world frame.
 
     Raises:
         NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts
@@ -98,7 +103,7 @@ def lay_out(fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Po
 
 
 def _placed(
-    kinds: Sequence[Fitting], joints: Sequence[Joined], first: Pose
+    kinds: Sequence[Fitting], joints: Sequence[Joined], first: Mapping[int, Pose]
 ) -> tuple[dict[int, Pose], set[int]]:
     """Poses by part, and the joints that placed a part; the others close loops or lie apart from
     the first part."""
@@ -106,16 +111,18 @@ def _placed(
     for k, joint in enumerate(joints):
         for here, there in (joint.ends, joint.ends[::-1]):
             at_part[here[0]].append((k, joint, here, there))
-    poses = {0: attached(first, kinds[0], kinds[0].port_names[0], 0.0)}
+    ports = [kind.ports for kind in kinds]
+    poses = {
+        i: attached(frame, kinds[i], kinds[i].port_names[0], 0.0) for i, frame in first.items()
+    }
     used: set[int] = set()
-    queue = deque([0])
+    queue = deque(poses)
     while queue:
         part = queue.popleft()
         for k, joint, (here, port), (there, other) in at_part[part]:
             if there not in poses:
-                poses[there] = attached(
-                    poses[here] @ kinds[here].ports[port], kinds[there], other, joint.turn
-                )
+                out = poses[here] @ ports[here][port]
+                poses[there] = joined(out, ports[there][other], joint.turn)
                 used.add(k)
                 queue.append(there)
     return poses, used
@@ -172,6 +179,12 @@ class Origin(Table):
     position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)  # m
 
 
+class PartOrigin(Origin):
+    """The same of another fitting, in a part of the network that is not connected to the first."""
+
+    fitting: str
+
+
 class Joint(Table):
     """Two ports in one place."""
 
@@ -209,9 +222,10 @@ class Network(Table):
             ],
             ...,
         ],
-        Field(min_length=1, max_length=MOST_PARTS),
+        Field(min_length=1, max_length=MOST_TOWN_PARTS),
     ]
-    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_PARTS)] = ()
+    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_TOWN_PARTS)] = ()
+    places: Annotated[tuple[PartOrigin, ...], Field(max_length=MOST_TOWN_PARTS)] = ()
     ports: dict[str, str] = Field(default_factory=dict)
 
     def __init__(self, **data: Any) -> None:
@@ -229,7 +243,7 @@ class Network(Table):
         faults = self._naming_faults()
         # Each check needs the ones before it: lengths need valid sizes, placing needs a bounded
         # number.
-        faults = faults or too_long(self.length, "fittings")
+        faults = faults or too_long(self.length, "fittings", MOST_TOWN_LENGTH)
         if not faults:
             _ = self.pipes  # raises by itself
             free = dict.fromkeys(self.open_ends)
@@ -268,6 +282,7 @@ class Network(Table):
         fittings: Mapping[str, Fitting],
         joints: Sequence[Joint],
         ports: Mapping[str, str],
+        places: Sequence[PartOrigin] = (),
     ) -> Network:
         """Return the network of a map that a robot makes, from connected fittings by name.
 
@@ -286,6 +301,7 @@ class Network(Table):
                 for part, fitting in fittings.items()
             ),
             joints=tuple(joints),
+            places=tuple(places),
             ports=dict(ports),
         )
         faults = network._naming_faults()
@@ -313,18 +329,80 @@ class Network(Table):
         }
         joints = [Joint.model_validate(row) for row in data.get("joints", ())]
         place = Origin.model_validate(data.get("place", {}))
-        return cls.believed(data["name"], place, fittings, joints, data.get("ports", {}))
+        places = [PartOrigin.model_validate(row) for row in data.get("places", ())]
+        ports = data.get("ports", {})
+        return cls.believed(data["name"], place, fittings, joints, ports, places)
 
-    def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], Pose]:
-        """Fittings by name, joints, and the frame of the first port."""
+    def _to_lay_out(self) -> tuple[dict[str, Fitting], list[Joined], dict[int, Pose]]:
+        """Fittings by name, joints, and the frames of the first ports of those with a place."""
         ends = self._ends
         joints = [
             Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg))
             for j in self.joints
         ]
-        rotation = frame_along(self.place.axis, math.radians(self.place.turn_deg))
-        first = Pose(rotation, np.array(self.place.position))
-        return {part.name: part.fitting() for part in self.fittings}, joints, first
+        fittings = {part.name: part.fitting() for part in self.fittings}
+        number = {name: i for i, name in enumerate(fittings)}
+        first = {0: self.place} | {number[place.fitting]: place for place in self.places}
+        frames = {
+            i: Pose(frame_along(at.axis, math.radians(at.turn_deg)), np.array(at.position))
+            for i, at in first.items()
+        }
+        return fittings, joints, frames
+
+    def around(self, names: Collection[str], reach: float = 1.0) -> Network:
+        """Return the network of some fittings and of those joined to them within ``reach`` m of
+        pipe, all in their places: what a run along a route through a town needs.
+
+        Raises:
+            NetworkError: there is no such fitting.
+
+        Example:
+            >>> network = ot.load_network("fig14")
+            >>> len(network.around(["riser"], reach=0.1).fittings) < len(network.fittings)
+            True
+        """
+        number = {part.name: i for i, part in enumerate(self.fittings)}
+        if missing := [name for name in names if name not in number]:
+            raise NetworkError(self._unknown_port("names", f"{missing[0]}."))
+        beside: dict[int, list[int]] = {i: [] for i in number.values()}
+        for (i, _), (j, _) in self.pipes.joints:
+            beside[i].append(j)
+            beside[j].append(i)
+        far = {number[name]: 0.0 for name in names}
+        waiting = [(0.0, i) for i in far]
+        while waiting:
+            distance, i = heapq.heappop(waiting)
+            onward = distance + self.fittings[i].fitting().length_of_axes * (distance > 0)
+            for j in beside[i]:
+                # What is joined to a named fitting is beside it, however long that is.
+                if onward <= reach and onward < far.get(j, math.inf):
+                    far[j] = max(onward, 1e-9)
+                    heapq.heappush(waiting, (far[j], j))
+        return self._of(sorted(far))
+
+    def _of(self, parts: Sequence[int]) -> Network:
+        """Return the network of some of the parts, in their places."""
+        kept = set(parts)
+        names = {self.fittings[i].name for i in parts}
+        joints = [j for j in self.joints if {p.partition(".")[0] for p in j.ports} <= names]
+        first, *others = connected(
+            [self.fittings[i].name for i in parts],
+            [(j.ports[0].partition(".")[0], j.ports[1].partition(".")[0]) for j in joints],
+        )
+        placed = {part.name: part for part in self.pipes.parts}
+        order = dict.fromkeys([first[0], *(self.fittings[i].name for i in parts)])
+        return Network(
+            name=self.name,
+            place=origin_of(placed[first[0]]),
+            fittings=[self._by_name[name].model_dump() for name in order],
+            joints=[joint.model_dump() for joint in joints],
+            places=[{"fitting": g[0]} | origin_of(placed[g[0]]) for g in others],
+            ports={n: p for n, p in self.ports.items() if self._ends[p][0] in kept},
+        )
+
+    @cached_property
+    def _by_name(self) -> dict[str, NetworkFitting]:
+        return {part.name: part for part in self.fittings}
 
     @property
     def open_ends(self) -> tuple[str, ...]:
@@ -389,7 +467,7 @@ class Network(Table):
                     f"[{table}]",
                     *(f"{toml_key(k)} = {as_toml(v)}" for k, v in data[table].items()),
                 ]
-        for table in ("fittings", "joints"):
+        for table in ("fittings", "joints", "places"):
             for row in data.get(table, ()):
                 lines += ["", f"[[{table}]]", *(f"{k} = {as_toml(v)}" for k, v in row.items())]
         return "\n".join(lines) + "\n"
@@ -429,6 +507,10 @@ class Network(Table):
                 taken.setdefault(port, k)
             if joint.ports[0].partition(".")[0] == joint.ports[1].partition(".")[0]:
                 faults.append(Fault(f"joints.{k}.ports", "joins a fitting to itself"))
+        for k, place in enumerate(self.places):
+            if place.fitting not in names:
+                problem = f"there is no fitting {place.fitting!r}"
+                faults.append(Fault(f"places.{k}.fitting", problem, tuple(names)))
         for name, port in self.ports.items():
             if port not in self._ends:
                 faults.append(self._unknown_port(f"ports.{name}", port))
@@ -445,6 +527,40 @@ class Network(Table):
         problem = f"there is no fitting {name!r} (given: {port!r})"
         names = dict.fromkeys(part.name for part in self.fittings)
         return Fault(where, problem, tuple(names), given=name)
+
+
+def origin_of(part: Part) -> dict[str, Any]:
+    """Return the keys of an ``Origin`` that puts a part's first port where it is."""
+    port = part.port(part.fitting.port_names[0])
+    entry = port.rotation * TURNED
+    plain = frame_along(entry[:, 2], 0.0)
+    turn = math.atan2(plain[:, 1] @ entry[:, 0], plain[:, 0] @ entry[:, 0])
+    return {
+        "position": tuple(port.position.tolist()),
+        "axis": tuple(entry[:, 2].tolist()),
+        "turn_deg": math.degrees(turn),
+    }
+
+
+def connected(names: Iterable[str], joints: Iterable[tuple[str, str]]) -> list[list[str]]:
+    """Return the connected groups of some names, in order, each from its first on outward."""
+    beside: dict[str, list[str]] = {name: [] for name in names}
+    for one, other in joints:
+        beside[one].append(other)
+        beside[other].append(one)
+    groups: list[list[str]] = []
+    taken: set[str] = set()
+    for name in beside:
+        if name in taken:
+            continue
+        group = [name]
+        taken.add(name)
+        for member in group:  # which grows meanwhile
+            new = [other for other in dict.fromkeys(beside[member]) if other not in taken]
+            taken.update(new)
+            group += new
+        groups.append(group)
+    return groups
 
 
 def load_network(source: str | Path) -> Network:

@@ -410,6 +410,8 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     if not faults and scenario.pipes:
         lengths = (pipe.step(i).fitting.length_of_axes for i, pipe in enumerate(scenario.pipes))
         faults += too_long(sum(lengths), "pipes")
+    if scenario.network is not None:
+        faults += _too_large(scenario.network)
     if faults:
         return faults
     try:
@@ -434,6 +436,14 @@ def _taken_names(scenario: Scenario) -> list[Fault]:
         for i, name in enumerate(names)
         if name in names[:i]
     ]
+
+
+def _too_large(network: Network) -> list[Fault]:
+    """Return the faults of a town that is simulated as a whole."""
+    count, hint = len(network.fittings), "simulate a part of it (Network.around)"
+    if count > MOST_PARTS:
+        return [Fault("network.fittings", f"are {count}; at most {MOST_PARTS} items: {hint}")]
+    return too_long(network.length, "network.fittings")
 
 
 def _missing(scenario: Scenario) -> Iterator[Fault]:

@@ -248,6 +248,11 @@ class Fitting(ABC):
         curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
         return len(self.axes) == 1 and not any(curvatures)
 
+    @property
+    def is_cut_square(self) -> bool:
+        """True if the bore lies between the planes of its two ports, about one straight line."""
+        return isinstance(self, Axial)
+
     def describe(self, enter: str, leave: str) -> Description:
         """Describe the passage from port ``enter`` to port ``leave``. Here it asks nothing of a
         robot."""

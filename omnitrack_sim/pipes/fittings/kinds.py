@@ -11,7 +11,7 @@ import inspect
 import json
 import pkgutil
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeGuard, TypeVar
 
@@ -105,6 +105,10 @@ class FittingEntry(Table):
         Raises:
             GeometryError: sizes that do not go together.
         """
+        return self._fitting
+
+    @cached_property
+    def _fitting(self) -> Fitting:
         assert isinstance(self, FittingTable)  # every table of ``table_of`` is
         return self.of.from_table(self)
 

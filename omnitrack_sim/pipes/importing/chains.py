@@ -1,0 +1,292 @@
+"""Chains of parts along a line: straights, and bends at its corners, between two ports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_along, length, unit
+from omnitrack_sim.pipes.assembly import BORE_TOLERANCE, attached
+from omnitrack_sim.pipes.fittings.base import Fitting
+from omnitrack_sim.pipes.fittings.reducer import Reducer
+from omnitrack_sim.pipes.fittings.straight import Straight
+from omnitrack_sim.pipes.importing.drawing import ImportSettings
+from omnitrack_sim.pipes.importing.junctions import STRAIGHT_ON, bends
+
+CONE, STEEP_CONE = math.tan(math.radians(10)), math.tan(math.radians(19.9))
+"""Slope of a reducer's wall, and where there is little room; at most 20 degrees."""
+LONGEST = 500.0
+"""Of a straight, m."""
+NOTHING = 1e-9
+"""Length of a straight, m, that is left out."""
+STEP_ASIDE = 1.02
+"""A bend behind a port gets a little more room than its angle asks for."""
+
+
+class TooShortError(Exception):
+    """The parts of a line do not fit on it.
+
+    Attributes:
+        short: by how much, m.
+    """
+
+    def __init__(self, short: float):
+        super().__init__(f"is {1e3 * short:.0f} mm shorter than its fittings")
+        self.short = short
+
+
+class Outlet(NamedTuple):
+    """A port that a chain begins or ends at, world frame: its frame, z outward, and bore, m."""
+
+    pose: Pose
+    bore: float
+
+
+class Link(NamedTuple):
+    """A part of a chain.
+
+    Attributes:
+        fitting: it. enter, leave: ports. turn: rad, at the joint before it.
+    """
+
+    fitting: Fitting
+    enter: str
+    leave: str
+    turn: float
+
+
+class Chain(NamedTuple):
+    """Parts from one port to another.
+
+    Attributes:
+        links: in order. turn: rad, at the joint behind the last.
+    """
+
+    links: list[Link]
+    turn: float
+
+    @property
+    def length(self) -> float:
+        """Length of all axes, m."""
+        return sum(link.fitting.length_of_axes for link in self.links)
+
+
+@dataclass
+class _Plan:
+    """Corners of a line and the bends there.
+
+    Attributes:
+        points: (k, 3) m, ends included. reserved: m, taken by reducers at either end.
+        options: of each corner, the bends, each with what it takes of either side, m. chosen: which
+            of them.
+        lead: how many points come before the line's own.
+    """
+
+    points: Array
+    reserved: tuple[float, float]
+    options: list[list[tuple[Fitting | None, float]]]
+    chosen: list[int]
+    lead: int
+
+    def rooms(self) -> Array:
+        """Return what is left of each side for a straight, m; below 0 where bends do not fit."""
+        rooms = length(np.diff(self.points, axis=0))
+        rooms[0] -= self.reserved[0]
+        rooms[-1] -= self.reserved[1]
+        cuts = np.array([o[c][1] for o, c in zip(self.options, self.chosen, strict=True)])
+        if len(cuts):
+            rooms[:-1] -= cuts
+            rooms[1:] -= cuts
+        return rooms
+
+
+def chain(
+    line: Array,
+    start: Outlet | None,
+    end: Outlet | None,
+    bore: float,
+    settings: ImportSettings,
+) -> Chain:
+    """Return the parts along a line.
+
+    Args:
+        line: (k, 3) m; its first and last point are nodes, which the ports lie near.
+        start, end: ports; None where the pipe just ends at the node. Without a start the chain
+            begins there along the line.
+        bore: m. settings: of the import.
+
+    Raises:
+        TooShortError: parts do not fit on it.
+    """
+    short = TooShortError(math.inf)
+    for tight in (False, True):
+        try:
+            plan = _fitted(line, start, end, bore, settings, tight)
+        except TooShortError as error:
+            short = error
+            continue
+        return _links(plan, start, end, bore, tight)
+    raise short
+
+
+def _reducer(first: float, second: float, tight: bool) -> Reducer | None:
+    """Return the reducer from one bore to another, m; None where they may be joined."""
+    if abs(first - second) <= BORE_TOLERANCE:
+        return None
+    return Reducer(abs(first - second) / 2 / (STEEP_CONE if tight else CONE), second, first)
+
+
+def _fitted(
+    line: Array,
+    start: Outlet | None,
+    end: Outlet | None,
+    bore: float,
+    settings: ImportSettings,
+    tight: bool,
+) -> _Plan:
+    """Return corners and bends that fit; points of the line that leave no room are left out."""
+    inner = [np.asarray(point) for point in line[1:-1]]
+    while True:
+        plan = _plan(inner, line, start, end, bore, settings, tight)
+        worst = _choose(plan)
+        if worst is None:
+            return plan
+        side, short = worst
+        # The line's own points beside the side that is too short, as indices in ``inner``.
+        beside = [k for k in (side - plan.lead, side + 1 - plan.lead) if 0 <= k < len(inner)]
+        if not beside:
+            raise TooShortError(short)
+        inner.pop(beside[0])
+
+
+def _plan(
+    inner: list[Array],
+    line: Array,
+    start: Outlet | None,
+    end: Outlet | None,
+    bore: float,
+    settings: ImportSettings,
+    tight: bool,
+) -> _Plan:
+    """Return the corners of a line with bends behind ports that do not look along it, and the bends
+    that each may have."""
+    reserved, points = [0.0, 0.0], list(inner)
+    for which, outlet in enumerate((start, end)):
+        if outlet is None:
+            points.insert(0 if which == 0 else len(points), line[0 if which == 0 else -1])
+            continue
+        reducer = _reducer(outlet.bore, bore, tight)
+        reserved[which] = reducer.length if reducer else 0.0
+    # The place of a bend behind a port depends on where the other end's is; once again settles it.
+    ends = [None if o is None else o.pose.position for o in (start, end)]
+    beyond: list[Array | None] = [None, None]
+    for _ in range(2):
+        for which, outlet in enumerate((start, end)):
+            if outlet is None:
+                continue
+            there = beyond[1 - which] if beyond[1 - which] is not None else ends[1 - which]
+            aims = [*points, there] if which == 0 else [*points[::-1], there]
+            aim = next(place for place in aims if place is not None)
+            beyond[which] = _behind(outlet, aim, reserved[which], bore, settings, tight)
+    for which in (0, 1):
+        if ends[which] is not None:
+            both = [p for p in (ends[which], beyond[which]) if p is not None]
+            points = [*both, *points] if which == 0 else [*points, *both[::-1]]
+    places = np.array(points)
+    ways = unit(np.diff(places, axis=0))
+    angles = angle_between(ways[:-1], ways[1:])
+    options = []
+    for angle in angles.tolist():
+        found = bends(angle, bore, settings) if angle > STRAIGHT_ON else [(None, 0.0)]
+        if not found:
+            found = [(None, math.inf)]
+        options.append(found[-1:] if tight else found)
+    lead = 1 if beyond[0] is None else 2
+    return _Plan(places, (reserved[0], reserved[1]), options, [0] * len(options), lead)
+
+
+def _behind(
+    outlet: Outlet, aim: Array, reserved: float, bore: float, settings: ImportSettings, tight: bool
+) -> Array | None:
+    """Return where behind a port a bend turns towards a place; None where the port looks there."""
+    way, place = outlet.pose.rotation[:, 2], outlet.pose.position
+    cut = 0.0
+    for _ in range(6):
+        corner = place + (reserved + cut) * way
+        angle = float(angle_between(way, unit(aim - corner)))
+        if angle <= STRAIGHT_ON:
+            return None
+        options = bends(angle, bore, settings)
+        if not options:
+            raise TooShortError(float(length(aim - corner)) + bore)
+        wanted = options[-1 if tight else 0][1]
+        if 0 < wanted <= cut:
+            break
+        cut = wanted * STEP_ASIDE
+    return place + (reserved + cut) * way
+
+
+def _choose(plan: _Plan) -> tuple[int, float] | None:
+    """Choose bends that leave room for all straights; else return the side that is too short, and
+    by how much, m."""
+    while True:
+        rooms = plan.rooms()
+        side = int(rooms.argmin())
+        if rooms[side] >= -NOTHING:
+            return None
+        beside = [k for k in (side - 1, side) if 0 <= k < len(plan.options)]
+        smaller = [k for k in beside if plan.chosen[k] + 1 < len(plan.options[k])]
+        if not smaller:
+            return side, float(-rooms[side])
+        # The one that takes more gives way.
+        k = max(smaller, key=lambda k: plan.options[k][plan.chosen[k]][1])
+        plan.chosen[k] += 1
+
+
+def _links(
+    plan: _Plan, start: Outlet | None, end: Outlet | None, bore: float, tight: bool
+) -> Chain:
+    """Return the parts of a plan."""
+    links: list[Link] = []
+    ways = unit(np.diff(plan.points, axis=0))
+    port = Pose(frame_along(ways[0], 0.0), plan.points[0]) if start is None else start.pose
+    for fitting, enter, leave, inward in _fittings(plan, ways, start, end, bore, tight):
+        turn = 0.0 if inward is None else _turn(port, inward)
+        port = attached(port, fitting, enter, turn) @ fitting.ports[leave]
+        links.append(Link(fitting, enter, leave, turn))
+    return Chain(links, 0.0 if end is None else _turn(port, end.pose.rotation[:, 0]))
+
+
+def _fittings(
+    plan: _Plan,
+    ways: Array,
+    start: Outlet | None,
+    end: Outlet | None,
+    bore: float,
+    tight: bool,
+) -> Iterator[tuple[Fitting, str, str, Array | None]]:
+    """Yield the parts in order, with their ports, and where the x axis of a bend's port looks."""
+    if start is not None and (cone := _reducer(start.bore, bore, tight)) is not None:
+        yield cone, "start", "end", None
+    for side, room in enumerate(plan.rooms().tolist()):
+        if room > NOTHING:
+            count = math.ceil(room / LONGEST)
+            for _ in range(count):
+                yield Straight(room / count, bore), "start", "end", None
+        if side < len(plan.options):
+            bend, _ = plan.options[side][plan.chosen[side]]
+            if bend is not None:
+                onward = ways[side + 1]
+                yield bend, "start", "end", unit(onward - ways[side] * (ways[side] @ onward))
+    if end is not None and (cone := _reducer(bore, end.bore, tight)) is not None:
+        yield cone, "start", "end", None
+
+
+def _turn(port: Pose, inward: Array) -> float:
+    """Return the turn, rad, at a joint that brings the next port's x axis along ``inward``."""
+    x, y = port.rotation[:, 0] @ inward, port.rotation[:, 1] @ inward
+    return math.atan2(y, x)

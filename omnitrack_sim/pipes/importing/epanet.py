@@ -1,0 +1,162 @@
+"""Towns as EPANET has them (``.inp``), read by wntr: pipes as lines on a map, with heights."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, NetworkError
+from omnitrack_sim.base.rotations import Array, length
+from omnitrack_sim.pipes.importing.bores import true_bore
+from omnitrack_sim.pipes.importing.drawing import Drawing, ImportSettings, Leg
+from omnitrack_sim.pipes.importing.notes import Note
+
+FOOT = 0.3048
+"""Length of a foot, m."""
+FIT = 0.1
+"""Difference of a drawn length from the file's, share, up to which they are the same."""
+LEAST_FIT = 0.8
+"""Share of all length that has to fit, or the drawing is a schematic one."""
+STEEP = 1.0
+"""Slope of all pipes of a node, m/m, from which its height is taken for missing."""
+SHORTEST = 0.01
+"""Of a drawn pipe, m."""
+
+
+def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
+    """Read a town's drawing.
+
+    Raises:
+        NetworkError: wntr is missing or cannot read it; it has no coordinates, or they do not fit
+            its lengths.
+    """
+    model = _model(path)
+    flat = {name: np.array(node.coordinates, float) for name, node in model.nodes()}
+    lines = {
+        name: np.array([flat[pipe.start_node_name], *pipe.vertices, flat[pipe.end_node_name]])
+        for name, pipe in model.pipes()
+    }
+    if not lines:
+        raise NetworkError(Fault(path.name, "has no pipes"))
+    notes: list[Note] = []
+    scale = _scale(path, model, lines, settings, notes)
+    # Far from the origin positions would lose digits.
+    middle = scale * np.mean(list(flat.values()), axis=0).round()
+    notes.append(
+        Note("assumed", "the map", f"{middle[0]:.0f} m, {middle[1]:.0f} m is its origin here")
+    )
+    heights = _heights(model, {n: scale * line for n, line in lines.items()}, notes)
+    nodes = {name: np.append(scale * place - middle, heights[name]) for name, place in flat.items()}
+    basins = set(model.tank_name_list) | set(model.reservoir_name_list)
+    drawing = Drawing(nodes, {}, open_ends=basins, notes=notes)
+    for name, pipe in model.pipes():
+        ends = pipe.start_node_name, pipe.end_node_name
+        points = _in_space(scale * lines[name] - middle, nodes[ends[0]][2], nodes[ends[1]][2])
+        if ends[0] == ends[1] or length(np.diff(points, axis=0)).sum() < SHORTEST:
+            notes.append(Note("left out", f"pipe {name}", "begins where it ends"))
+            continue
+        bore = true_bore(float(pipe.diameter), settings.schedule)
+        drawing.lengths[name] = float(pipe.length)
+        drawing.legs[name] = Leg(name, name, ends, points, bore)
+        if str(pipe.initial_status) == "Closed" or pipe.check_valve:
+            drawing.close(name)
+    for name, link in model.links():
+        if link.link_type != "Pipe":
+            problem = f"is a {link.link_type.lower()}, between closed ends"
+            notes.append(Note("left out", f"link {name}", problem))
+            drawing.part(link.start_node_name, link.end_node_name)
+    notes += _assumptions(settings)
+    return drawing
+
+
+def _assumptions(settings: ImportSettings) -> list[Note]:
+    """Return what EPANET does not know."""
+    bores = f"those of schedule {settings.schedule}" if settings.schedule else "those of the file"
+    told = {
+        "bends": f"have mean radii of {settings.bend_radius:g} bores, or less without room; up to "
+        f"{settings.deflection_deg:g} degrees a joint is deflected",
+        "bores": f"are {bores}",
+        "profiles": "rise evenly between two nodes",
+    }
+    return [Note("assumed", where, problem) for where, problem in told.items()]
+
+
+def _model(path: Path) -> Any:
+    """Return wntr's model of a file."""
+    try:
+        wntr = importlib.import_module("wntr")
+    except ImportError as error:
+        problem = "is a file of EPANET, which wntr reads: pip install 'omnitrack-sim[town]'"
+        raise NetworkError(Fault(path.name, problem)) from error
+    try:
+        return wntr.network.WaterNetworkModel(str(path))
+    except Exception as error:  # wntr raises errors of many kinds
+        problem = f"wntr cannot read it: {type(error).__name__}: {error}"
+        raise NetworkError(Fault(path.name, problem)) from error
+
+
+def _scale(
+    path: Path, model: Any, lines: dict[str, Array], settings: ImportSettings, notes: list[Note]
+) -> float:
+    """Return the length of a unit of the coordinates, m, and note it."""
+    pipes = dict(model.pipes())
+    drawn = np.array([length(np.diff(_flat(line), axis=0)).sum() for line in lines.values()])
+    asked = np.array([float(pipes[name].length) for name in lines])
+    if not (drawn > 0).any():
+        raise NetworkError(Fault(path.name, "has no coordinates: its pipes have no places"))
+    ratio = float(np.median(asked[drawn > 0] / drawn[drawn > 0]))
+    for known in (1.0, FOOT):
+        if abs(ratio / known - 1) < 0.01:
+            ratio = known
+    scale = settings.scale or ratio
+    off = np.abs(scale * drawn / asked - 1)
+    fit = float(asked[off <= FIT].sum() / asked.sum())
+    if fit < LEAST_FIT and not settings.scale:
+        problem = (
+            f"is a schematic drawing: coordinates and lengths fit for {100 * fit:.0f} % of the "
+            "length; give a scale, and pipes are as long as drawn"
+        )
+        raise NetworkError(Fault(path.name, problem))
+    notes.append(Note("assumed", "the map", f"a unit of its coordinates is {scale:.6g} m"))
+    return scale
+
+
+def _flat(line: Array) -> Array:
+    """Return points (k, 2) with a third coordinate of 0."""
+    return np.column_stack([line, np.zeros(len(line))])
+
+
+def _heights(model: Any, lines: dict[str, Array], notes: list[Note]) -> dict[str, float]:
+    """Return the height of each node, m; of one whose pipes would all be steep, that of those
+    around it."""
+    heights = {}
+    for name, node in model.nodes():
+        height = getattr(node, "elevation", None)
+        heights[name] = float(node.base_head if height is None else height)
+    around: dict[str, list[tuple[str, float]]] = {name: [] for name in heights}
+    for name, pipe in model.pipes():
+        run = max(float(length(np.diff(_flat(lines[name]), axis=0)).sum()), SHORTEST)
+        for one, other in (
+            (pipe.start_node_name, pipe.end_node_name),
+            (pipe.end_node_name, pipe.start_node_name),
+        ):
+            around[one].append((other, run))
+    given = dict(heights)
+    for name, beside in around.items():
+        if beside and all(abs(given[o] - given[name]) > STEEP * run for o, run in beside):
+            heights[name] = float(np.median([given[other] for other, _ in beside]))
+            problem = (
+                f"its pipes would be steep at {given[name]:.1f} m: lies at {heights[name]:.1f} m"
+            )
+            notes.append(Note("mended", f"node {name}", problem))
+    return heights
+
+
+def _in_space(line: Array, first: float, last: float) -> Array:
+    """Return points (k, 3) m of a line on the map that rises evenly between two heights."""
+    steps = length(np.diff(_flat(line), axis=0))
+    s = np.append(0.0, np.cumsum(steps))
+    return np.column_stack([line, first + (last - first) * s / max(s[-1], SHORTEST)])

@@ -1,0 +1,44 @@
+"""Networks from files of other programs, by the ending of the file's name."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from omnitrack_sim.base.errors import Fault, NetworkError
+from omnitrack_sim.base.reading import faults_of
+from omnitrack_sim.pipes.importing.building import build
+from omnitrack_sim.pipes.importing.drawing import ImportSettings
+from omnitrack_sim.pipes.importing.epanet import read_epanet
+from omnitrack_sim.pipes.importing.notes import Import
+
+
+def import_network(file: str | Path, **settings: Any) -> Import:
+    """Return the network of a file of EPANET (``.inp``; extra ``town``).
+
+    Args:
+        file: to read.
+        settings: keys of ``ImportSettings``, such as ``bend_radius=1.0``.
+
+    Raises:
+        NetworkError: the file cannot be read, or nothing of it can be built.
+
+    Example:
+        >>> imported = ot.import_network("town.inp", scale=0.3048)  # doctest: +SKIP
+        >>> print(imported.network, imported.length_ratio)  # doctest: +SKIP
+    """
+    path = Path(file)
+    try:
+        asked = ImportSettings(**settings)
+    except ValidationError as error:
+        keys = tuple(ImportSettings.model_fields)
+        raise NetworkError(faults_of(error, lambda _: keys, lambda _: None)) from None
+    if not path.is_file():
+        raise NetworkError(Fault(str(path), "no such file"))
+    if path.suffix.lower() != ".inp":
+        raise NetworkError(Fault(path.name, "is no .inp of EPANET"))
+    name = re.sub(r"[./\\\x00-\x1f\x7f-\x9f]", "_", path.stem) or "network"
+    return build(name, read_epanet(path, asked), asked)

@@ -1,0 +1,199 @@
+"""Networks of drawings of towns, and of the files that they come from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import length
+from omnitrack_sim.cli import app
+from omnitrack_sim.pipes.importing.building import build
+from omnitrack_sim.pipes.importing.drawing import Drawing, ImportSettings, Leg
+
+BORE = 0.16
+
+
+def drawing(nodes: dict, pipes: list, bores: dict | None = None, **lines: list) -> Drawing:
+    """Pipes between nodes at (x, y) or (x, y, z) m; ``lines`` have points between them."""
+    places = {name: np.array([*place, 0.0][:3], float) for name, place in nodes.items()}
+    legs = {}
+    for pair in pipes:
+        a, b = pair.split("-")
+        inner = [np.array([*point, 0.0][:3], float) for point in lines.get(f"{a}_{b}", [])]
+        points = np.array([places[a], *inner, places[b]])
+        legs[pair] = Leg(pair, pair, (a, b), points, (bores or {}).get(pair, BORE))
+    return Drawing(places, legs, {name: leg.length for name, leg in legs.items()})
+
+
+def town(nodes: dict, pipes: list, bores: dict | None = None, **lines: list) -> ot.Import:
+    return build("town", drawing(nodes, pipes, bores, **lines), ImportSettings())
+
+
+def around(count: int, angles: list[float] | None = None, far: float = 10.0) -> dict:
+    """A node at the origin and others around it, at angles in degrees."""
+    angles = angles or [360 / count * k for k in range(count)]
+    turned = [(far * math.cos(math.radians(a)), far * math.sin(math.radians(a))) for a in angles]
+    return {"hub": (0.0, 0.0)} | {f"n{k}": place for k, place in enumerate(turned)}
+
+
+def star(*angles: float, **more: object) -> ot.Import:
+    return town(around(0, list(angles)), [f"hub-n{k}" for k in range(len(angles))], **more)
+
+
+def kinds(imported: ot.Import) -> list[str]:
+    return sorted(f.kind for f in imported.network.fittings if f.kind not in ("straight", "cap"))
+
+
+@pytest.mark.parametrize(
+    ("angles", "expected"),
+    [
+        ((0, 180), []),
+        ((0, 177), ["mitre"]),
+        ((0, 120), ["elbow"]),
+        ((0, 180, 90), ["tee"]),
+        ((0, 180, 88), ["mitre", "tee"]),
+        ((0, 180, 60), ["wye"]),
+        ((0, 180, 20), ["elbow", "wye"]),
+        ((0, 120, 240), ["elbow", "elbow", "tee"]),
+        ((0, 90, 180, 270), ["cross"]),
+        ((0, 60, 180, 240), ["cross"]),
+        ((0, 60, 180, 270), ["cross", "elbow", "elbow"]),
+    ],
+)
+def test_a_node_becomes_the_fitting_of_its_pipes(angles, expected):
+    """By the angles between them; what a fitting has no direction for is a bend behind it."""
+    imported = star(*angles)
+    assert kinds(imported) == expected
+    assert imported.length_ratio == pytest.approx(1, abs=0.01)
+    assert not imported.of("left out")
+
+
+def test_bores_that_differ_meet_in_reducers():
+    """The run is as wide as the widest pipe; a branch far smaller gets a reducer behind it."""
+    bores = {"hub-n0": 0.3, "hub-n1": 0.2, "hub-n2": 0.05}
+    imported = star(0, 180, 90, bores=bores)
+    assert kinds(imported) == ["reducer", "reducer", "wye"]
+    wye = next(f for f in imported.network.fittings if f.kind == "wye").fitting()
+    assert wye.inner_diameter == 0.3
+    assert wye.port_radius("branch") == pytest.approx(0.06)
+
+
+def test_five_pipes_of_a_node_become_a_cross_and_a_tee():
+    """The narrowest of them leaves another beside the node, and the note says where."""
+    imported = star(0, 72, 144, 216, 288, bores={"hub-n2": 0.1})
+    found = kinds(imported)
+    assert "cross" in found
+    assert {"tee", "wye"} & set(found)
+    (note,) = imported.of("mended")
+    assert note.where == "node hub"
+    assert "joins 5 pipes: pipe hub-n2" in note.problem
+
+
+def test_a_town_of_rings_closes():
+    """Streets in a grid, on a slope and bent: every ring closes, and lengths are kept."""
+    rng = np.random.default_rng(4)
+    grid = {
+        f"{i}{j}": (40 * i + rng.uniform(-6, 6), 30 * j + rng.uniform(-6, 6), rng.uniform(0, 3))
+        for i in range(5)
+        for j in range(5)
+    }
+    pipes = [f"{i}{j}-{i + 1}{j}" for i in range(4) for j in range(5)]
+    pipes += [f"{i}{j}-{i}{j + 1}" for i in range(5) for j in range(4)]
+    bores = {pipe: float(rng.choice([0.1, 0.15, 0.2])) for pipe in pipes}
+    bent = {"00_10": [(15, 4), (25, 9)], "11_12": [(38, 40)]}
+    imported = town(grid, pipes, bores, **bent)
+    assert not imported.of("left out")
+    assert imported.length_ratio == pytest.approx(1, abs=1e-3)
+    network = imported.network
+    for (i, one), (j, other) in network.pipes.joints:
+        a, b = network.pipes.parts[i].port(one), network.pipes.parts[j].port(other)
+        assert length(a.position - b.position) < 1e-8
+        assert length(a.rotation[:, 2] + b.rotation[:, 2]) < 1e-8
+    assert len(network.ports) == 0
+
+
+def test_a_short_pipe_gets_room_or_is_left_out_between_plates():
+    """Nodes move by what is missing, up to a metre; else a plate stands where pipes go on."""
+    nodes = {"a": (0, 0), "b": (0.1, 0), "c": (-9, 0), "d": (9, 0), "e": (0, 9), "f": (0.1, -9)}
+    pipes = ["a-b", "c-a", "b-d", "a-e", "b-f"]
+    imported = town(nodes, pipes)
+    assert any("is moved by" in note.problem for note in imported.of("mended"))
+    assert not imported.of("left out")
+    still = build("town", drawing(nodes, pipes), ImportSettings(move=0.0))
+    assert {note.where for note in still.of("left out")} == {"pipe a-b", "pipe c-a", "pipe a-e"}
+    assert any("shorter than its fittings" in note.problem for note in still.of("left out"))
+    assert "b:plate" in {part.name for part in still.network.fittings}
+
+
+def test_pipes_that_cross_without_a_node_pass_under_each_other():
+    """The narrower one is lowered; the network has no overlap."""
+    nodes = {"w": (-20, 0), "e": (20, 0), "s": (0, -20), "n": (0, 20)}
+    imported = town(nodes, ["w-e", "s-n"], {"w-e": 0.2, "s-n": 0.1})
+    (note,) = imported.of("mended")
+    assert note.where == "pipe s-n"
+    assert "passes under it" in note.problem
+    low = min(part.pose.position[2] for part in imported.network.pipes.parts)
+    assert low < -0.2
+
+
+def test_part_of_a_network_lies_where_the_whole_does():
+    """A few fittings with what is beside them, in their places; apart, each group by itself."""
+    network = star(0, 90, 180, 270).network
+    names = [f.name for f in network.fittings]
+    part = network.around(["hub"], reach=0.5)
+    assert {f.name for f in part.fittings} == {"hub", *(n for n in names if ":1" in n or "-" in n)}
+    for mine in part.pipes.parts:
+        (theirs,) = (p for p in network.pipes.parts if p.name == mine.name)
+        assert np.allclose(mine.pose.position, theirs.pose.position)
+        assert np.allclose(mine.pose.rotation, theirs.pose.rotation)
+    with pytest.raises(ot.NetworkError, match="there is no fitting"):
+        network.around(["nothing"])
+
+
+INP = """[JUNCTIONS]
+A 10
+B 11
+C 10
+D 0
+[RESERVOIRS]
+R 12
+[PIPES]
+p1 R A 100 200 100 0 Open
+p2 A B 50 200 100 0 Open
+p3 A C 40 100 100 0 Closed
+p4 B D 30 100 100 0 Open
+[PUMPS]
+u B C POWER 5
+[COORDINATES]
+R 0 0
+A 100 0
+B 150 0
+C 100 40
+D 150 30
+[OPTIONS]
+UNITS LPS
+HEADLOSS H-W
+[END]
+"""
+
+
+def test_a_town_of_epanet(tmp_path):
+    """Pumps are left out, a closed pipe has a plate, a height of 0 among others is mended; the
+    command lists all of it."""
+    file, toml = tmp_path / "small.inp", tmp_path / "small.toml"
+    file.write_text(INP)
+    run = CliRunner().invoke(app, ["import", str(file), "--out", str(toml)], env={"COLUMNS": "200"})
+    assert run.exit_code == 0, run.output
+    for text in ("link u", "is a pump", "pipe p3", "is closed", "220.0 m"):
+        assert text in run.output
+    network = ot.load_network(toml)
+    assert network.name == "small"
+    assert {"R", "D"} <= set(network.ports)
+    schematic = INP.replace("B 150 0", "B 900 0").replace("D 150 30", "D 900 700")
+    file.write_text(schematic.replace("A 100 0", "A 10 0"))
+    with pytest.raises(ot.NetworkError, match="schematic drawing"):
+        ot.import_network(file)
