@@ -91,6 +91,11 @@ from .sim.simulation import Simulation as Simulation
 from .towns.passport import Passport as Passport
 from .towns.passport import load_passport as load_passport
 from .towns.passport import run_passport as run_passport
+from .towns.reach import ReachMap as ReachMap
+from .towns.reach import Supply as Supply
+from .towns.reach import map_reach as map_reach
+from .towns.reach_files import plot_reach as plot_reach
+from .towns.reach_files import save_reach as save_reach
 from .trials.bench import Bench as Bench
 from .trials.bench_run import BenchResult as BenchResult
 from .trials.bench_run import run_bench as run_bench

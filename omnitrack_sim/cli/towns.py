@@ -1,20 +1,26 @@
-"""passport: what a robot passes, measured once."""
+"""passport, reach: what a robot passes, and where in a town it gets to."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    JsonOption,
     SetOption,
     app,
+    assignment,
     out,
     plain,
     print_json,
+    print_saved,
     print_table,
+    progress,
     with_changes,
 )
 from omnitrack_sim.cli.trials import DaskOption, WorkersOption, trials_bar, worker_options
@@ -87,3 +93,107 @@ def passport(
     for course, why in made.misfits.items():
         out.say(f"{plain(course)}: does not fit: {plain(why)}")
     out.say(f"{plain(str(target / PASSPORT_FILE))}")
+
+
+@app.command()
+def reach(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="NETWORK",
+            help="A network file, or the name of a shipped one.",
+            autocompletion=complete.networks,
+        ),
+    ],
+    passport_file: Annotated[
+        Path, typer.Option("--passport", metavar="FILE", help="Of the robot: a file or its folder.")
+    ],
+    launches: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--from", metavar="NODE", help="Opening: an open end or a fitting. Repeat for several."
+        ),
+    ] = None,
+    openings: Annotated[
+        int | None,
+        typer.Option("--launches", metavar="N", min=1, help="Only the N best of the openings."),
+    ] = None,
+    friction: Annotated[
+        str, typer.Option(metavar="LOW:HIGH", help="Range of the walls' friction.")
+    ] = "0.6:0.9",
+    battery: Annotated[
+        float | None, typer.Option("--battery-wh", min=0, help="Without limit when not given.")
+    ] = None,
+    efficiency: Annotated[
+        float, typer.Option(min=0.01, max=1, help="From the battery to mechanical work.")
+    ] = 0.3,
+    base_power: Annotated[
+        float, typer.Option("--base-w", min=0, help="Power of what runs all the time, W.")
+    ] = 5.0,
+    tether: Annotated[
+        float | None, typer.Option("--tether-m", min=0.001, help="Length; no tether without it.")
+    ] = None,
+    line: Annotated[
+        list[str] | None,
+        typer.Option("--tether", metavar="KEY=VALUE", help="weight, friction, stiffness, tension."),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Where all goes; out/reach_NAME by default."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Map where a robot gets to in a network and back, how surely, at what cost, and what stops
+    it."""
+    from omnitrack_sim.base.reading import checked
+    from omnitrack_sim.pipes.network import load_network
+    from omnitrack_sim.robots.tail import Tether
+    from omnitrack_sim.towns.passport import load_passport
+    from omnitrack_sim.towns.reach import Supply, map_reach
+    from omnitrack_sim.towns.reach_files import save_reach, summary_of
+
+    keys = dict(assignment(text) for text in line or ())
+    if keys and tether is None:
+        raise InputError(Fault("--tether", "is for a tether; give its length, --tether-m"))
+    drags = None
+    if tether is not None:
+        drags = checked(Tether, {"length": tether, **keys}, InputError)
+    supply = Supply(math.inf if battery is None else battery, efficiency, base_power)
+    measured, network = load_passport(passport_file), load_network(source)
+    target = folder or Path("out") / f"reach_{Path(source).stem}"
+    with progress(f"reach {Path(source).stem}", as_json) as report:
+        made = map_reach(
+            network,
+            measured,
+            launches or (),
+            friction=_range(friction),
+            supply=supply,
+            tether=drags,
+            openings=openings,
+            progress=report,
+        )
+    paths = save_reach(made, target)
+    summary = summary_of(made)
+    if as_json:
+        print_json(summary)
+        return
+    rows = [[row["opening"], f"{row['adds_m']:.4g} m"] for row in summary["openings"]]
+    print_table(["opening", "adds there and back"], rows)
+    print_table(
+        ["stopped by", "length"], [[why, f"{length:.4g} m"] for why, length in summary["stops"]]
+    )
+    out.say(
+        f"{made.expected_length:.4g} of {made.length:.4g} m expected to be reached, "
+        f"{summary['expected_there_and_back_m']:.4g} m there and back"
+    )
+    for path in paths:
+        print_saved(path)
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Parse LOW:HIGH, or one number."""
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high or low)
+    except ValueError:
+        raise InputError(Fault("--friction", f"is {text!r}, not LOW:HIGH")) from None

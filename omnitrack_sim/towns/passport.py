@@ -150,7 +150,7 @@ class KindTrials:
         """Return estimates at points (q, features)."""
         basis = self._basis(points)
         logit = basis @ self._fit.coefficients
-        std = np.sqrt(np.einsum("qi,ij,qj->q", basis, self._fit.covariance, basis))
+        std = np.sqrt(((basis @ self._fit.covariance) * basis).sum(axis=1))
         means, deviations = self.cost(points)
         ends = (_probability(logit + side * Z95 * std) for side in (-1, 1))
         values = (_probability(logit), std, *ends, *means, *deviations[:2])
@@ -195,18 +195,21 @@ class KindTrials:
         # 1 + d + d + d (d - 1) / 2 columns.
         linear = round((math.sqrt(9 + 8 * (basis.shape[1] - 1)) - 3) / 2)
         rest = basis.shape[1] - 1 - linear
-        fits = []
+        fits: list[_Logistic] = []
         for first, second in product(MODEL.linear, MODEL.quadratic):
             std = np.repeat([MODEL.intercept, first, second], [1, linear, rest])
-            fits.append(_fitted(basis, self.passed, std**-2.0))
+            # From the one before, which is near.
+            begin = fits[-1].coefficients if fits else np.zeros(basis.shape[1])
+            fits.append(_fitted(basis, self.passed, std**-2.0, begin))
         return max(fits, key=lambda fit: fit.evidence)
 
     @cached_property
     def _hat(self) -> tuple[Array, float]:
         """Matrix of the leverages, and the largest of the trials."""
         basis = self._basis(self.points)
-        inverse = np.linalg.inv(basis.T @ basis + 1e-6 * len(basis) * np.eye(basis.shape[1]))
-        return inverse, float(np.einsum("ni,ij,nj->n", basis, inverse, basis).max())
+        square = basis.T @ basis + 1e-6 * len(basis) * np.eye(basis.shape[1])
+        inverse = np.asarray(np.linalg.inv(square), float)
+        return inverse, float(((basis @ inverse) * basis).sum(axis=1).max())
 
     def _knows(self, points: Array) -> NDArray[np.bool_]:
         """Points (q,) inside of what was tried."""
@@ -214,7 +217,7 @@ class KindTrials:
         low, high = self.points.min(axis=0) - slack, self.points.max(axis=0) + slack
         inverse, most = self._hat
         basis = self._basis(np.clip(points, low, high))
-        leverage = np.einsum("qi,ij,qj->q", basis, inverse, basis)
+        leverage = ((basis @ inverse) * basis).sum(axis=1)
         inside = ((points >= low) & (points <= high)).all(axis=1)
         return inside & (leverage <= MODEL.leverage * most)
 
@@ -223,7 +226,7 @@ def _probability(logit: Array) -> Array:
     return 1 / (1 + np.exp(-np.clip(logit, -40, 40)))
 
 
-def _fitted(basis: Array, passed: Array, precision: Array) -> _Logistic:
+def _fitted(basis: Array, passed: Array, precision: Array, begin: Array) -> _Logistic:
     """Fit a logistic regression with independent normal priors by Newton's method."""
 
     def score(w: Array) -> float:
@@ -235,7 +238,7 @@ def _fitted(basis: Array, passed: Array, precision: Array) -> _Logistic:
         rate = _probability(basis @ w)
         return (basis * (rate * (1 - rate))[:, None]).T @ basis + np.diag(precision)
 
-    w = np.zeros(basis.shape[1])
+    w = begin
     for _ in range(50):
         slope = basis.T @ (passed - _probability(basis @ w)) - precision * w
         step, before = np.linalg.solve(curvature(w), slope), score(w)
@@ -247,7 +250,7 @@ def _fitted(basis: Array, passed: Array, precision: Array) -> _Logistic:
             break
     hessian = curvature(w)
     evidence = score(w) + (np.log(precision).sum() - np.linalg.slogdet(hessian)[1]) / 2
-    return _Logistic(w, np.linalg.inv(hessian), float(evidence))
+    return _Logistic(w, np.asarray(np.linalg.inv(hessian), float), float(evidence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,17 +387,16 @@ def _pipes() -> Iterator[tuple[str, list[dict[str, Any]]]]:
             way = {"kind": "tee", "enter": enter, "leave": leave}
             pipes = [{**one, **own} for one in (lead, way, lead)]
             yield f"tee_{enter}_{leave}{name}", pipes
-    for radius, angle in ((0.6, 90), (1.0, 90), (3.0, 90), (1.5, 45), (3.0, 20), (1.0, 30)):
+    for radius, angle in ((0.6, 90), (1.0, 90), (3.0, 90), (1.5, 45), (3.0, 6), (1.0, 30)):
         elbow = {"kind": "elbow", "mean_radius": radius, "angle_deg": angle}
         yield f"elbow_{round(100 * radius)}_{angle}", [lead, elbow, lead]
     for angle in (8, 22.5, 45, 90):
         mitre = {"kind": "mitre", "angle_deg": angle}
         yield f"mitre_{angle:g}".replace(".", "_"), [lead, mitre, lead]
-    for enter, leave in (*tee, ("run_end", "branch"), ("branch", "run_start")):
-        yield (
-            f"wye_{enter}_{leave}",
-            [lead, {"kind": "wye", "angle_deg": 45, "enter": enter, "leave": leave}, lead],
-        )
+    sharp = (("run_end", "branch"), ("branch", "run_start"))
+    for angle, (enter, leave) in product((35, 70), (*tee, *sharp)):
+        wye = {"kind": "wye", "angle_deg": angle, "enter": enter, "leave": leave}
+        yield f"wye_{angle}_{enter}_{leave}", [lead, wye, lead]
     for enter, leave in (*tee, ("branch", "opposite")):
         yield (
             f"cross_{enter}_{leave}",

@@ -1,0 +1,625 @@
+"""Reach of a robot in a network: how surely it gets to each pipe and back, at what cost, and what
+stops it, by its passport and without a run."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnitrack_sim.base.arguments import check_is
+from omnitrack_sim.base.errors import Fault, InputError, NetworkError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Passage
+from omnitrack_sim.pipes.centreline import Segment
+from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes.routes import Edge
+from omnitrack_sim.record.statistics import Z95
+from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.tail import Tether
+from omnitrack_sim.towns.passport import SETTINGS, Passport
+from omnitrack_sim.towns.ways import FEATURES, kind_of, shape_of, slopes_of
+
+FRICTION, PULL = FEATURES.index("friction"), FEATURES.index("pull")
+MOST_LAUNCHES = 24
+"""Open ends that are tried as openings where none are named."""
+
+
+@dataclass(frozen=True)
+class ReachSettings:
+    """Numerics of the map.
+
+    Attributes:
+        frictions: values of the friction's range over which is averaged. It is the same all along a
+            run, so that probabilities multiply at each of them and not on average.
+        pulls: values of the pull at the tail between which is interpolated.
+        chunk: points whose estimates are made at once, of some kB each.
+    """
+
+    frictions: int = 6
+    pulls: int = 7
+    chunk: int = 20_000
+
+
+NUMERICS = ReachSettings()
+
+
+@dataclass(frozen=True)
+class Supply:
+    """What a robot may use up on its way.
+
+    Example:
+        >>> ot.Supply(efficiency=0.5, base_power=10.0).energy(seconds=360.0, joules=1800.0)
+        2.0
+
+    Attributes:
+        battery_wh: Wh; infinite where it is fed by its tether.
+        efficiency: of motors and gears, from the battery to mechanical work. Assumed.
+        base_power: W, of what runs all the time. Assumed.
+    """
+
+    battery_wh: float = math.inf
+    efficiency: float = 0.3
+    base_power: float = 5.0
+
+    def energy(self, seconds: Any, joules: Any) -> Any:
+        """Return what is used, Wh, in a time, s, with mechanical work, J."""
+        return (joules / self.efficiency + seconds * self.base_power) / 3600
+
+
+class PipeReach(NamedTuple):
+    """Reach of one part of a network, on the surest way to its far end.
+
+    Attributes:
+        name, kind: of the part. length: of its longest axis, m.
+        probability: of getting there. low, high: 95 % interval, of what trials leave open.
+        back: probability of getting there and back by the same way.
+        seconds, seconds_std: mean time to get there, s, and its standard deviation.
+        energy_wh: used on the way there.
+        tether_n: pull of the tether there, N. tether_out_m: length of it that is out, m.
+        launch: opening that it is reached from.
+        stopped_by: what costs most on the way there or, unreached, what keeps the robot from it.
+    """
+
+    name: str
+    kind: str
+    length: float
+    probability: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    back: float = 0.0
+    seconds: float = math.nan
+    seconds_std: float = math.nan
+    energy_wh: float = math.nan
+    tether_n: float = math.nan
+    tether_out_m: float = math.nan
+    launch: str = ""
+    stopped_by: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachMap:
+    """Reach of a robot from openings of a network.
+
+    Attributes:
+        network: of the pipes.
+        parts: in the order of the network's fittings; of several openings the surest.
+        openings: names, best first: each adds most to the length that is reached and returned from.
+        gains: m, expected length that each opening adds.
+        paths: the way to each part that is reached, by its name.
+
+    Example:
+        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
+        >>> reach.parts[1].name, reach.parts[1].probability  # tees were not tried
+        ('tee_low', 0.0)
+    """
+
+    network: Network
+    parts: tuple[PipeReach, ...]
+    openings: tuple[str, ...]
+    gains: tuple[float, ...]
+    paths: Mapping[str, tuple[Edge, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"ReachMap({self.expected_length:.4g} of {self.length:.4g} m from {self.openings})"
+
+    @property
+    def length(self) -> float:
+        """Length of all parts, m."""
+        return sum(part.length for part in self.parts)
+
+    @property
+    def expected_length(self) -> float:
+        """Length that the robot is expected to get to, m."""
+        return sum(part.length * part.probability for part in self.parts)
+
+
+class _Way(NamedTuple):
+    """One passage of the network: its edge, row in the tables, kind and segments."""
+
+    edge: Edge
+    row: int
+    kind: str
+    length: float
+    segments: list[Segment]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tables:
+    """Estimates of all passages, (ways, frictions, pulls) each.
+
+    Attributes:
+        logs: logarithm of the probability; minus infinity where nothing is known.
+        spread: (ways, frictions, pulls) standard deviation of that logarithm.
+        seconds, joules: of a pass. seconds_std, joules_std: of one.
+        pulls: (pulls,) robot weights.
+        reasons: why a way is unknown, by its row; "" where it is known.
+    """
+
+    logs: Array
+    spread: Array
+    seconds: Array
+    joules: Array
+    seconds_std: Array
+    joules_std: Array
+    pulls: Array
+    reasons: list[str]
+
+    def at(self, row: int, pull: float) -> list[Array]:
+        """Values (frictions,) of a way at a pull: logs, spread, seconds, joules and their standard
+        deviations."""
+        place = np.interp(pull, self.pulls, np.arange(len(self.pulls)))
+        low = min(int(place), max(len(self.pulls) - 2, 0))
+        high, part = min(low + 1, len(self.pulls) - 1), place - low
+        tables = (self.logs, self.spread, self.seconds, self.joules)
+        return [
+            table[row, :, low]
+            if part == 0
+            else (1 - part) * table[row, :, low] + part * table[row, :, high]
+            for table in (*tables, self.seconds_std, self.joules_std)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Label:
+    """Robot at the end of a way, by the surest path.
+
+    Attributes:
+        fittings, straights: logarithms (frictions,) of the probabilities there: of all fittings
+            together, and of the worst straight, as all straights pass or fail alike.
+        spread: by kind, of the logarithm.
+        back_fittings, back_straights: of the way back.
+        costs: (2, frictions) s and J there. back_costs: of the way back. variances: (2, frictions).
+        drag, slack: N, of the tether. out: m of it.
+        worst: largest loss of one way on the path, and what it was.
+        path: of the robot.
+    """
+
+    fittings: Array
+    straights: Array
+    spread: Mapping[str, float]
+    back_fittings: Array
+    back_straights: Array
+    costs: Array
+    back_costs: Array
+    variances: Array
+    drag: float
+    slack: float
+    out: float
+    worst: tuple[float, str]
+    path: tuple[Any, ...]
+
+    @property
+    def logs(self) -> Array:
+        """Logarithm (frictions,) of the probability of getting there."""
+        return self.fittings + self.straights
+
+
+def map_reach(
+    network: Network,
+    passport: Passport,
+    launches: Sequence[str] = (),
+    *,
+    friction: tuple[float, float] = (0.6, 0.9),
+    supply: Supply | None = None,
+    tether: Tether | None = None,
+    gravity: Sequence[float] = (0.0, 0.0, -GRAVITY),
+    openings: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> ReachMap:
+    """Map where a robot gets to in a network.
+
+    The robot takes the surest way to each pipe, nose first, and comes back by the same; the way
+    back is judged as if it were driven nose first. Fittings pass independently, given the friction;
+    straights alike.
+
+    Args:
+        network: of the pipes.
+        passport: of the robot.
+        launches: openings: open ends, or names of fittings that the robot is put into. All open
+            ends, or some spread over them, when not given.
+        friction: range of the walls'.
+        supply: battery; none: without limit.
+        tether: that the robot drags; none: it has none.
+        gravity: (3,) m/s², world frame.
+        openings: how many of the openings are used, the best first; all when not given.
+        progress: called with the part done and a text.
+
+    Raises:
+        InputError: there is no such opening, or no passport for that friction.
+
+    Example:
+        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
+        >>> len(reach.parts) == len(reach.network.fittings), reach.openings
+        (True, ('foot',))
+    """
+    check_is(Network, "network", network)
+    planner = _Planner(network, passport, friction, supply or Supply(), tether, gravity)
+    ends = network.open_ends
+    if not launches:
+        launches = ends[:: max(1, math.ceil(len(ends) / MOST_LAUNCHES))]
+    planner.prepare(lambda part: progress and progress(part / 2, "estimates"))
+    reaches: dict[str, list[PipeReach]] = {}
+    paths: dict[str, dict[str, tuple[Edge, ...]]] = {}
+    for k, launch in enumerate(launches):
+        if progress is not None:
+            progress(0.5 + k / len(launches) / 2, f"from {launch}")
+        reaches[launch], paths[launch] = planner.spread(launch)
+    return _combined(network, reaches, paths, openings or len(launches))
+
+
+def _combined(
+    network: Network,
+    reaches: Mapping[str, list[PipeReach]],
+    paths: Mapping[str, Mapping[str, tuple[Edge, ...]]],
+    count: int,
+) -> ReachMap:
+    """Map of the best openings, chosen one after the other by the length that each adds."""
+    lengths = np.array([part.length for part in next(iter(reaches.values()))])
+    returns = {name: np.array([part.back for part in own]) for name, own in reaches.items()}
+    best, chosen, gains = np.zeros(len(lengths)), [], []
+    while len(chosen) < min(count, len(reaches)):
+        more = {
+            name: float(lengths @ np.maximum(own - best, 0.0))
+            for name, own in returns.items()
+            if name not in chosen
+        }
+        name = max(more, key=lambda name: more[name])
+        chosen.append(name)
+        gains.append(more[name])
+        best = np.maximum(best, returns[name])
+    # The surest of those chosen; what is unreached keeps the first one's reason.
+    parts = [
+        max((reaches[name][i] for name in chosen), key=lambda part: part.probability)
+        for i in range(len(lengths))
+    ]
+    ways = {
+        part.name: paths[part.launch][part.name]
+        for part in parts
+        if part.launch and part.name in paths[part.launch]
+    }
+    return ReachMap(network, tuple(parts), tuple(chosen), tuple(gains), ways)
+
+
+class _Planner:
+    """Estimates of all ways of a network, and the surest paths through it."""
+
+    def __init__(
+        self,
+        network: Network,
+        passport: Passport,
+        friction: tuple[float, float],
+        supply: Supply,
+        tether: Tether | None,
+        gravity: Sequence[float],
+    ) -> None:
+        low, high = friction
+        least, most = SETTINGS.friction
+        if not least <= low <= high <= most:
+            problem = f"is {low:g}:{high:g}; two numbers from {least:g} to {most:g}, ascending"
+            raise InputError(Fault("friction", problem))
+        self.network, self.passport = network, passport
+        self.supply, self.tether, self.gravity = supply, tether, np.array(gravity, float)
+        self.weight = passport.robot.mass * GRAVITY
+        # Middles of equal parts of the range.
+        count = 1 if low == high else NUMERICS.frictions
+        self.friction = low + (high - low) * (np.arange(count) + 0.5) / count
+        self.joined: dict[End, End] = {}
+        for a, b in network.pipes.joints:
+            self.joined[a], self.joined[b] = b, a
+        self.ways: dict[End, list[_Way]] = {}
+        self.rows: dict[Edge, int] = {}
+
+    def prepare(self, progress: Callable[[float], Any]) -> None:
+        """Describe all ways, and estimate them."""
+        points: dict[str, list[tuple[int, list[float]]]] = {}
+        bore = self.passport.robot.nominal_bore
+        parts = self.network.pipes.parts
+        for i, part in enumerate(parts):
+            for enter, leave in _pairs(part.fitting):
+                passage = Passage.of(self.network.pipes, (i, enter, leave))
+                kind, row = kind_of(passage), len(self.rows)
+                climb, lift, _ = slopes_of(passage, self.gravity)
+                points.setdefault(kind, []).append(
+                    (row, [0.0, 0.0, climb, lift, *shape_of(passage, bore)])
+                )
+                segments = part.segments(passage.curve)
+                way = _Way((i, enter, leave), row, kind, passage.length, segments)
+                self.ways.setdefault((i, enter), []).append(way)
+                self.rows[i, enter, leave] = row
+            if i % 100 == 0:
+                progress(i / len(parts) / 2)
+        self.tables = self._estimated(points, progress)
+
+    def _estimated(
+        self, points: Mapping[str, list[tuple[int, list[float]]]], progress: Callable[[float], Any]
+    ) -> _Tables:
+        """Tables of all ways, kind by kind."""
+        pulls = np.linspace(0.0, SETTINGS.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
+        shape = (len(self.rows), len(self.friction), len(pulls))
+        tables = np.full((6, *shape), np.nan)
+        tables[0], reasons = -np.inf, [""] * len(self.rows)
+        grid = np.stack(np.meshgrid(self.friction, pulls, indexing="ij"), axis=-1).reshape(-1, 2)
+        done = 0
+        for kind, own in points.items():
+            step = max(1, NUMERICS.chunk // len(grid))
+            for start in range(0, len(own), step):
+                rows = [row for row, _ in own[start : start + step]]
+                ways = np.array([point for _, point in own[start : start + step]])
+                each = np.repeat(ways, len(grid), axis=0)
+                each[:, [FRICTION, PULL]] = np.tile(grid, (len(ways), 1))
+                made = self.passport.estimate(kind, each)
+                p = np.clip(np.where(made.is_known, made.probability, 1.0), 1e-12, 1.0)
+                values = (
+                    np.where(made.is_known, np.log(p), -np.inf),
+                    (1 - p) * np.nan_to_num(made.logit_std),
+                    *(np.maximum(np.nan_to_num(v), 0.0) for v in (made.seconds, made.joules)),
+                    *(np.nan_to_num(v) for v in (made.seconds_std, made.joules_std)),
+                )
+                for table, value in zip(tables, values, strict=True):
+                    table[rows] = value.reshape(len(rows), *shape[1:])
+                for k, row in enumerate(rows):
+                    if not np.isfinite(tables[0, row, :, 0]).any():
+                        reasons[row] = self._unknown(kind, ways[k])
+                done += len(rows)
+                progress(0.5 + done / len(self.rows) / 2)
+        return _Tables(*tables, pulls, reasons)
+
+    def _unknown(self, kind: str, point: Array) -> str:
+        """Reason why nothing is known of a way."""
+        bore = float(point[FEATURES.index("bore")])
+        misfit = self.passport.robot.misfit(bore * self.passport.robot.nominal_bore)
+        if misfit:
+            return f"bore {1000 * bore * self.passport.robot.nominal_bore:.0f} mm: {misfit}"
+        trials = self.passport.kinds.get(kind)
+        if trials is None:
+            return f"unknown: no trials of {kind}"
+        low, high = trials.points.min(axis=0), trials.points.max(axis=0)
+        outside = [
+            f"{name} {value:.3g}, tried {a:.3g} to {b:.3g}"
+            for k, (name, value, a, b) in enumerate(zip(FEATURES, point, low, high, strict=True))
+            if k not in (FRICTION, PULL) and not a - 0.02 <= value <= b + 0.02
+        ]
+        return (
+            f"unknown: {kind} with {', '.join(outside) or 'features that were not tried together'}"
+        )
+
+    def _starts(self, launch: str) -> Iterator[End]:
+        """Yield the ports through which the robot goes into parts from an opening."""
+        names = [fitting.name for fitting in self.network.fittings]
+        if launch in names:
+            i = names.index(launch)
+            for port in self.network.pipes.parts[i].fitting.port_names:
+                if (i, port) in self.joined:
+                    yield self.joined[i, port]
+            return
+        try:
+            yield self.network.end("--from", launch)
+        except NetworkError as error:
+            raise InputError(error.faults) from None
+
+    def spread(self, launch: str) -> tuple[list[PipeReach], dict[str, tuple[Edge, ...]]]:
+        """Return the reach of all parts from an opening, and the paths to those reached."""
+        nothing = np.zeros(len(self.friction))
+        pull = 0.0 if self.tether is None else self.tether.tension
+        free = np.zeros((2, len(self.friction)))
+        begin = _Label(
+            fittings=nothing,
+            straights=nothing,
+            spread={},
+            back_fittings=nothing,
+            back_straights=nothing,
+            costs=free,
+            back_costs=free,
+            variances=free,
+            drag=pull,
+            slack=pull,
+            out=0.0,
+            worst=(0.0, ""),
+            path=(),
+        )
+        order = itertools.count()
+        waiting = [(0.0, next(order), end, begin) for end in self._starts(launch)]
+        blocked: list[tuple[float, int, End, str]] = []
+        best: dict[int, tuple[float, _Label]] = {}
+        done: set[End] = set()
+        while waiting:
+            cost, _, enter, label = heapq.heappop(waiting)
+            if enter in done:
+                continue
+            done.add(enter)
+            for way in self.ways.get(enter, ()):
+                after = self._after(label, way)
+                beyond = self.joined.get((way.edge[0], way.edge[2]))
+                if isinstance(after, str):
+                    blocked.append((cost, next(order), enter, after))
+                    continue
+                # A little for the length, that of two ways as sure the shorter one is taken.
+                price = -_log_mean(after.logs) + 1e-7 * after.out
+                part = way.edge[0]
+                if part not in best or price < best[part][0]:
+                    best[part] = price, after
+                if beyond is not None and beyond not in done:
+                    heapq.heappush(waiting, (price, next(order), beyond, after))
+        reasons = self._reasons(blocked, {*best})
+        return self._rows(launch, best, reasons)
+
+    def _after(self, label: _Label, way: _Way) -> _Label | str:
+        """The label behind a way, or why the robot does not take it."""
+        tables, name = self.tables, self.network.pipes.parts[way.edge[0]].name
+        out = label.out + way.length
+        drag, slack = label.drag, label.slack
+        if self.tether is not None:
+            if out > self.tether.length:
+                return f"tether: {self.tether.length:g} m are used up"
+            nodes = self.tether.tensions(way.segments, self.gravity, (drag, slack))
+            drag, slack = float(nodes[-1, 1]), float(nodes[-1, 2])
+            if drag > SETTINGS.pull * self.weight:
+                return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
+        if tables.reasons[way.row]:
+            return f"{tables.reasons[way.row]} ({name})"
+        log, spread, seconds, joules, seconds_std, joules_std = tables.at(
+            way.row, drag / self.weight
+        )
+        if not np.isfinite(log).any():
+            return f"unknown: {way.kind} at a pull of {drag:.0f} N ({name})"
+        i, enter, leave = way.edge
+        back = tables.at(self.rows[i, leave, enter], 0.0)
+        straight = way.kind == "straight"
+        amount = way.length if straight else 1.0
+        loss = -_log_mean(log)
+        if straight:
+            loss = max(loss + _log_mean(label.straights), 0.0)
+        reason = f"{way.kind} ({name}): {math.exp(-loss):.2f}"
+        if self.tether is not None and drag > self.weight:
+            reason += f", tether pulls {drag:.0f} N"
+        spreads = dict(label.spread)
+        own = float(np.mean(spread))
+        spreads[way.kind] = (
+            max(spreads.get(way.kind, 0.0), own) if straight else spreads.get(way.kind, 0.0) + own
+        )
+        return replace(
+            label,
+            fittings=label.fittings + (0.0 if straight else log),
+            straights=np.minimum(label.straights, log) if straight else label.straights,
+            spread=spreads,
+            back_fittings=label.back_fittings + (0.0 if straight else back[0]),
+            back_straights=np.minimum(label.back_straights, back[0])
+            if straight
+            else label.back_straights,
+            costs=label.costs + amount * np.stack([seconds, joules]),
+            back_costs=label.back_costs + amount * np.stack([back[2], back[3]]),
+            # Of a metre of straight the deviation is that of a run: it is the same in all of them.
+            variances=label.variances
+            + (amount if straight else 1.0) * np.stack([seconds_std, joules_std]) ** 2,
+            drag=drag,
+            slack=slack,
+            out=out,
+            worst=max(label.worst, (loss, reason)),
+            path=(label.path, way.edge),
+        )
+
+    def _reasons(
+        self, blocked: Sequence[tuple[float, int, End, str]], reached: set[int]
+    ) -> dict[int, str]:
+        """What keeps the robot from each part that it does not reach: the nearest block before
+        it."""
+        reasons: dict[int, str] = {}
+        waiting = list(blocked)
+        heapq.heapify(waiting)
+        seen: set[End] = set()
+        while waiting:
+            cost, order, enter, reason = heapq.heappop(waiting)
+            if enter in seen:
+                continue
+            seen.add(enter)
+            part = enter[0]
+            if part not in reached:
+                reasons.setdefault(part, reason)
+            for way in self.ways.get(enter, ()):
+                beyond = self.joined.get((way.edge[0], way.edge[2]))
+                if beyond is not None:
+                    heapq.heappush(waiting, (cost + 1e-6 * way.length, order, beyond, reason))
+        return reasons
+
+    def _rows(
+        self, launch: str, best: Mapping[int, tuple[float, _Label]], reasons: Mapping[int, str]
+    ) -> tuple[list[PipeReach], dict[str, tuple[Edge, ...]]]:
+        rows, paths = [], {}
+        for i, part in enumerate(self.network.pipes.parts):
+            length = max(line.length for line, _, _ in part.axes)
+            row = PipeReach(part.name, part.fitting.kind, length)
+            if i in best:
+                label = best[i][1]
+                rows.append(self._row(row, label, launch))
+                paths[part.name] = _edges(label.path)
+            else:
+                rows.append(row._replace(stopped_by=reasons.get(i, "no way leads there")))
+        return rows, paths
+
+    def _row(self, row: PipeReach, label: _Label, launch: str) -> PipeReach:
+        """The reach of a part by the label at its far end."""
+        supply = self.supply
+        energy, back = (supply.energy(*costs) for costs in (label.costs, label.back_costs))
+        spread = np.sqrt(supply.energy(*np.sqrt(label.variances)) ** 2 + (0.01 * energy) ** 2)
+        enough = _normal((supply.battery_wh - energy) / spread)
+        enough_back = _normal((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
+        there = np.exp(label.logs)
+        probability = float(np.mean(there * enough))
+        returned = there * np.exp(label.back_fittings + label.back_straights) * enough_back
+        weights = there / max(there.sum(), 1e-300)
+        deviation = Z95 * math.sqrt(sum(each**2 for each in label.spread.values()))
+        reason = label.worst[1] if label.worst[0] > 0.005 else ""
+        if float(np.mean(there * enough_back)) < 0.9 * float(np.mean(there)):
+            lost = "there" if probability < 0.9 * float(np.mean(there)) else "back"
+            used = float(weights @ (energy + back))
+            reason = f"battery: {used:.3g} Wh there and back, too little {lost}"
+        # Mean over frictions, weighted by how often the robot gets there at each.
+        seconds = weights @ label.costs[0]
+        between = weights @ (label.costs[0] - seconds) ** 2
+        return row._replace(
+            probability=probability,
+            low=probability * math.exp(-deviation),
+            high=min(probability * math.exp(deviation), 1.0),
+            back=float(np.mean(returned)),
+            seconds=float(seconds),
+            seconds_std=math.sqrt(float(weights @ label.variances[0] + between)),
+            energy_wh=float(weights @ energy),
+            tether_n=label.drag if self.tether else math.nan,
+            tether_out_m=label.out if self.tether else math.nan,
+            launch=launch,
+            stopped_by=reason,
+        )
+
+
+def _pairs(fitting: Any) -> Iterator[tuple[str, str]]:
+    """Ports by which a fitting is entered and left."""
+    return itertools.permutations(fitting.port_names, 2)
+
+
+def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:
+    """The edges of a path that is linked from its end: (path before, edge)."""
+    edges = []
+    while path:
+        path, edge = path
+        edges.append(edge)
+    return tuple(reversed(edges))
+
+
+def _log_mean(logs: Array) -> float:
+    """Logarithm of the mean of what ``logs`` are logarithms of."""
+    return float(np.logaddexp.reduce(logs) - math.log(len(logs)))
+
+
+def _normal(x: Array) -> Array:
+    """Distribution function of the standard normal."""
+    from scipy.special import ndtr
+
+    return ndtr(x)

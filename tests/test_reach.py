@@ -1,0 +1,171 @@
+"""Maps of reach: probabilities, costs and forces along the way, and what stops the robot."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from town_samples import passport
+
+import omnitrack_sim as ot
+from omnitrack_sim.pipes import route_through
+
+
+def chain(*kinds, length=2.0, bore=0.16):
+    """A level network of fittings in a row: s(traight), e(lbow), b(ranch of a tee), w(ye), n(arrow:
+    a reducer)."""
+    fittings, joints, last, turns = [], [], None, iter((90.0, *[180.0] * 20))
+    for i, kind in enumerate(kinds):
+        name = f"{kind}_{i}"
+        table = {
+            "s": {"kind": "straight", "length": length},
+            "e": {"kind": "elbow", "mean_radius": 0.24},
+            "b": {"kind": "tee"},
+            "w": {"kind": "wye"},
+            "n": {"kind": "reducer", "length": 0.2, "end_diameter": 0.155},
+        }[kind]
+        fittings.append({"name": name, "inner_diameter": bore, **table})
+        enter, leave = ("run_start", "branch") if kind in "bw" else ("start", "end")
+        if last is not None:
+            joints.append(
+                {
+                    "ports": (last, f"{name}.{enter}"),
+                    "turn_deg": 0.0 if kind == "s" else next(turns),
+                }
+            )
+        last = f"{name}.{leave}"
+    return ot.Network(
+        name="chain",
+        fittings=fittings,
+        joints=joints,
+        place={"axis": (1.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)},
+    )
+
+
+def by_name(reach):
+    return {part.name: part for part in reach.parts}
+
+
+def test_fittings_multiply_and_straights_pass_alike():
+    """Behind two elbows and a tee's branch the probability is the product of theirs; the worst of
+    the straights counts once."""
+    rates = {"elbow": 0.9, "tee, run to branch": 0.8, "straight": 0.95}
+    robot = passport(rates)
+    reach = ot.map_reach(chain(*"sesebs"), robot, ["s_0.start"], friction=(0.8, 0.8))
+    made = by_name(reach)
+    straight, elbow, tee = (
+        robot.estimate(kind, [0.8, 0, 0, 0, turn, sharpness, 1]).probability[0]
+        for kind, turn, sharpness in (
+            ("straight", 0, 0),
+            ("elbow", 90, 2 / 3),
+            ("tee, run to branch", 90, 0),
+        )
+    )
+    assert made["s_0"].probability == pytest.approx(straight, rel=1e-9)
+    assert made["s_2"].probability == pytest.approx(straight * elbow, rel=1e-9)
+    assert made["s_5"].probability == pytest.approx(straight * elbow**2 * tee, rel=1e-9)
+    for part in made.values():
+        assert 0 < part.low <= part.probability <= part.high <= 1
+        assert part.back <= part.probability
+    assert made["s_5"].low < made["s_2"].low
+    assert made["s_5"].stopped_by.startswith(f"tee, run to branch (b_4): {tee:.2f}")
+
+
+def test_time_and_energy_add_up_along_the_way():
+    """Metres over speed and each fitting's own seconds; Wh by the efficiency and the base power."""
+    supply = ot.Supply(efficiency=0.5, base_power=10.0)
+    made = ot.map_reach(chain(*"ses"), passport(speed=0.2), ["s_0.start"], supply=supply)
+    end = by_name(made)["s_2"]
+    seconds = 2 * 2.0 / 0.2 + 1 / 0.2
+    assert end.seconds == pytest.approx(seconds, rel=0.01)
+    joules = (2.0 + 2.0 + 1.0) * 2.0
+    assert end.energy_wh == pytest.approx((joules / 0.5 + 10 * seconds) / 3600, rel=0.01)
+    assert 0.05 < end.seconds_std < 1.0
+
+
+def test_the_tether_pulls_by_its_law_and_ends():
+    """Its force at a part's end is that of the route there; behind its length nothing is reached,
+    and a robot that holds little is kept by the force."""
+    network, tether = chain(*"sesesese"), ot.Tether(weight=2.0, friction=0.4, length=7.5)
+    reach = ot.map_reach(network, passport(), ["s_0.start"], tether=tether)
+    made = by_name(reach)
+    route = route_through(network.pipes, reach.paths["s_4"])
+    tension = tether.tensions(route.segments, [0, 0, -9.81])[-1, 1]
+    assert made["s_4"].tether_n == pytest.approx(tension, rel=1e-9)
+    assert made["s_4"].tether_out_m == pytest.approx(route.length)
+    assert made["s_6"].probability == 0
+    assert made["s_6"].stopped_by == "tether: 7.5 m are used up"
+    assert made["e_7"].stopped_by == made["s_6"].stopped_by
+    weak = by_name(ot.map_reach(network, passport(pull=0.6), ["s_0.start"], tether=tether))
+    assert weak["s_4"].probability < 0.2 < made["s_4"].probability
+    assert "tether pulls" in weak["s_4"].stopped_by
+
+
+def test_a_battery_ends_the_way_and_first_the_way_back():
+    """With energy for half of the chain and back, and no more for there and back of all of it."""
+    network, supply = chain(*"sssss"), ot.Supply(efficiency=1.0, base_power=36.0)
+    # 36 W over 100 s and 10 m.
+    made = by_name(
+        ot.map_reach(
+            network, passport(), ["s_0.start"], supply=ot.Supply(1.3, supply.efficiency, 36.0)
+        )
+    )
+    assert made["s_2"].back > 0.95
+    assert made["s_4"].probability > 0.95
+    assert made["s_4"].back < 0.05
+    assert made["s_4"].stopped_by.startswith("battery: ")
+    assert made["s_4"].stopped_by.endswith("too little back")
+
+
+def test_what_was_not_tried_is_unknown_and_keeps_the_robot_from_all_behind():
+    """A bore beyond the trials, and a kind without trials."""
+    wide = by_name(ot.map_reach(chain(*"se", bore=0.2), passport(), ["s_0.start"]))
+    assert wide["s_0"].probability == 0
+    assert wide["s_0"].stopped_by == "unknown: straight with bore 1.25, tried 1 to 1 (s_0)"
+    known = passport()
+    without = ot.Passport(known.robot, {}, {k: v for k, v in known.kinds.items() if k != "elbow"})
+    made = by_name(ot.map_reach(chain(*"ses"), without, ["s_0.start"]))
+    assert made["s_0"].probability > 0.9
+    assert made["s_2"].stopped_by == "unknown: no trials of elbow (e_1)"
+
+
+def test_openings_are_chosen_by_what_each_adds():
+    """Of three openings of a chain that a wye cuts, the far one on the long side comes first, and
+    the second adds the other side; a fitting may be an opening."""
+    network = chain(*"sssws")
+    rates = {"wye, run to branch": 0.0, "wye, branch to run": 0.0}
+    names = ["s_0.start", "s_1", "s_4.end"]
+    both = ot.map_reach(network, passport(rates), names, openings=2)
+    assert both.openings == ("s_0.start", "s_4.end")
+    assert both.gains[0] == pytest.approx(6.44, abs=0.1)
+    assert both.gains[1] == pytest.approx(2.0, abs=0.2)
+    assert by_name(both)["s_4"].launch == "s_4.end"
+    with pytest.raises(ot.InputError, match="nowhere"):
+        ot.map_reach(network, passport(), ["nowhere"])
+    with pytest.raises(ot.InputError, match="friction"):
+        ot.map_reach(network, passport(), names, friction=(0.9, 0.6))
+
+
+def test_files_of_a_map_tell_the_same(tmp_path):
+    """Table, GeoJSON and page have a row for each part, pictures are drawn, and all have the same
+    bytes again."""
+    network = chain(*"sebn")
+    made = ot.map_reach(network, passport(), ["s_0.start"], tether=ot.Tether())
+    files = {path.name: path.read_bytes() for path in ot.save_reach(made, tmp_path / "a")}
+    again = ot.map_reach(network, passport(), ["s_0.start"], tether=ot.Tether())
+    for path in ot.save_reach(again, tmp_path / "b"):
+        assert path.read_bytes() == files[path.name], path.name
+    rows = pq.read_table(tmp_path / "a" / "reach.parquet").to_pylist()
+    assert [row["name"] for row in rows] == [part.name for part in made.parts]
+    lines = (tmp_path / "a" / "reach.csv").read_text().splitlines()
+    assert lines[0].split(",") == list(made.parts[0]._fields)
+    features = json.loads(files["reach.geojson"])["features"]
+    assert {feature["properties"]["name"] for feature in features} == {row["name"] for row in rows}
+    ends = np.array(features[0]["geometry"]["coordinates"])
+    assert math.dist(ends[0], ends[-1]) == pytest.approx(2.0)
+    page = files["reach.html"].decode()
+    assert len(re.findall("<polyline ", page)) == len(features)
+    assert "$" not in page.partition("<script>")[2].replace("${", "")
+    assert {name.rpartition(".")[2] for name in files} >= {"png", "pdf", "svg", "json"}
