@@ -17,9 +17,10 @@ from omnitrack_sim.paper.claim import (
     slip_of,
     verdict_of,
 )
+from omnitrack_sim.paper.robots import varied
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_radii
-from omnitrack_sim.scenario import override, validate
+from omnitrack_sim.scenario import Scenario, override, validate
 from omnitrack_sim.sim.run import run_batch
 
 ABSTRACT = "abstract of arXiv 2112.02996"
@@ -38,13 +39,17 @@ def orientations(quick: bool) -> tuple[float, ...]:
     return (0.0, 40.0) if quick else (0.0, 20.0, 40.0, 60.0)
 
 
+def _scenario(fitting: dict[str, Any], drive: str, axis: tuple[float, float, float]) -> Scenario:
+    """Way through a fitting between two straights, at friction 0.8."""
+    before, behind = ({"kind": "straight", "length": length} for length in LENGTHS)
+    data = {"robot": {"kind": "climber", "drive": drive}, "pipes": [before, fitting, behind]}
+    return validate({**data, "world": {"friction": 0.8}, "start": {"axis": axis}})
+
+
 def _runs(
     fitting: dict[str, Any], angles: Sequence[float], drive: str, axis: tuple[float, float, float]
 ) -> list[Result]:
-    """Runs through a fitting between two straights, at friction 0.8."""
-    before, behind = ({"kind": "straight", "length": length} for length in LENGTHS)
-    data = {"robot": {"kind": "climber", "drive": drive}, "pipes": [before, fitting, behind]}
-    base = validate({**data, "world": {"friction": 0.8}, "start": {"axis": axis}})
+    base = _scenario(fitting, drive, axis)
     return run_batch([override(base, {"start.theta5_deg": angle}) for angle in angles])
 
 
@@ -170,4 +175,26 @@ def tee(quick: bool) -> Claim:
     )
 
 
-MEASURES: tuple[Measure, ...] = (climbing_in, driving_down, bend_speeds, climbs, tee)
+def assumed(quick: bool) -> Claim:
+    """The elbow with other sizes than those assumed."""
+    names = ("preload", "spring_stiffness", "contact_length", "pitch_limit", "module_mass")
+    base = _scenario({"kind": "elbow", "mean_radius": BEND}, "differential", UP)
+    cases = varied(base.robot, names[:1] if quick else names)
+    results = run_batch([override(base, {"start.theta5_deg": 40.0, **case}) for case in cases])
+    _, words = _slip(results)
+    return Claim(
+        id="assumed_sizes",
+        source="nothing published",
+        paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
+        statement="what the elbow depends on: preload, stiffness, length of the tracks, clearance "
+        "and mass, one at a time",
+        measured=f"{words} of the way",
+        uncertainty="theta5 = 40 degrees, one run each",
+        verdict=ClaimVerdict.STUDY,
+        expected=ClaimVerdict.STUDY,
+        how="climber, friction 0.8",
+        sample=Sample.AVERAGE,
+    )
+
+
+MEASURES: tuple[Measure, ...] = (climbing_in, driving_down, bend_speeds, climbs, tee, assumed)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, Sample, rate, verdict_of
+from omnitrack_sim.paper.robots import varied
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.robot import GRAVITY
@@ -221,6 +222,31 @@ def tee(quick: bool) -> Claim:
     )
 
 
+def assumed(quick: bool) -> Claim:
+    """An elbow with other sizes than those assumed."""
+    names = ("lead", "rotor_preload", "stator_preload", "stiffness", "wheel_radius", "wheelbase")
+    names += ("coupling", "torque_limit")
+    cases = varied(Screw(), names[:1] if quick else names)
+    half = {"kind": "straight", "length": 0.4}
+    runs = _runs([half, {"kind": "elbow", "mean_radius": 0.16}, half], *cases)
+    passed, total, _ = rate(runs)
+    torques = [float(run.trajectory["actuator_force"].max()) for run in runs]
+    return Claim(
+        id="assumed_sizes",
+        source="nothing published",
+        paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
+        statement="what climbing into an elbow of 160 mm depends on: "
+        f"{', '.join(names)}, one at a time",
+        measured=f"{passed} of {total} pass, torque up to {min(torques):.2f} to "
+        f"{max(torques):.2f} N m",
+        uncertainty="one run each",
+        verdict=ClaimVerdict.STUDY,
+        expected=ClaimVerdict.STUDY,
+        how="screw, friction 0.8",
+        sample=Sample.AVERAGE,
+    )
+
+
 MEASURES: tuple[Measure, ...] = (
     speed_law,
     own_weight,
@@ -229,4 +255,5 @@ MEASURES: tuple[Measure, ...] = (
     stator_limit,
     elbows,
     tee,
+    assumed,
 )
