@@ -225,7 +225,11 @@ class Network(Table):
         Field(min_length=1, max_length=MOST_TOWN_PARTS),
     ]
     joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_TOWN_PARTS)] = ()
-    places: Annotated[tuple[PartOrigin, ...], Field(max_length=MOST_TOWN_PARTS)] = ()
+    # Left out of plain data where there is none: noise is drawn by a scenario's data.
+    places: Annotated[
+        tuple[PartOrigin, ...],
+        Field(max_length=MOST_TOWN_PARTS, exclude_if=lambda places: not places),
+    ] = ()
     ports: dict[str, str] = Field(default_factory=dict)
 
     def __init__(self, **data: Any) -> None:
