@@ -226,9 +226,10 @@ class Bench:
         chosen = [course for name, course in own.courses.items() if not courses or name in courses]
         made = []
         for source in own.entries() if entries is None else entries:
-            alone = ("", source) if own.of_controllers else (source, "")
-            robot, controller = alone if isinstance(source, str) else source
-            made.append(own.entry_of(robot, controller))
+            if isinstance(source, str):
+                made.append(own.entry_of(*(("", source) if own.of_controllers else (source, ""))))
+            else:
+                made.append(own.entry_of(*source))
         return cls(own, chosen, made, **options)
 
     def __post_init__(self) -> None:

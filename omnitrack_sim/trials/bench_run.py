@@ -186,7 +186,7 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
         tables: of the trials, by (course, entry); a text says why the robot does not fit.
     """
     rows = []
-    for (course, entry), table in (tables | _over_all(suite, tables)).items():
+    for (course, entry), table in {**tables, **_over_all(suite, tables)}.items():
         row: dict[str, Any] = {"course": course, "entry": entry}
         if isinstance(table, str):
             rows.append(row | _no_rates(table))
