@@ -86,6 +86,11 @@ class Pirate(Robot):
         return 0.999 * self.smallest_bore, 1.001 * self.largest_bore
 
     @property
+    def nominal_speed(self) -> float:
+        """See ``Robot``."""
+        return self.speed
+
+    @property
     def reach(self) -> float:
         """Distance of the wheels' centres from the pipe's axis, m."""
         # A tyre of finite width touches the bore with its two edges.
