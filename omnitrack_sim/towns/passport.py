@@ -46,7 +46,7 @@ LEAD = 0.75
 """Length of the straights before and behind a fitting, bores, beside that of the robot."""
 MATTERS = 1.0
 """Change of the logit over a feature's range from which on the feature is said to matter."""
-BORES = (1.0, 0.97, 1.03)
+BORES = (1.0, 0.95, 1.05)
 """Bores of the courses that are tried in several, over the nominal one."""
 
 
@@ -387,10 +387,10 @@ def _pipes() -> Iterator[tuple[str, list[dict[str, Any]]]]:
             way = {"kind": "tee", "enter": enter, "leave": leave}
             pipes = [{**one, **own} for one in (lead, way, lead)]
             yield f"tee_{enter}_{leave}{name}", pipes
-    for radius, angle in ((0.6, 90), (1.0, 90), (3.0, 90), (1.5, 45), (3.0, 6), (1.0, 30)):
+    for radius, angle in ((0.6, 90), (1.0, 90), (3.0, 90), (1.5, 45), (1.5, 6), (1.0, 30)):
         elbow = {"kind": "elbow", "mean_radius": radius, "angle_deg": angle}
         yield f"elbow_{round(100 * radius)}_{angle}", [lead, elbow, lead]
-    for angle in (8, 22.5, 45, 90):
+    for angle in (3, 8, 22.5, 45, 90):
         mitre = {"kind": "mitre", "angle_deg": angle}
         yield f"mitre_{angle:g}".replace(".", "_"), [lead, mitre, lead]
     sharp = (("run_end", "branch"), ("branch", "run_start"))

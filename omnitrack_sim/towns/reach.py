@@ -423,7 +423,11 @@ class _Planner:
         try:
             yield self.network.end("--from", launch)
         except NetworkError as error:
-            raise InputError(error.faults) from None
+            # A node that a cap closes is opened for the robot.
+            port = self.network.ports.get(launch)
+            if port is None:
+                raise InputError(error.faults) from None
+            yield from self._starts(names[self.network.port(port)[0]])
 
     def spread(self, launch: str) -> tuple[list[PipeReach], dict[str, tuple[Edge, ...]]]:
         """Return the reach of all parts from an opening, and the paths to those reached."""

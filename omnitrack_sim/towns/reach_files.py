@@ -7,7 +7,8 @@ import io
 import json
 import math
 import string
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,14 +169,17 @@ def _cause(reason: str) -> str:
     return reason.partition(" (")[0].partition(" with ")[0] or "nothing"
 
 
-def _lines(reach: ReachMap) -> Iterator[tuple[int, Array]]:
-    """Yield polylines (k, 3) m of all axes, with the number of the part."""
+@lru_cache(1)  # all files of a map are made of them
+def _lines(reach: ReachMap) -> Sequence[tuple[int, Array]]:
+    """Polylines (k, 3) m of all axes, with the number of the part."""
+    lines = []
     for i, part in enumerate(reach.network.pipes.parts):
         for line, _, _ in part.axes:
             turn = line.tangents(np.array([0.0, line.length]))
             angle = math.acos(float(np.clip(turn[0] @ turn[1], -1, 1)))
             count = 2 if line.is_straight else 2 + math.ceil(angle / BEND_STEP)
-            yield i, line.at(np.linspace(0.0, line.length, count))[0]
+            lines.append((i, line.at(np.linspace(0.0, line.length, count))[0]))
+    return lines
 
 
 def _view(reach: ReachMap) -> tuple[list[int], str]:
