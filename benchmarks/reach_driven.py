@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 import omnitrack_sim as ot
-from omnitrack_sim.pipes import Network
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.scenario import validate
 
 SEED = 74_000
