@@ -31,7 +31,7 @@ def test_every_number_of_robot_and_motor_has_a_range():
         for name in model.model_fields
         if name not in _numbers(model)
     }
-    assert without == {"name", "source", "motor", "roll_motor", "drive"}
+    assert without == {"name", "source", "motor", "roll_motor", "drive", "tether"}
 
 
 @pytest.mark.parametrize("value", [-1e300, -1.0, 1e-300, 1e300])
