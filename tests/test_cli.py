@@ -146,7 +146,9 @@ def test_scenarios_and_parameters_are_listed_for_machines():
     assert rows["spring_stiffness"]["provenance"] == "published"
     assert rows["motor.gear_ratio"]["value"] == 986.41
     robot = load_scenario("straight").robot
-    assert {name.partition(".")[0] for name in rows} == set(type(robot).model_fields) - {"tether"}  # none
+    assert {name.partition(".")[0] for name in rows} == set(type(robot).model_fields) - {
+        "tether"
+    }  # none
 
 
 def test_view_without_a_screen_says_so(monkeypatch):
