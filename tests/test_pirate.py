@@ -59,11 +59,6 @@ def test_bores_beyond_the_published_ones_are_refused():
     assert "bores from" in Pirate().misfit(0.05)
 
 
-def test_it_takes_the_branch():
-    """From a riser into a level branch, as no other robot than the omnidirectional one."""
-    assert ot.run(ot.load_scenario("robots/pirate_branch")).as_expected
-
-
 def test_its_model_names_all_that_can_be_driven():
     """Actuators stand in the order of the inputs."""
     model = Pirate().spec().compile()

@@ -51,6 +51,7 @@ ROBOTS: Mapping[str, str] = {
     "screw": "omnitrack_sim.robots.screw:Screw",
     "snake": "omnitrack_sim.robots.snake:Snake",
     "pirate": "omnitrack_sim.robots.pirate:Pirate",
+    "helix": "omnitrack_sim.robots.helix:Helix",
     "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
 }
 """Shipped robots, ``module:Class`` by the short name that ``robot.kind`` may give."""

@@ -157,7 +157,7 @@ def bores(quick: bool) -> Claim:
         id="pirate_bores",
         source=CABLE,
         paper="networks of 51 to 120 mm",
-        statement="climbs, and passes an elbow of 1.5 D, in bores of 51 and 120 mm",
+        statement="climbs, and passes an elbow of 1.5 D, in bores of 51, 80 and 120 mm",
         measured=text,
         uncertainty="Wilson, 95 %",
         verdict=verdict_of(passed == total),

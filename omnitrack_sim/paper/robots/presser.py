@@ -84,7 +84,7 @@ def bend(quick: bool) -> list[Claim]:
     equal = runs_of(ELBOW, ({**start, "control.kind": "own"} for start in starts))
     errors = [1e2 * _mean(_speed_error, runs) for runs in (controlled, equal)]
     energies = [_mean(_energy_a_metre, runs) for runs in (controlled, equal)]
-    common = {"uncertainty": f"{len(rolls)} start rolls", "how": "presser_elbow, control.kind own"}
+    common: dict[str, Any] = {"uncertainty": f"{len(rolls)} start rolls", "how": "presser_elbow, control.kind own"}
     passed, total, text = rate(controlled)
     return [
         Claim(
@@ -159,7 +159,7 @@ def branch(quick: bool) -> list[Claim]:
     passed, total, text = rate(runs)
     low, high = wilson_interval(passed, total)
     how = "straight, tee into the branch, straight; random directions of gravity and start rolls"
-    common = {"measured": text, "uncertainty": "Wilson, 95 %", "how": how}
+    common: dict[str, Any] = {"measured": text, "uncertainty": "Wilson, 95 %", "how": how}
     return [
         Claim(
             id="presser_branch",
