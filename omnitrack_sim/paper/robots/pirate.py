@@ -80,7 +80,8 @@ def clamp_forces(robot: Pirate, friction: float) -> Array:
         np.array([0.0, *SIDES]),
     ]
     torque = robot.clamp_torque
-    return np.linalg.solve(rows, [torque, 0.0, -torque, 0.0, 0.0, 0.0, 0.0])
+    loads = np.array([torque, 0.0, -torque, 0.0, 0.0, 0.0, 0.0])
+    return np.linalg.solve(np.array(rows), loads)
 
 
 def pull_law(quick: bool) -> Claim:

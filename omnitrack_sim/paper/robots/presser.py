@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, verdict_of
 from omnitrack_sim.paper.robots.runs import runs_of
 from omnitrack_sim.record.statistics import wilson_interval
@@ -84,7 +84,10 @@ def bend(quick: bool) -> list[Claim]:
     equal = runs_of(ELBOW, ({**start, "control.kind": "own"} for start in starts))
     errors = [1e2 * _mean(_speed_error, runs) for runs in (controlled, equal)]
     energies = [_mean(_energy_a_metre, runs) for runs in (controlled, equal)]
-    common: dict[str, Any] = {"uncertainty": f"{len(rolls)} start rolls", "how": "presser_elbow, control.kind own"}
+    common: dict[str, Any] = {
+        "uncertainty": f"{len(rolls)} start rolls",
+        "how": "presser_elbow, control.kind own",
+    }
     passed, total, text = rate(controlled)
     return [
         Claim(
@@ -123,7 +126,7 @@ def _mean(value: Callable[[Result], float], runs: Sequence[Result]) -> float:
     return float(np.mean([value(run) for run in runs]))
 
 
-def _in_bend(run: Result) -> Array:
+def _in_bend(run: Result) -> NDArray[np.bool_]:
     """Samples (T,) in which both ends of the robot are in the elbow."""
     half, s = run.scenario.robot.wheelbase / 2, run.trajectory["distance"]
     return (s > INLET + half) & (s < INLET + np.pi / 2 * BEND - half)
