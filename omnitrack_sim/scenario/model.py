@@ -36,7 +36,7 @@ from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.robot import SPECIAL, RobotOfKind
+from omnitrack_sim.robots.robot import ROBOTS, SPECIAL, RobotOfKind, robot_class
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -368,7 +368,11 @@ def unit_of(path: str) -> str | None:
     if table == "robot":
         # A robot with a rotary motor of its own has all the parameters that a robot can have.
         rows = Omnitrack(roll_motor=Omnitrack().motor).parameters()
-        return next((row.unit or None for row in rows if row.name == ".".join(keys)), None)
+        units, key = {row.name: row.unit for row in rows}, ".".join(keys)
+        if key in units:
+            return units[key] or None
+        others = map(robot_class, ROBOTS)
+        return next((symbol_of(kind, key) for kind in others if key in kind.model_fields), None)
     if table == "pipes":
         kinds: list[Any] = [fitting.Table for fitting in known_fittings().values()]
         keys = keys[-1:]

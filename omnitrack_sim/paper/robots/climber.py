@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
 
@@ -17,15 +17,15 @@ from omnitrack_sim.paper.claim import (
     slip_of,
     verdict_of,
 )
-from omnitrack_sim.paper.robots import varied
+from omnitrack_sim.paper.robots.runs import runs_of, varied
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.climber import Climber
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_radii
-from omnitrack_sim.scenario import Scenario, override, validate
-from omnitrack_sim.sim.run import run_batch
 
 ABSTRACT = "abstract of arXiv 2112.02996"
 BEND = 0.24
 """Mean radius of the elbow, m: 1.5 bores."""
+ELBOW = {"kind": "elbow", "mean_radius": BEND}
 SLIP_LIMIT = 0.03
 """Slip of the tracks, as a part of their way, that counts as none."""
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
@@ -39,24 +39,27 @@ def orientations(quick: bool) -> tuple[float, ...]:
     return (0.0, 40.0) if quick else (0.0, 20.0, 40.0, 60.0)
 
 
-def _scenario(fitting: dict[str, Any], drive: str, axis: tuple[float, float, float]) -> Scenario:
-    """Way through a fitting between two straights, at friction 0.8."""
-    before, behind = ({"kind": "straight", "length": length} for length in LENGTHS)
-    data = {"robot": {"kind": "climber", "drive": drive}, "pipes": [before, fitting, behind]}
-    return validate({**data, "world": {"friction": 0.8}, "start": {"axis": axis}})
-
-
 def _runs(
-    fitting: dict[str, Any], angles: Sequence[float], drive: str, axis: tuple[float, float, float]
+    fitting: dict[str, Any],
+    changes: Iterable[dict[str, Any]],
+    axis: tuple[float, float, float] = UP,
 ) -> list[Result]:
-    base = _scenario(fitting, drive, axis)
-    return run_batch([override(base, {"start.theta5_deg": angle}) for angle in angles])
+    """Runs through a fitting between two straights, at friction 0.8."""
+    before, behind = ({"kind": "straight", "length": length} for length in LENGTHS)
+    course = {"pipes": [before, fitting, behind], "start.axis": axis}
+    return runs_of("robots/climber_elbow", ({**course, **change} for change in changes))
 
 
 @cache  # claims share runs
 def _elbow(quick: bool, drive: str, axis: tuple[float, float, float]) -> list[Result]:
-    elbow = {"kind": "elbow", "mean_radius": BEND}
-    return _runs(elbow, orientations(quick), drive, axis)
+    return _runs(
+        ELBOW, ({**at(angle), "robot.drive": drive} for angle in orientations(quick)), axis
+    )
+
+
+def at(angle: float) -> dict[str, Any]:
+    """Return the change of a scenario that puts module 1 at an angle, degrees."""
+    return {"start.theta5_deg": angle}
 
 
 def _slip(results: Sequence[Result]) -> tuple[float, str]:
@@ -135,8 +138,7 @@ def bend_speeds(quick: bool) -> Claim:
 
 def climbs(quick: bool) -> Claim:
     """The climb."""
-    straight = {"kind": "straight", "length": 0.3}
-    (result,) = _runs(straight, [0.0], "differential", UP)
+    (result,) = _runs({"kind": "straight", "length": 0.3}, [{}])
     speed, asked = result.metrics["mean_speed_m_s"], result.scenario.control.cruise_speed
     return Claim(
         id="climbs",
@@ -155,7 +157,7 @@ def tee(quick: bool) -> Claim:
     parts = []
     for leave, words in (("run_end", "straight over"), ("branch", "into the branch")):
         fitting = {"kind": "tee", "enter": "run_start", "leave": leave}
-        results = _runs(fitting, angles, "differential", UP)
+        results = _runs(fitting, map(at, angles))
         passed, total, _ = rate(results)
         ends = sorted({r.outcome.value for r in results if not r.success})
         parts.append(f"{words} {passed} of {total}" + (f" ({', '.join(ends)})" if ends else ""))
@@ -178,9 +180,8 @@ def tee(quick: bool) -> Claim:
 def assumed(quick: bool) -> Claim:
     """The elbow with other sizes than those assumed."""
     names = ("preload", "spring_stiffness", "contact_length", "pitch_limit", "module_mass")
-    base = _scenario({"kind": "elbow", "mean_radius": BEND}, "differential", UP)
-    cases = varied(base.robot, names[:1] if quick else names)
-    results = run_batch([override(base, {"start.theta5_deg": 40.0, **case}) for case in cases])
+    cases = varied(Climber(), names[:1] if quick else names)
+    results = _runs(ELBOW, ({**at(40.0), **case} for case in cases))
     _, words = _slip(results)
     return Claim(
         id="assumed_sizes",

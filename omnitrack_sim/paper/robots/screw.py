@@ -10,13 +10,11 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots import varied
+from omnitrack_sim.paper.robots.runs import runs_of, varied
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.screw import ARMS, Screw
-from omnitrack_sim.scenario import override, validate
-from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.walls.around import add_pipes
 
 KINEMATICS, STATICS = "kinematics of a screw", "balance of passive wheels"
@@ -29,9 +27,7 @@ the radius at which they roll."""
 
 def _runs(pipes: Sequence[Mapping[str, Any]], *cases: Mapping[str, Any]) -> list[Result]:
     """Runs through pipes at friction 0.8, with the changes of each case."""
-    data = {"robot": {"kind": "screw"}, "pipes": list(pipes), "world": {"friction": 0.8}}
-    base = validate({**data, "start": {"distance": 0.2}, "control": {"cruise_speed": 0.05}})
-    return run_batch([override(base, case) for case in cases])
+    return runs_of("robots/screw_elbow", ({"pipes": list(pipes), **case} for case in cases))
 
 
 def _late(result: Result) -> tuple[float, float]:
