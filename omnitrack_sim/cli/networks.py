@@ -64,7 +64,12 @@ def network(
         int | None, typer.Option(metavar="N", help="With --random: how many fittings.")
     ] = None,
     to_file: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Write the network: TOML; its centrelines by .geojson; an isometric by .pcf.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -88,7 +93,10 @@ def network(
 @app.command("import")
 def import_file(
     source: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A town of EPANET (.inp; extra town).")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A town of EPANET (.inp; extra town), an isometric (.pcf)."
+        ),
     ],
     to_file: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Write the network as TOML.")
@@ -111,7 +119,7 @@ def import_file(
     ] = None,
     schedule: Annotated[
         str | None,
-        typer.Option(help="ASME B36.10 schedule of true bores, such as 40; the file's bores."),
+        typer.Option(help="ASME B36.10 schedule of true bores: 40, 80, 160 or none."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -204,6 +212,18 @@ def _asked_route(
         raise NetworkError([f.at(options.get(f.where, f.where)) for f in error.faults]) from None
 
 
+def _text(net: Network, to_file: Path) -> str:
+    """Return what a file of the network holds, by its ending."""
+    from omnitrack_sim.pipes.importing.plant import network_pcf
+    from omnitrack_sim.walls.export import network_geojson
+
+    if to_file.suffix.lower() == ".pcf":
+        return network_pcf(net)
+    if to_file.suffix.lower() in (".geojson", ".json"):
+        return network_geojson(net.pipes)
+    return net.to_toml()
+
+
 def _save(
     net: Network,
     route: Route | None,
@@ -215,7 +235,7 @@ def _save(
     from omnitrack_sim.base.writing import write_file
 
     if to_file is not None:
-        write_file(to_file, net.to_toml().encode())
+        write_file(to_file, _text(net, to_file).encode())
     if plot is not None:
         from omnitrack_sim.show.plots.network_figure import plot_network
 

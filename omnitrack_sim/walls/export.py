@@ -1,9 +1,11 @@
-"""Networks for other programs: MJCF of the walls, STL of the pipe wall, CSV of the centrelines."""
+"""Networks for other programs: MJCF of the walls, STL of the pipe wall, CSV and GeoJSON of the
+centrelines."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from itertools import combinations
 from pathlib import Path
@@ -15,6 +17,8 @@ from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.walls.geoms import add_plates, add_walls, new_spec
 from omnitrack_sim.walls.meshes import network_mesh, stl_bytes
 
+ARC = math.radians(5)
+"""Between points of an arc in GeoJSON, rad."""
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
 COLUMNS = (
@@ -69,6 +73,26 @@ def centreline_table(pipes: Assembly) -> str:
                 # Adding 0.0 turns -0.0 into 0.0, which would otherwise be written as "-0".
                 table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
     return text.getvalue()
+
+
+def network_geojson(pipes: Assembly) -> str:
+    """GeoJSON of the axes of every fitting, m, world frame: straight lines by their ends, arcs by
+    points at most 5 degrees apart; with name, kind and bore, m."""
+    features = []
+    for part in pipes.parts:
+        axes = zip(part.axes, part.fitting.axes, strict=True)
+        for (line, start_radius, end_radius), axis in axes:
+            turn = sum(s * k for s, k in axis.curve.segments)
+            s = np.linspace(0, line.length, 2 + math.floor(turn / ARC))
+            points = (line.at(s)[0].round(6) + 0.0).tolist()
+            properties = {
+                "name": part.name,
+                "kind": part.fitting.kind,
+                "bore_m": [round(2 * radius, 9) for radius in (start_radius, end_radius)],
+            }
+            geometry = {"type": "LineString", "coordinates": points}
+            features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
 
 
 def network_xml(network: Assembly, name: str) -> str:

@@ -1,5 +1,61 @@
-"""True bores of nominal ones: sizes of steel pipe after ASME B36.10M."""
+"""True bores of nominal ones: outside diameters and walls of steel pipe after ASME B36.10M.
+
+Schedule 40 is as Grinnell's Mechanical Installation Handbook (IH-1000M, p. 360) prints the
+standard; 80 and 160 are from memory of the standard, not checked.
+"""
+
+from __future__ import annotations
+
+from omnitrack_sim.base.errors import Fault, NetworkError
+
+INCH = 0.0254
+SCHEDULES = ("40", "80", "160")
+_SIZES = """
+0.125    6  10.3  1.73  2.41     -
+0.25     8  13.7  2.24  3.02     -
+0.375   10  17.1  2.31  3.20     -
+0.5     15  21.3  2.77  3.73  4.78
+0.75    20  26.7  2.87  3.91  5.56
+1       25  33.4  3.38  4.55  6.35
+1.25    32  42.2  3.56  4.85  6.35
+1.5     40  48.3  3.68  5.08  7.14
+2       50  60.3  3.91  5.54  8.74
+2.5     65  73.0  5.16  7.01  9.53
+3       80  88.9  5.49  7.62 11.13
+3.5     90 101.6  5.74  8.08     -
+4      100 114.3  6.02  8.56 13.49
+5      125 141.3  6.55  9.53 15.88
+6      150 168.3  7.11 10.97 18.26
+8      200 219.1  8.18 12.70 23.01
+10     250 273.0  9.27 15.09 28.58
+12     300 323.8 10.31 17.48 33.32
+14     350 355.6 11.13 19.05 35.71
+16     400 406.4 12.70 21.44 40.49
+18     450 457.0 14.27 23.83 45.24
+20     500 508.0 15.09 26.19 50.01
+24     600 610.0 17.48 30.96 59.54
+"""
+"""NPS, in; DN, mm; outside diameter, mm; walls of the schedules, mm."""
+NEAR = 0.021
+"""Difference from a nominal size, share, up to which a bore is that one."""
+
+
+def check_schedule(schedule: str) -> None:
+    """Raise a ``NetworkError`` if there is no such schedule; none is one, too."""
+    if schedule not in ("", "none", *SCHEDULES):
+        problem = f"there is no schedule {schedule!r}"
+        raise NetworkError(Fault("schedule", problem, ("none", *SCHEDULES), given=schedule))
 
 
 def true_bore(nominal: float, schedule: str) -> float:
+    """Return the true bore, m, of a nominal one, m: itself where the table has no such size, or
+    without a schedule."""
+    if schedule not in SCHEDULES:
+        return nominal
+    for line in _SIZES.strip().splitlines():
+        inches, metric, outside, *walls = line.split()
+        sizes = float(inches) * INCH, float(metric) / 1e3
+        wall = walls[SCHEDULES.index(schedule)]
+        if min(abs(nominal / size - 1) for size in sizes) < NEAR and wall != "-":
+            return (float(outside) - 2 * float(wall)) / 1e3
     return nominal
