@@ -20,6 +20,8 @@ AXES = np.eye(3)[[k % 2 for k in range(JOINTS)]]
 """Axes (16, 3) of the joints in the frame of the link behind, tail to head: x and y in turn."""
 TOUCHING = 5
 """Number of joints that touch the wall, of a helix of one and a half turns in zigzag."""
+REACH = 1.57
+"""Of a joint, both ways, rad."""
 UNREAD = "from memory of the lab's publications, not checked"
 
 
@@ -170,7 +172,7 @@ class Helix(Robot):
                 turn = [math.cos(half), *(math.sin(half) * axis)]
                 body = body.add_body(name=f"module_{k}", pos=[0, 0, at], quat=turn)
                 # Being bent is no other zero: angles count from the straight snake.
-                hinge = {"ref": angles[k], "range": [-1.57, 1.57], "armature": 0.005}
+                hinge = {"ref": angles[k], "range": [-REACH, REACH], "armature": 0.005}
                 body.add_joint(name=f"joint_{k}", axis=axis, **hinge).damping[0] = 0.02
                 at = way * self.module
                 self._add_module(body, k + (way > 0), at / 2)
@@ -186,7 +188,8 @@ class Helix(Robot):
     def _add_servo(self, spec: mujoco.MjSpec, name: str) -> None:
         """Add a position servo to a joint."""
         limit = [-self.torque_limit, self.torque_limit]
-        servo = spec.add_actuator(name=name, target=name, forcerange=limit)
+        reach = [-REACH, REACH]
+        servo = spec.add_actuator(name=name, target=name, forcerange=limit, ctrlrange=reach)
         servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
         servo.set_to_position(kp=self.stiffness, kv=0.1)
 
@@ -201,7 +204,17 @@ class Helix(Robot):
             friction=[self.friction, 0.005, 0.0001],
             solref=[0.005, 1],
             contype=0,
-            rgba=[0.2, 0.22, 0.24, 1] if k % 2 else [0.93, 0.48, 0.11, 1],
+            rgba=[0.2, 0.22, 0.24, 1],
+        )
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[1.01 * self.radius, 0.006, 0],
+            pos=[0, 0, middle],
+            contype=0,
+            conaffinity=0,
+            mass=0.0,
+            group=2,
+            rgba=[0.93, 0.48, 0.11, 1] if k % 2 else [0.55, 0.57, 0.6, 1],
         )
 
     @property

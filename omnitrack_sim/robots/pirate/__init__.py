@@ -153,7 +153,9 @@ class Pirate(Robot):
     def _add_servo(self, spec: mujoco.MjSpec, name: str, stiffness: float) -> None:
         """Add a position servo to a joint."""
         limit = [-self.joint_torque, self.joint_torque]
-        servo = spec.add_actuator(name=name, target=name, forcerange=limit)
+        # Wider than the joints reach: what is asked for beyond the wall presses.
+        asked = [-math.pi, math.pi]
+        servo = spec.add_actuator(name=name, target=name, forcerange=limit, ctrlrange=asked)
         servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
         servo.set_to_position(kp=stiffness, kv=self.joint_damping)
 
@@ -192,7 +194,9 @@ class Pirate(Robot):
             rgba=[0.8, 0.81, 0.83, 1],
             **hub,
         )
-        motor = spec.add_actuator(name=f"wheel_{k}", target=f"wheel_{k}")
+        fastest = self.speed / self.wheel_radius
+        names = {"name": f"wheel_{k}", "target": f"wheel_{k}"}
+        motor = spec.add_actuator(ctrlrange=[-fastest, fastest], **names)
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
         motor.set_to_velocity(kv=self.motor_gain)
         motor.forcerange = [-self.torque_limit, self.torque_limit]
