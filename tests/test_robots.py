@@ -16,7 +16,7 @@ from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
-from omnitrack_sim.robots.robot import ROBOTS
+from omnitrack_sim.robots.robot import ROBOTS, robot_class
 from omnitrack_sim.scenario import validate
 
 ROOMS = ("walls", "pipes", "show", "sim")
@@ -328,17 +328,18 @@ def test_rooms_know_no_robot_by_name(room):
 def test_shipped_robots_have_pages_and_names():
     """Each short name leads to a class that says the same name."""
     for kind in set(ROBOTS) - {"mjcf"}:
+        bore = robot_class(kind)().nominal_bore
         scenario = validate(
             {
                 "robot": kind,
-                "pipes": [{"kind": "straight", "length": 1.5}],
+                "pipes": [{"kind": "straight", "length": 1.5, "inner_diameter": bore}],
                 "start": {"distance": 0.5},
             }
         )
         assert scenario.robot.kind == kind
 
 
-@pytest.mark.parametrize("name", ["presser", "inchworm", "snake"])
+@pytest.mark.parametrize("name", ["presser", "inchworm", "snake", "pirate", "helix"])
 def test_robots_are_seated_at_rest_at_any_angle_about_the_pipe(name):
     """The held chassis takes what springs and servos push: no limb is left in motion, none deep in
     the wall, and the pose is the same turned about the pipe's axis."""
