@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import omnitrack_sim as ot
 from omnitrack_sim import load_network, shortest_route
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import Planned
@@ -196,3 +197,24 @@ def test_an_overlap_is_seen_whichever_part_comes_first(depth: float, along: floa
             Assembly(parts)
     apart = Part("thin", thin.fitting, Pose(sideways, np.array([0.085, 0.0, along])))
     assert len(Assembly((wide, apart)).parts) == 2
+
+
+def test_a_route_through_a_town_is_cut_out_with_what_is_beside_it(monkeypatch):
+    """From a fitting to an open end the scenario has the pipes of the shortest way and its side
+    branches, and is cut at the fitting; a network beyond the bounds is cut out likewise."""
+    changes = {"mission.start": "tee_1", "mission.goals": ["low"], "run.expected_outcome": None}
+    scenario = ot.load_scenario("missions/fig14", changes)
+    assert scenario.mission.start == "shelf.start"
+    names = {fitting.name for fitting in scenario.network.fittings}
+    whole = ot.load_network("fig14")
+    assert {"shelf", "tee_3", "side_arm", "low_arm"} <= names < {f.name for f in whole.fittings}
+    assert "riser" not in names
+    kept = {part.name: part.pose.position for part in scenario.network.pipes.parts}
+    for part in whole.pipes.parts:
+        if part.name in kept:
+            assert kept[part.name] == pytest.approx(part.pose.position, abs=1e-6)
+    monkeypatch.setattr("omnitrack_sim.scenario.loading.MOST_PARTS", 5)
+    far = ot.load_scenario("missions/fig14", changes | {"mission.start": "inlet"})
+    assert far.mission.start == "inlet"
+    assert len(far.network.fittings) < len(whole.fittings)
+    assert far.route.length == pytest.approx(ot.shortest_route(whole, "inlet", "low").length)

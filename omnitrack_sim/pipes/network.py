@@ -353,9 +353,12 @@ class Network(Table):
         }
         return fittings, joints, frames
 
-    def around(self, names: Collection[str], reach: float = 1.0) -> Network:
+    def around(
+        self, names: Collection[str], reach: float = 1.0, without: Collection[str] = ()
+    ) -> Network:
         """Return the network of some fittings and of those joined to them within ``reach`` m of
-        pipe, all in their places: what a run along a route through a town needs.
+        pipe, all in their places, and ``without`` some: what a run along a route through a town
+        needs.
 
         Raises:
             NetworkError: there is no such fitting.
@@ -377,7 +380,7 @@ class Network(Table):
         while waiting:
             distance, i = heapq.heappop(waiting)
             onward = distance + self.fittings[i].fitting().length_of_axes * (distance > 0)
-            for j in beside[i]:
+            for j in (j for j in beside[i] if self.fittings[j].name not in without):
                 # What is joined to a named fitting is beside it, however long that is.
                 if onward <= reach and onward < far.get(j, math.inf):
                     far[j] = max(onward, 1e-9)

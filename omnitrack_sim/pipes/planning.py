@@ -212,6 +212,58 @@ def shortest_route(
     return route_through(network.pipes, path, arcs)
 
 
+def around_route(
+    network: Network, start: str, goal: str, reach: float = 1.0
+) -> tuple[Network, str, str]:
+    """Return the parts of a town on and beside the shortest route from one place to another, and
+    the open ends where the route begins and ends.
+
+    Args:
+        network: of the town.
+        start: an open end, or a fitting, at which the town is cut: the robot is put into the pipe
+            behind it.
+        goal: likewise.
+        reach: m of pipe, as of ``Network.around``.
+
+    Raises:
+        NetworkError: no such place, or no path.
+
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> from omnitrack_sim.pipes.planning import around_route
+        >>> part, start, goal = around_route(ot.load_network("fig14"), "inlet", "low", reach=0.1)
+        >>> len(part.fittings), start
+        (11, 'inlet')
+    """
+    number = {fitting.name: i for i, fitting in enumerate(network.fittings)}
+    import networkx
+
+    # A node's name in ``ports`` comes before that of a fitting.
+    cut = [name for name in (start, goal) if name in number and name not in network.ports]
+    graph = port_graph(network)
+    ends: list[list[End]] = []
+    for where, place in (("start", start), ("goals.0", goal)):
+        joined = [
+            b if a[0] == number[place] else a
+            for a, b in network.pipes.joints
+            if place in cut and number[place] in (a[0], b[0])
+        ]
+        ends.append(joined if place in cut else [network.end(where, place)])
+    graph.remove_nodes_from([port for port in graph if network.fittings[port[0]].name in cut])
+    # Two nodes more, before all ports that the route may begin at and behind those it may end at.
+    first, last = (-1, "first"), (-1, "last")
+    graph.add_edges_from(((first, port) for port in ends[0]), length=0.0)
+    graph.add_edges_from(((port, last) for port in ends[1]), length=0.0)
+    try:
+        ports = networkx.shortest_path(graph, first, last, weight="length")[1:-1]
+    except (networkx.NetworkXNoPath, networkx.NodeNotFound):
+        raise NetworkError(unreachable("goals.0", start, goal, ())) from None
+    names = dict.fromkeys(network.fittings[part].name for part, _ in ports)
+    begin = network.port_name(ports[0]) if start in cut else start
+    end = network.port_name(ports[-1]) if goal in cut else goal
+    return network.around([*names], reach, cut), begin, end
+
+
 def unknown_fittings(network: Network, names: Iterable[tuple[str, str]]) -> list[Fault]:
     """Faults of names, each with its place in a file or call, that no fitting has."""
     known = tuple(dict.fromkeys(part.name for part in network.fittings))

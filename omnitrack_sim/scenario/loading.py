@@ -10,6 +10,7 @@ from typing import Any, get_origin
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.arguments import check_changes, check_is
+from omnitrack_sim.base.bounds import MOST_PARTS
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
 from omnitrack_sim.base.table import (
@@ -24,6 +25,7 @@ from omnitrack_sim.base.table import (
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
+from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
@@ -265,11 +267,31 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
     try:
         is_table = isinstance(source, Mapping)
         table = source if is_table else network_data(beside(folder, source))
-        return {**data, "network": validate_network(table)}, []
+        return _cut_out({**data, "network": validate_network(table)}), []
     except NetworkError as error:
         where = "network: " if isinstance(source, str) else "network."
         faults = [fault.at(where + fault.where) for fault in error.faults]
         return {key: value for key, value in data.items() if key != "network"}, faults
+
+
+def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
+    """Scenario data with the part of its network near the route alone, where the network is a town
+    or the mission leads from or to a fitting.
+
+    Raises:
+        NetworkError: there is no way.
+    """
+    network, mission = data["network"], data.get("mission")
+    if not isinstance(mission, Mapping) or mission.get("map") == "unknown":
+        return data
+    start, goals = mission.get("start"), mission.get("goals")
+    if not (isinstance(start, str) and isinstance(goals, Sequence) and len(goals) == 1):
+        return data
+    names = {fitting.name for fitting in network.fittings} - network.ports.keys()
+    if len(network.fittings) <= MOST_PARTS and not names & {start, goals[0]}:
+        return data
+    part, start, goal = around_route(network, start, goals[0])
+    return {**data, "network": part, "mission": {**mission, "start": start, "goals": [goal]}}
 
 
 def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:

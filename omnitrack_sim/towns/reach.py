@@ -414,20 +414,17 @@ class _Planner:
     def _starts(self, launch: str) -> Iterator[End]:
         """Yield the ports through which the robot goes into parts from an opening."""
         names = [fitting.name for fitting in self.network.fittings]
-        if launch in names:
-            i = names.index(launch)
-            for port in self.network.pipes.parts[i].fitting.port_names:
-                if (i, port) in self.joined:
-                    yield self.joined[i, port]
-            return
         try:
-            yield self.network.end("--from", launch)
+            start = self.network.end("--from", launch)
         except NetworkError as error:
-            # A node that a cap closes is opened for the robot.
-            port = self.network.ports.get(launch)
-            if port is None:
+            if launch not in names:
                 raise InputError(error.faults) from None
-            yield from self._starts(names[self.network.port(port)[0]])
+            start = names.index(launch), ""
+        if not start[1]:  # a fitting: into all that is joined to it
+            ports = self.network.pipes.parts[start[0]].fitting.port_names
+            yield from (self.joined[start[0], p] for p in ports if (start[0], p) in self.joined)
+            return
+        yield start
 
     def spread(self, launch: str) -> tuple[list[PipeReach], dict[str, tuple[Edge, ...]]]:
         """Return the reach of all parts from an opening, and the paths to those reached."""

@@ -24,6 +24,8 @@ FEATURES = ("friction", "pull", "climb", "lift", "turn", "sharpness", "bore")
 
 def kind_of(passage: Passage) -> str:
     """Return the name of a fitting's kind and of the way through it: "tee, run to branch"."""
+    if passage.kind == "cap":  # a straight, whose end is opened where the robot goes in there
+        return "straight"
     return passage.kind if passage.words == passage.kind else f"{passage.kind}, {passage.words}"
 
 
