@@ -197,3 +197,12 @@ def test_a_town_of_epanet(tmp_path):
     file.write_text(schematic.replace("A 100 0", "A 10 0"))
     with pytest.raises(ot.NetworkError, match="schematic drawing"):
         ot.import_network(file)
+
+
+def test_pipes_that_lie_in_each_other_are_laid_apart():
+    """Two pipes drawn through each other along one street, from one node: one is laid below."""
+    nodes = {"a": (0, 0), "b": (60, 0.2), "c": (60, -20), "d": (-20, 0)}
+    line = {"a_c": [(20, 3), (40, -3), (50, -10)]}
+    imported = town(nodes, ["a-b", "a-c", "d-a"], {"a-c": 0.1}, **line)
+    assert not imported.of("left out")
+    assert any("is laid below" in note.problem for note in imported.of("mended"))

@@ -14,7 +14,13 @@ from omnitrack_sim.pipes.fittings.base import Fitting
 from omnitrack_sim.pipes.fittings.cap import Cap
 from omnitrack_sim.pipes.fittings.straight import Straight
 from omnitrack_sim.pipes.importing.chains import Chain, Outlet, TooShortError, chain
-from omnitrack_sim.pipes.importing.drawing import Drawing, ImportSettings, under, without_straight
+from omnitrack_sim.pipes.importing.drawing import (
+    Drawing,
+    ImportSettings,
+    lowered,
+    under,
+    without_straight,
+)
 from omnitrack_sim.pipes.importing.junctions import CannotBuildError, Junction, junction
 from omnitrack_sim.pipes.importing.notes import Import, Note, listed_once
 from omnitrack_sim.pipes.network import Network, connected, origin_of
@@ -40,7 +46,7 @@ class _Town:
         drawing, settings: of the import. at_nodes: legs at each node, see ``Drawing``.
         tight: nodes whose fittings are as short as can be. moved: by how much nodes were, m.
         junctions: fittings of nodes with several pipes. chains: parts of the legs.
-        left: legs that are left out, and why.
+        left: legs that are left out, and why. short: legs that did not fit, and why.
     """
 
     drawing: Drawing
@@ -51,6 +57,7 @@ class _Town:
     junctions: dict[str, Junction] = field(default_factory=dict)
     chains: dict[str, Chain] = field(default_factory=dict)
     left: dict[str, str] = field(default_factory=dict)
+    short: dict[str, str] = field(default_factory=dict)
 
     def make_junction(self, node: str) -> None:
         """Make the fitting of a node anew; legs of a node without one are left out."""
@@ -65,6 +72,7 @@ class _Town:
         except CannotBuildError as error:
             for leg in legs:
                 self.left[leg.name] = f"node {node}: {error}"
+                self.chains.pop(leg.name, None)
             return
         pose = Pose(made.pose.rotation, made.pose.position + self.drawing.nodes[node])
         self.junctions[node] = replace(made, pose=pose)
@@ -87,6 +95,7 @@ class _Town:
             self.chains[name] = chain(leg.points, *ends, leg.bore, self.settings)
         except TooShortError as error:
             self.chains.pop(name, None)
+            self.short[name] = str(error)
             return error.short
         return 0.0
 
@@ -135,10 +144,9 @@ def _compared(town: _Town) -> dict[str, tuple[float, float]]:
 def _make_room(town: _Town) -> None:
     """Make the parts of all legs; where they do not fit shorten fittings, then move nodes."""
     drawing = town.drawing
-    todo, missing = set(drawing.legs) - set(town.left), dict[str, float]()
+    todo = set(drawing.legs) - set(town.left)
     for attempt in range(ROUNDS):
         short = {name: by for name in sorted(todo) if (by := town.make_chain(name)) > 0}
-        missing |= short
         nodes: set[str] = set()
         for name, by in short.items():
             ends = drawing.legs[name].ends
@@ -158,7 +166,7 @@ def _make_room(town: _Town) -> None:
         todo = {leg for node in around for leg, _ in town.at_nodes[node]} - set(town.left)
     for name in drawing.legs:
         if name not in town.left and name not in town.chains:
-            town.left[name] = f"pipe {drawing.legs[name].pipe}: {TooShortError(missing[name])}"
+            town.left[name] = f"pipe {drawing.legs[name].pipe}: {town.short[name]}"
 
 
 def _moved(town: _Town, name: str, by: float) -> set[str]:
@@ -294,6 +302,11 @@ class _Parts:
             points = without_straight(leg.points, tolerance)
             drawing.legs[name] = replace(leg, points=points)
             note = Note("mended", pipe, f"folds back on itself: {tolerance:g} m straighter")
+        elif attempt < ROUNDS // 2 and self._share_a_node(name, other):
+            by = (attempt + 1) * self._depth(name, other)
+            drawing.legs[name] = replace(leg, points=lowered(leg.points, by))
+            problem = f"lies in pipe {drawing.legs[other].pipe}: is laid below it"
+            note = Note("mended", pipe, problem)
         elif attempt < ROUNDS // 2:
             line = drawing.legs[other].points if other in drawing.legs else None
             by = self._depth(name, other)
@@ -316,6 +329,11 @@ class _Parts:
             pipe = f"pipe {self.town.drawing.legs[name].pipe}"
             notes[name] = Note("left out", pipe, f"node {node} runs into {other}")
         return notes
+
+    def _share_a_node(self, name: str, other: str) -> bool:
+        """Tell whether two legs end at one node."""
+        legs = self.town.drawing.legs
+        return other in legs and bool(set(legs[name].ends) & set(legs[other].ends))
 
     def _depth(self, name: str, other: str) -> float:
         """Return by how much a leg has to pass below another, or below a node, m."""

@@ -34,8 +34,8 @@ class TooShortError(Exception):
         short: by how much, m.
     """
 
-    def __init__(self, short: float):
-        super().__init__(f"is {1e3 * short:.0f} mm shorter than its fittings")
+    def __init__(self, short: float, problem: str = ""):
+        super().__init__(problem or f"is {1e3 * short:.0f} mm shorter than its fittings")
         self.short = short
 
 
@@ -222,7 +222,8 @@ def _behind(
             return None
         options = bends(angle, bore, settings)
         if not options:
-            raise TooShortError(float(length(aim - corner)) + bore)
+            short = float(length(aim - corner)) + bore
+            raise TooShortError(short, "turns back behind a fitting" if short > 4 * bore else "")
         wanted = options[-1 if tight else 0][1]
         if 0 < wanted <= cut:
             break

@@ -211,6 +211,16 @@ def without_straight(points: Array, tolerance: float) -> Array:
     return points[sorted(kept)]
 
 
+def lowered(line: Array, by: float) -> Array:
+    """Return a line (k, 3) m whose middle lies ``by`` m lower, and whose ends stay."""
+    long = float(length(np.diff(line, axis=0)).sum())
+    down = min(4 * by, long / 4)
+    first, last = unit(line[1] - line[0]), unit(line[-2] - line[-1])
+    inner = [p for p in line[1:-1] if min(length(p - line[0]), length(p - line[-1])) > 1.5 * down]
+    points = [line[0] + down * first, *inner, line[-1] + down * last]
+    return np.array([line[0], *(p - [0.0, 0.0, by] for p in points), line[-1]])
+
+
 def under(line: Array, other: Array | None, node: Array | None, by: float) -> Array | None:
     """Return a line (k, 3) m that passes ``by`` m below another one (j, 3) m, or a node (3,) m,
     where they are nearest; None where that is at one of its ends."""
