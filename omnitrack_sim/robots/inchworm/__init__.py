@@ -24,7 +24,7 @@ class Inchworm(Robot):
     A closed clamp of eight pads carries ``8 * friction * grip`` N along a straight. Each cycle of
     ``2 * (stretch_time + 2 * switch_time)`` s takes it forward by
 
-        stride - m g / k,    k: stiffness of the spindle, 20 N/mm; g: component against its motion
+        stride - m g / k,    k: ``spindle_stiffness``; g: component against its motion
 
     as the spindle is shorter by the weight in front of it when the front clamp closes, and longer
     by the weight behind it when the rear clamp closes.
@@ -47,6 +47,16 @@ class Inchworm(Robot):
         0.1, "s", "assumed", "that a clamp gets to close, and that it gets to open"
     )
 
+    spindle_stiffness: Positive = quantity(20e3, "N/m", "assumed", "of the spindle's position loop")
+    spindle_force: Positive = quantity(80.0, "N", "assumed", "of the spindle at most")
+    bend_stiffness: Positive = quantity(
+        3.0, "N m/rad", "assumed", "of the universal joints between spindle and clamps"
+    )
+    tube_mass: Positive = quantity(0.2, "kg", "assumed", "of the spindle's tube")
+    rod_mass: Positive = quantity(0.1, "kg", "assumed", "of the spindle's rod")
+    drum_mass: Positive = quantity(0.3, "kg", "assumed", "of a clamp's drum")
+    pad_mass: Positive = quantity(0.02, "kg", "assumed", "of each of a clamp's eight pads")
+
     @property
     def nominal_bore(self) -> float:
         """See ``Robot``."""
@@ -60,7 +70,15 @@ class Inchworm(Robot):
             body = spec.body(pad)
             outwards = body.pos * [1, 1, 0]
             body.pos += (self.bore - 0.16) / 2 * outwards / np.linalg.norm(outwards)
-            spec.geom(pad).friction[0] = self.friction
+            spec.geom(pad).friction[0], spec.geom(pad).mass = self.friction, self.pad_mass
+        spec.geom("tube").mass, spec.geom("rod").mass = self.tube_mass, self.rod_mass
+        for end in ENDS:
+            spec.geom(f"{end}_drum").mass = self.drum_mass
+            for axis in "xy":
+                spec.joint(f"{end}_{axis}").stiffness[0] = self.bend_stiffness
+        spindle = spec.actuator("spindle")
+        spindle.set_to_position(kp=self.spindle_stiffness, kv=200.0)
+        spindle.forcerange = [-self.spindle_force, self.spindle_force]
         return spec
 
     @property
