@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -163,37 +162,52 @@ class KindTrials:
         done = np.isfinite(self.costs).all(axis=1)
         if not done.any():
             return np.full((3, len(points)), np.nan), np.full((3, len(points)), np.nan)
-        basis, costs = self._basis(self.points[done]), self.costs[done]
+        basis, costs = self._linear(self.points[done]), self.costs[done]
         middle = costs.mean(axis=0)
-        # As a trial's weight for each coefficient but the constant: a few passes make no parabola.
+        # A trial's weight for each coefficient but the constant: a few passes make no slope.
         ridge = np.diag([0.0, *[1.0] * (basis.shape[1] - 1)]) + 1e-9 * np.eye(basis.shape[1])
         coefficients = np.linalg.solve(basis.T @ basis + ridge, basis.T @ (costs - middle))
         residuals = costs - middle - basis @ coefficients
         free = max(len(costs) - np.linalg.matrix_rank(basis), 1)
         deviations = np.sqrt((residuals**2).sum(axis=0) / free)
-        means = middle + self._basis(points) @ coefficients
+        means = middle + self._linear(points) @ coefficients
         return means.T, np.repeat(deviations[:, None], len(points), axis=1)
 
     def effect(self, feature: int) -> float:
         """Return by how much a feature changes the logit over its range, others in the middle."""
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        low, high = self.bounds
         line = np.tile((low + high) / 2, (21, 1))
         line[:, feature] = np.linspace(low[feature], high[feature], 21)
         return float(np.ptp(self._basis(line) @ self._fit.coefficients))
 
-    def _basis(self, points: Array) -> Array:
-        """Columns (q, c): 1, features that vary, from -1 to 1, their squares and products."""
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest features of what was tried: of those that are drawn, their range."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         varies = high - low > 1e-9
-        z = (2 * (points - low)[:, varies] / (high - low)[varies] - 1).T
-        products = [a * b for a, b in combinations(z, 2)]
-        return np.stack([np.ones(len(points)), *z, *z**2, *products], axis=-1)
+        drawn_low = [SETTINGS.friction[0], 0.0, -1.0, -1.0, *low[4:]]
+        drawn_high = [SETTINGS.friction[1], high[1], 1.0, 1.0, *high[4:]]
+        ends = np.minimum(low, drawn_low), np.maximum(high, drawn_high)
+        return np.where(varies, ends[0], low), np.where(varies, ends[1], high)
+
+    def _linear(self, points: Array) -> Array:
+        """Columns (q, c): 1, and features that vary, from -1 to 1."""
+        low, high = self.bounds
+        varies = high - low > 1e-9
+        z = 2 * (points - low)[:, varies] / (high - low)[varies] - 1
+        return np.concatenate([np.ones((len(points), 1)), z], axis=1)
+
+    def _basis(self, points: Array) -> Array:
+        """Columns (q, c) of ``_linear``, and squares and products of the features."""
+        linear = self._linear(points)
+        z = linear.T[1:]
+        more = [*z**2, *(a * b for a, b in combinations(z, 2))]
+        return np.concatenate([linear, np.reshape(more, (len(more), -1)).T], axis=1)
 
     @cached_property
     def _fit(self) -> _Logistic:
         basis = self._basis(self.points)
-        # 1 + d + d + d (d - 1) / 2 columns.
-        linear = round((math.sqrt(9 + 8 * (basis.shape[1] - 1)) - 3) / 2)
+        linear = self._linear(self.points).shape[1] - 1
         rest = basis.shape[1] - 1 - linear
         fits: list[_Logistic] = []
         for first, second in product(MODEL.linear, MODEL.quadratic):
@@ -206,7 +220,7 @@ class KindTrials:
     @cached_property
     def _hat(self) -> tuple[Array, float]:
         """Matrix of the leverages, and the largest of the trials."""
-        basis = self._basis(self.points)
+        basis = self._linear(self.points)
         square = basis.T @ basis + 1e-6 * len(basis) * np.eye(basis.shape[1])
         inverse = np.asarray(np.linalg.inv(square), float)
         return inverse, float(((basis @ inverse) * basis).sum(axis=1).max())
@@ -214,9 +228,9 @@ class KindTrials:
     def _knows(self, points: Array) -> NDArray[np.bool_]:
         """Points (q,) inside of what was tried."""
         slack = np.array(MODEL.slack)
-        low, high = self.points.min(axis=0) - slack, self.points.max(axis=0) + slack
+        low, high = self.bounds[0] - slack, self.bounds[1] + slack
         inverse, most = self._hat
-        basis = self._basis(np.clip(points, low, high))
+        basis = self._linear(points)
         leverage = ((basis @ inverse) * basis).sum(axis=1)
         inside = ((points >= low) & (points <= high)).all(axis=1)
         return inside & (leverage <= MODEL.leverage * most)

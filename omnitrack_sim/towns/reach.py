@@ -401,7 +401,7 @@ class _Planner:
         trials = self.passport.kinds.get(kind)
         if trials is None:
             return f"unknown: no trials of {kind}"
-        low, high = trials.points.min(axis=0), trials.points.max(axis=0)
+        low, high = trials.bounds
         outside = [
             f"{name} {value:.3g}, tried {a:.3g} to {b:.3g}"
             for k, (name, value, a, b) in enumerate(zip(FEATURES, point, low, high, strict=True))
