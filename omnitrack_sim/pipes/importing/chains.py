@@ -21,8 +21,9 @@ CONE, STEEP_CONE = math.tan(math.radians(10)), math.tan(math.radians(19.9))
 """Slope of a reducer's wall, and where there is little room; at most 20 degrees."""
 LONGEST = 500.0
 """Of a straight, m."""
-NOTHING = 1e-9
-"""Length of a straight, m, that is left out."""
+NOTHING, ROUNDING = 1e-5, 1e-9
+"""Length of a straight, m, that is left out, as no file has one: a ring closes to 1 mm; and what
+rounding may take of one, m."""
 STEP_ASIDE = 1.02
 """A bend behind a port gets a little more room than its angle asks for."""
 
@@ -237,7 +238,7 @@ def _choose(plan: _Plan) -> tuple[int, float] | None:
     while True:
         rooms = plan.rooms()
         side = int(rooms.argmin())
-        if rooms[side] >= -NOTHING:
+        if rooms[side] >= -ROUNDING:
             return None
         beside = [k for k in (side - 1, side) if 0 <= k < len(plan.options)]
         smaller = [k for k in beside if plan.chosen[k] + 1 < len(plan.options[k])]
