@@ -248,7 +248,8 @@ def shipped_entries() -> dict[str, Entry]:
     entries = {}
     for kind in ROBOTS:
         if kind != "mjcf":
-            words = (robot_class(kind).__doc__ or kind).splitlines()[0].rstrip(".")
+            about = (robot_class(kind).__doc__ or kind).partition("\n\n")[0]
+            words = " ".join(about.split()).rstrip(".")
             entries[kind] = Entry(kind, words, {"robot.kind": kind})
         if kind == STANDARD:
             entries |= {entry.name: entry for entry in _VARIANTS}
