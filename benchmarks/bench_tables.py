@@ -4,8 +4,8 @@ python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry
     [--trials N] [--workers N]
 
 Printed are the trials passed of each entry and course; of robots also what they are, what stopped
-them on each course, and their figures over all courses; of controllers the means of each entry, and
-its paired differences to the default one, a table a course.
+them on each course, their figures over all courses, and what these teach; of controllers the means
+of each entry, and its paired differences to the default one, a table a course.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from mobility_lessons import lessons
 
 import omnitrack_sim as ot
 from omnitrack_sim.trials.bench import BenchMeasure
@@ -137,8 +139,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
-    rows = ot.run_bench(bench, out=given.out, workers=given.workers).rows
-    (of_controllers if bench.suite.of_controllers else of_robots)(bench, rows)
+    result = ot.run_bench(bench, out=given.out, workers=given.workers)
+    if bench.suite.of_controllers:
+        of_controllers(bench, result.rows)
+    else:
+        of_robots(bench, result.rows)
+        print(f"## lessons\n\n{lessons(result.trials.to_pylist())}\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,105 @@
+"""What the benchmark of mobility teaches about designs, with the figures of its trials."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.record.statistics import mean_interval, wilson_interval
+
+TEXT = """
+* **A branch is entered by steering.** The omnidirectional robot, which rolls its modules aside and
+drives them at different speeds, enters the branches of tee and wye in {branch_steered} trials, by
+its own sensors or not; all others in {branch_others}.
+* **A differential does not steer.** With it and one motor the same robot enters
+{branch_differential}. Elbows it passes in {elbows_differential}, for {energy_differential} J/m
+where three motors take {energy_motors}.
+* **Where a wall is missing, orientation counts.** Over a tee, tracks that roll aside pass
+{over_aside}, arms and tracks that stay as they start {over_fixed}, chains {over_chains}; the screw,
+whose rotor loses its grip, {over_screw}.
+* **Long stiff parts stop in tight elbows.** At 0.6 bores tracks pass {tight_tracks}, inchworm and
+snake, of 2 and 3.3 bores, {tight_long}; the helix of sixteen hinges {tight_helix}.
+* **A little compliance is enough for bores.** 3 % less or more, or 10 % behind a reducer: all
+together pass {bores}.
+* **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N whatever the
+friction, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes {cost_inchworm} J/m,
+wheels {cost_wheels}.
+* **Joints in place of springs press hard.** Helix and snake press the wall with up to {force_helix}
+N and {force_snake} N, tracks with {force_tracks}. The presser's mean is that of one blow.
+* **A plane has to be found.** PIRATE, a planar chain, passes {elbows_pirate} elbows from any start
+roll; from the right one it [passes](../robots/pirate.md).
+
+For a main with branches the table leaves the omnidirectional robot, with {network_steered} random
+networks against {network_others}; for pulls without branches, wheels or clamps.
+"""
+STEERED, ROLLING = ("omnitrack", "onboard"), ("omnitrack", "onboard", "differential")
+BRANCHES, NETWORK = ("tee_into", "wye_into"), ("network",)
+ELBOWS = ("elbow_30", "elbow_15", "elbow_10", "elbow_06")
+BENDS, TIGHT, OVER = (*ELBOWS, "two_elbows"), ("elbow_06",), ("tee_over",)
+BORES = ("reducer", "bore_small", "bore_large")
+
+
+def lessons(trials: Sequence[dict[str, Any]]) -> str:
+    """The text with the figures of all trials, a dictionary each."""
+    entries = dict.fromkeys(trial["entry"] for trial in trials)
+    others = [entry for entry in entries if entry not in STEERED]
+
+    def rate(courses: Sequence[str], *of: str) -> str:
+        own = [t["success"] for t in trials if t["course"] in courses and t["entry"] in of]
+        low, high = wilson_interval(sum(own), len(own))
+        return f"{sum(own)} of {len(own)} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+    def mean(values: Sequence[float]) -> str:
+        low, high = mean_interval(values)
+        return f"{np.mean(values) if len(values) else np.nan:.3g} ({low:.3g} to {high:.3g})"
+
+    def passed(entry: str, courses: Sequence[str] = ()) -> list[dict[str, Any]]:
+        own = [t for t in trials if t["entry"] == entry and t["success"]]
+        return [t for t in own if not courses or t["course"] in courses]
+
+    def energy(entry: str, courses: Sequence[str] = ()) -> str:
+        return mean([t["energy_j"] / t["distance_m"] for t in passed(entry, courses)])
+
+    def force(entry: str) -> str:
+        return mean([t["contact_force_max_n"] for t in passed(entry)])
+
+    def pull(entry: str) -> str:
+        own = [t for t in trials if t["entry"] == entry and t["course"] == "pull"]
+        return mean([t["pull_held_n"] for t in own])
+
+    text = TEXT.format(
+        branch_steered=rate(BRANCHES, *STEERED),
+        branch_others=rate(BRANCHES, *others),
+        branch_differential=rate(BRANCHES, "differential"),
+        elbows_differential=rate(BENDS, "differential"),
+        energy_differential=energy("differential", ELBOWS),
+        energy_motors=energy("omnitrack", ELBOWS),
+        over_aside=rate(OVER, *ROLLING),
+        over_fixed=rate(OVER, "climber", "presser"),
+        over_chains=rate(OVER, "inchworm", "snake", "pirate", "helix"),
+        over_screw=rate(OVER, "screw"),
+        tight_tracks=rate(TIGHT, *ROLLING, "climber"),
+        tight_long=rate(TIGHT, "inchworm", "snake"),
+        tight_helix=rate(TIGHT, "helix"),
+        bores=rate(BORES, *entries),
+        pull_inchworm=pull("inchworm"),
+        pull_wheels=pull("presser"),
+        pull_tracks=pull("omnitrack"),
+        cost_inchworm=energy("inchworm"),
+        cost_wheels=energy("presser"),
+        force_helix=force("helix"),
+        force_snake=force("snake"),
+        force_tracks=force("omnitrack"),
+        elbows_pirate=rate(BENDS, "pirate"),
+        network_steered=rate(NETWORK, *STEERED),
+        network_others=rate(NETWORK, *others),
+    )
+    items = text.strip().replace("\n* ", "\n\n* ").split("\n\n")
+    lines = [
+        textwrap.fill(item, 100, subsequent_indent="  " if item.startswith("*") else "")
+        for item in items
+    ]
+    return "\n".join(lines[:-1]) + "\n\n" + lines[-1]
