@@ -78,7 +78,9 @@ def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
     """Print the robots, what was passed, what stopped each, and the figures over all courses."""
     print(f"## robots\n\n{robots(bench)}\n")
     print(f"## passed\n\n{by_course(rows, rate_of)}\n")
-    print(f"## stopped\n\n{by_course(rows, lambda row: row['others'] or '-')}\n")
+    hard = {row["course"] for row in rows if row["others"]}
+    stopped = [row for row in rows if row["course"] in hard]
+    print(f"## stopped\n\n{by_course(stopped, lambda row: row['others'] or '-')}\n")
     cells = {(row["course"], row["entry"]): row for row in rows}
     body = []
     for entry in bench.entries:
