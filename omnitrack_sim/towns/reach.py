@@ -6,6 +6,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -265,6 +266,8 @@ def map_reach(
     ends = network.open_ends
     if not launches:
         launches = ends[:: max(1, math.ceil(len(ends) / MOST_LAUNCHES))]
+    for launch in launches:  # before the work
+        deque(planner.starts(launch))
     planner.prepare(lambda part: progress and progress(part / 2, "estimates"))
     reaches: dict[str, list[PipeReach]] = {}
     paths: dict[str, dict[str, tuple[Edge, ...]]] = {}
@@ -394,10 +397,13 @@ class _Planner:
 
     def _unknown(self, kind: str, point: Array) -> str:
         """Reason why nothing is known of a way."""
-        bore = float(point[FEATURES.index("bore")])
-        misfit = self.passport.robot.misfit(bore * self.passport.robot.nominal_bore)
-        if misfit:
-            return f"bore {1000 * bore * self.passport.robot.nominal_bore:.0f} mm: {misfit}"
+        bore = float(point[FEATURES.index("bore")]) * self.passport.robot.nominal_bore
+        # What is left is narrower by its sharpness, but for elbows, which have one bore.
+        sharpness = 0.0 if kind == "elbow" else float(point[FEATURES.index("sharpness")])
+        for each in (bore, bore * (1 - sharpness)):
+            misfit = self.passport.robot.misfit(each)
+            if misfit:
+                return f"bore {1000 * each:.0f} mm: {misfit}"
         trials = self.passport.kinds.get(kind)
         if trials is None:
             return f"unknown: no trials of {kind}"
@@ -411,7 +417,7 @@ class _Planner:
             f"unknown: {kind} with {', '.join(outside) or 'features that were not tried together'}"
         )
 
-    def _starts(self, launch: str) -> Iterator[End]:
+    def starts(self, launch: str) -> Iterator[End]:
         """Yield the ports through which the robot goes into parts from an opening."""
         names = [fitting.name for fitting in self.network.fittings]
         try:
@@ -447,7 +453,7 @@ class _Planner:
             path=(),
         )
         order = itertools.count()
-        waiting = [(0.0, next(order), end, begin) for end in self._starts(launch)]
+        waiting = [(0.0, next(order), end, begin) for end in self.starts(launch)]
         blocked: list[tuple[float, int, End, str]] = []
         best: dict[int, tuple[float, _Label]] = {}
         done: set[End] = set()

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 COLOURS, UNREACHED = "viridis", "#c9cdd2"
 """Colours of probabilities, which any colour vision tells apart, and of what is not reached."""
+MOST_NAMES, MOST_METRES = 6, 5000.0
+"""Openings that a picture names, and length in m from which on it counts in kilometres."""
 BEND_STEP = math.radians(10)
 """Angle between two drawn points of a bend."""
 FILES = tuple(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json"))
@@ -91,8 +93,9 @@ def plot_reach(
             axes.add_collection(drawn)
         for k, place in enumerate(_openings(reach, lines)):
             axes.plot(*place, "v", color=INK, markersize=6)
-            label = f" {reach.openings[k]}"
-            axes.annotate(label, (place[0], place[1]), color=INK, fontsize=7, va="bottom")
+            if len(reach.openings) <= MOST_NAMES:
+                label = f" {reach.openings[k]}"
+                axes.annotate(label, (place[0], place[1]), color=INK, fontsize=7, va="bottom")
         axes.set(aspect="equal", xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
         axes.margins(0.03)
         axes.autoscale_view()
@@ -205,10 +208,12 @@ def _openings(reach: ReachMap, lines: list[tuple[int, Array]]) -> Iterator[Array
 
 
 def _headline(reach: ReachMap) -> str:
-    return (
-        f"{reach.expected_length:.4g} of {reach.length:.4g} m expected to be reached from "
-        f"{', '.join(reach.openings)}"
-    )
+    names = ", ".join(reach.openings)
+    if len(reach.openings) > MOST_NAMES:
+        names = f"{len(reach.openings)} openings"
+    scale, unit = (1000, "km") if reach.length > MOST_METRES else (1, "m")
+    done, whole = reach.expected_length / scale, reach.length / scale
+    return f"{done:.3g} of {whole:.3g} {unit} expected to be reached from {names}"
 
 
 def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:
