@@ -202,7 +202,7 @@ class KindTrials:
         linear = self._linear(points)
         z = linear.T[1:]
         more = [*z**2, *(a * b for a, b in combinations(z, 2))]
-        return np.concatenate([linear, np.reshape(more, (len(more), -1)).T], axis=1)
+        return np.stack([*linear.T, *more], axis=-1)
 
     @cached_property
     def _fit(self) -> _Logistic:
