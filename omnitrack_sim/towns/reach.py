@@ -393,7 +393,10 @@ class _Planner:
                         reasons[row] = self._unknown(kind, ways[k])
                 done += len(rows)
                 progress(0.5 + done / len(self.rows) / 2)
-        return _Tables(*tables, pulls, reasons)
+        logs, spread, seconds, joules, seconds_std, joules_std = tables
+        return _Tables(
+            logs, spread, seconds, joules, seconds_std, joules_std, pulls=pulls, reasons=reasons
+        )
 
     def _unknown(self, kind: str, point: Array) -> str:
         """Reason why nothing is known of a way."""
