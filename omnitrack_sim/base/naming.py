@@ -188,3 +188,13 @@ def shipped_policies() -> ByName[Path]:
         'tee_turn.npz'
     """
     return _shipped_in("policies")
+
+
+def shipped_passports() -> ByName[Path]:
+    """Passports of robots that come with the package, by name.
+
+    Example:
+        >>> ot.shipped_passports()["omnitrack"].name
+        'omnitrack.parquet'
+    """
+    return _shipped_in("passports")

@@ -106,8 +106,11 @@ def reach(
         ),
     ],
     passport_file: Annotated[
-        Path, typer.Option("--passport", metavar="FILE", help="Of the robot: a file or its folder.")
-    ],
+        str,
+        typer.Option(
+            "--passport", metavar="FILE", help="Of the robot: a file, its folder, or a shipped one."
+        ),
+    ] = "omnitrack",
     launches: Annotated[
         list[str] | None,
         typer.Option(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
+from omnitrack_sim.base.naming import shipped_passports
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.writing import write_files
 from omnitrack_sim.record.statistics import Z95, wilson_interval
@@ -348,7 +349,7 @@ class Passport:
 
 
 def load_passport(path: str | Path) -> Passport:
-    """Read a passport from its file or the folder that it is in.
+    """Read a passport from its file or the folder that it is in, or a shipped one by name.
 
     Raises:
         InputError: there is none, or it is not a passport of this version.
@@ -361,7 +362,8 @@ def load_passport(path: str | Path) -> Passport:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    file = Path(path) / PASSPORT_FILE if Path(path).is_dir() else Path(path)
+    path = shipped_passports().get(str(path), Path(path))
+    file = path / PASSPORT_FILE if path.is_dir() else path
     try:
         table = pq.read_table(io.BytesIO(file.read_bytes()))
         about = json.loads((table.schema.metadata or {})[b"passport"])
