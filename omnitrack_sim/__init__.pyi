@@ -14,6 +14,7 @@ from .base.errors import ScenarioError as ScenarioError
 from .base.errors import StudyError as StudyError
 from .base.errors import SweepError as SweepError
 from .base.naming import shipped_networks as shipped_networks
+from .base.naming import shipped_passports as shipped_passports
 from .base.naming import shipped_policies as shipped_policies
 from .base.naming import shipped_scenarios as shipped_scenarios
 from .base.naming import shipped_studies as shipped_studies

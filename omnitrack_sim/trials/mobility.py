@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,12 +20,13 @@ from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.base.naming import shipped_courses
 from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
 from omnitrack_sim.base.table import Angle, NotNegative, Table, symbol_of
-from omnitrack_sim.pipes.fittings.kinds import fitting_class
+from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, ROBOTS, STANDARD, Robot, robot_class
 from omnitrack_sim.scenario import Scenario, set_value, validate
+from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
 from omnitrack_sim.trials.bench import BenchMeasure, BenchScore, Changes, Course, Entry, Suite
 from omnitrack_sim.trials.store import numbers_of, passed_of
@@ -112,7 +114,7 @@ class CourseFile(Table):
         if self.network is not None:
             data |= _mission(self.network, robot, FIRST_NETWORK + number)
         else:
-            data["pipes"] = _pipes(self.pipes, robot)
+            data |= _laid(_pipes(self.pipes, robot), robot)
         if self.pull_rate:
             data["pull"] = {"rate": self.pull_rate * robot.mass * GRAVITY}
         if self.climb_deg is not None:
@@ -175,6 +177,46 @@ def _pipes(pipes: tuple[dict[str, Any], ...], robot: Robot) -> list[dict[str, An
     for pipe in (scaled[0], scaled[-1]):
         pipe["length"] += robot.length
     return scaled
+
+
+def _laid(pipes: list[dict[str, Any]], robot: Robot) -> dict[str, Any]:
+    """Keys of a scenario with these pipes one after another.
+
+    A port beside the way, of a tee or a wye, leads into a straight that holds the robot: beyond an
+    open end a limb would meet the pipes from outside, as no robot in a main can.
+    """
+    ways = [table_of(pipe["kind"], Pipe).model_validate(pipe) for pipe in pipes]
+    beside = [
+        (i, port)
+        for i, pipe in enumerate(ways)
+        for port in pipe.fitting().ports
+        if port not in (pipe.enter, pipe.leave)
+    ]
+    if not beside:
+        return {"pipes": pipes}
+    own = ("enter", "leave", "turn_deg")
+    fittings = [
+        {key: value for key, value in {"name": f"pipe_{i}", **pipe}.items() if key not in own}
+        for i, pipe in enumerate(pipes)
+    ]
+    joints = [
+        {
+            "ports": (f"pipe_{i}.{a.leave}", f"pipe_{i + 1}.{b.enter}"),
+            "turn_deg": b.turn_deg,
+        }
+        for i, (a, b) in enumerate(pairwise(ways))
+    ]
+    for i, port in beside:
+        bore = 2 * ways[i].fitting().port_radius(port)
+        length = robot.length + robot.nominal_bore
+        name = f"beside_{i}_{port}"
+        straight = {"kind": "straight", "name": name, "inner_diameter": bore, "length": length}
+        fittings.append(straight)
+        joints.append({"ports": (f"pipe_{i}.{port}", f"{name}.start")})
+    return {
+        "network": {"fittings": fittings, "joints": joints},
+        "mission": {"start": "pipe_0.start", "goals": [f"pipe_{len(pipes) - 1}.end"]},
+    }
 
 
 def _mission(draw: NetworkDraw, robot: Robot, seed: int) -> dict[str, Any]:
