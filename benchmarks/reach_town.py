@@ -1,0 +1,49 @@
+"""Map of where the omnidirectional robot gets to in ky10, a town that wntr brings along.
+
+    python benchmarks/reach_town.py --out DIR
+
+Imports the town, maps the reach from six openings with a battery of 60 W h, as the commands of the
+README do, and writes the picture. Prints what is reached and what stops the robot.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+from wntr.library import ModelLibrary
+
+import omnitrack_sim as ot
+
+OPENINGS = ("J-100", "J-553", "J-504", "J-454", "J-289", "J-639")
+"""Of some 20 nodes with pipes of 6 inches those from which most is inspected."""
+BATTERY = 60.0
+"""W h."""
+
+
+def main() -> None:
+    """Write the picture and print what stands beside it."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    network = ot.import_network(ModelLibrary().get_filepath("ky10")).network
+    passport = ot.load_passport("omnitrack")
+    reach = ot.map_reach(network, passport, OPENINGS, supply=ot.Supply(BATTERY))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    ot.plot_reach(reach, arguments.out / "reach_ky10.png")
+    stops: Counter[str] = Counter()
+    for part in reach.parts:
+        # "bore 102 mm: ...", "wye, over the run (J-61): 0.97"
+        why = "other bores" if part.stopped_by.startswith("bore") else part.stopped_by
+        stops[why.partition(" (")[0]] += part.length * (1 - part.probability)
+    most = ", ".join(f"{why} ({length / 1000:.3g} km)" for why, length in stops.most_common(4))
+    print(
+        f"## reach\n\nFrom {len(OPENINGS)} openings the robot is expected to get to "
+        f"{reach.expected_length / 1000:.3g} of {reach.length / 1000:.3g} km. "
+        f"What keeps it from the rest: {most}."
+    )
+
+
+if __name__ == "__main__":
+    main()
