@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from pathlib import Path
+from textwrap import fill
 
 from wntr.library import ModelLibrary
 
@@ -34,15 +35,17 @@ def main() -> None:
     ot.plot_reach(reach, arguments.out / "reach_ky10.png")
     stops: Counter[str] = Counter()
     for part in reach.parts:
-        # "bore 102 mm: ...", "wye, over the run (J-61): 0.97"
-        why = "other bores" if part.stopped_by.startswith("bore") else part.stopped_by
-        stops[why.partition(" (")[0]] += part.length * (1 - part.probability)
+        # "bore 102 mm: ...", "battery: ...", "wye, over the run (J-61): 0.97"
+        why = part.stopped_by.partition(":")[0].partition(" (")[0]
+        why = "other bores" if why.startswith("bore") else why
+        stops[why] += part.length * (1 - part.probability)
     most = ", ".join(f"{why} ({length / 1000:.3g} km)" for why, length in stops.most_common(4))
-    print(
-        f"## reach\n\nFrom {len(OPENINGS)} openings the robot is expected to get to "
+    text = (
+        f"From {len(OPENINGS)} openings the robot is expected to get to "
         f"{reach.expected_length / 1000:.3g} of {reach.length / 1000:.3g} km. "
         f"What keeps it from the rest: {most}."
     )
+    print("## reach\n\n" + fill(text, 100))
 
 
 if __name__ == "__main__":
