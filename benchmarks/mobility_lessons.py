@@ -28,7 +28,7 @@ together pass {bores}.
 friction, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes {cost_inchworm} J/m,
 wheels {cost_wheels}.
 * **Joints in place of springs press hard.** Helix and snake press the wall with up to {force_helix}
-N and {force_snake} N, tracks with {force_tracks}. The presser's mean is that of one blow.
+N and {force_snake} N, tracks with {force_tracks}.
 * **A plane has to be found.** PIRATE, a planar chain, passes {elbows_pirate} elbows from any start
 roll; from the right one it [passes](../robots/pirate.md).
 
