@@ -24,13 +24,13 @@ whose rotor loses its grip, {over_screw}.
 snake, of 2 and 3.3 bores, {tight_long}; the helix of sixteen hinges {tight_helix}.
 * **A little compliance is enough for bores.** 3 % less or more, or 10 % behind a reducer: all
 together pass {bores}.
-* **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N whatever the
-friction, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes {cost_inchworm} J/m,
+* **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N, all that its
+spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes {cost_inchworm} J/m,
 wheels {cost_wheels}.
 * **Joints in place of springs press hard.** Helix and snake press the wall with up to {force_helix}
 N and {force_snake} N, tracks with {force_tracks}.
 * **A plane has to be found.** PIRATE, a planar chain, passes {elbows_pirate} elbows from any start
-roll; from the right one it [passes](../robots/pirate.md).
+roll and no branch of a tee; from the right roll it [passes both](../robots/pirate.md).
 
 For a main with branches the table leaves the omnidirectional robot, with {network_steered} random
 networks against {network_others}; for pulls without branches, wheels or clamps.

@@ -40,9 +40,11 @@ def main() -> None:
         why = "other bores" if why.startswith("bore") else why
         stops[why] += part.length * (1 - part.probability)
     most = ", ".join(f"{why} ({length / 1000:.3g} km)" for why, length in stops.most_common(4))
+    back = sum(part.length * part.back for part in reach.parts)
     text = (
         f"From {len(OPENINGS)} openings the robot is expected to get to "
-        f"{reach.expected_length / 1000:.3g} of {reach.length / 1000:.3g} km. "
+        f"{reach.expected_length / 1000:.3g} of {reach.length / 1000:.3g} km, and to come back "
+        f"from {back / 1000:.3g} km. "
         f"What keeps it from the rest: {most}."
     )
     print("## reach\n\n" + fill(text, 100))
