@@ -89,7 +89,7 @@ def _model(path: Path) -> Any:
     try:
         wntr = importlib.import_module("wntr")
     except ImportError as error:
-        problem = "is a file of EPANET, which wntr reads: pip install 'omnitrack-sim[town]'"
+        problem = "is a file of EPANET, which wntr reads: pip install 'omnitrack_sim[town]'"
         raise NetworkError(Fault(path.name, problem)) from error
     try:
         return wntr.network.WaterNetworkModel(str(path))
