@@ -25,8 +25,8 @@ snake, of 2 and 3.3 bores, {tight_long}; the helix of sixteen hinges {tight_heli
 * **A little compliance is enough for bores.** 3 % less or more, or 10 % behind a reducer: all
 together pass {bores}.
 * **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N, all that its
-spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes {cost_inchworm} J/m,
-wheels {cost_wheels}.
+spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes
+{cost_inchworm} J/m, wheels {cost_wheels}.
 * **Joints in place of springs press hard.** Helix and snake press the wall with up to {force_helix}
 N and {force_snake} N, tracks with {force_tracks}.
 * **A plane has to be found.** PIRATE, a planar chain, passes {elbows_pirate} elbows from any start
