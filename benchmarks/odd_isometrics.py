@@ -14,8 +14,8 @@ import re
 import sys
 
 from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.pipes.importing.isometric import build_plant
 from omnitrack_sim.pipes.importing.pcf import read_pcf
-from omnitrack_sim.pipes.importing.plant import build_plant
 
 PLANT = """ISOGEN-FILES ISOGEN.FLS
 UNITS-BORE INCH

@@ -30,8 +30,8 @@ from .pipes.fittings.reducer import Reducer as Reducer
 from .pipes.fittings.straight import Straight as Straight
 from .pipes.fittings.tee import Tee as Tee
 from .pipes.fittings.wye import Wye as Wye
+from .pipes.importing.importer import import_network as import_network
 from .pipes.importing.notes import Import as Import
-from .pipes.importing.reading import import_network as import_network
 from .pipes.map_difference import MapDifference as MapDifference
 from .pipes.map_difference import compare_maps as compare_maps
 from .pipes.network import Network as Network

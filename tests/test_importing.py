@@ -12,7 +12,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import length
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.building import build
-from omnitrack_sim.pipes.importing.drawing import Drawing, ImportSettings, Leg
+from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe, ImportSettings
 
 BORE = 0.16
 
@@ -25,7 +25,7 @@ def drawing(nodes: dict, pipes: list, bores: dict | None = None, **lines: list) 
         a, b = pair.split("-")
         inner = [np.array([*point, 0.0][:3], float) for point in lines.get(f"{a}_{b}", [])]
         points = np.array([places[a], *inner, places[b]])
-        legs[pair] = Leg(pair, pair, (a, b), points, (bores or {}).get(pair, BORE))
+        legs[pair] = DrawnPipe(pair, pair, (a, b), points, (bores or {}).get(pair, BORE))
     return Drawing(places, legs, {name: leg.length for name, leg in legs.items()})
 
 

@@ -15,8 +15,8 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.bores import true_bore
+from omnitrack_sim.pipes.importing.isometric import build_plant, network_pcf
 from omnitrack_sim.pipes.importing.pcf import read_pcf
-from omnitrack_sim.pipes.importing.plant import build_plant, network_pcf
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

@@ -125,7 +125,7 @@ def import_file(
 ) -> None:
     """A network of another program's file; what was assumed, mended and left out is listed."""
     from omnitrack_sim.base.writing import check_file, write_file
-    from omnitrack_sim.pipes.importing.reading import import_network
+    from omnitrack_sim.pipes.importing.importer import import_network
 
     if to_file is not None:
         check_file(to_file)
@@ -214,7 +214,7 @@ def _asked_route(
 
 def _text(net: Network, to_file: Path) -> str:
     """Return what a file of the network holds, by its ending."""
-    from omnitrack_sim.pipes.importing.plant import network_pcf
+    from omnitrack_sim.pipes.importing.isometric import network_pcf
     from omnitrack_sim.walls.export import network_geojson
 
     if to_file.suffix.lower() == ".pcf":

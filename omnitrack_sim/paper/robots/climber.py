@@ -17,7 +17,7 @@ from omnitrack_sim.paper.claim import (
     slip_of,
     verdict_of,
 )
-from omnitrack_sim.paper.robots.runs import runs_of, varied
+from omnitrack_sim.paper.robots.measuring import runs_of, varied
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.climber import Climber
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_radii

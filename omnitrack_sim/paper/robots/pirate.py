@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots.runs import runs_of
+from omnitrack_sim.paper.robots.measuring import runs_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.pirate import CABLE, FRONT, REAR, SIDES, Pirate
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots.runs import runs_of
+from omnitrack_sim.paper.robots.measuring import runs_of
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.presser import ARMS, Presser

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots.runs import runs_of, varied
+from omnitrack_sim.paper.robots.measuring import runs_of, varied
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.robot import GRAVITY

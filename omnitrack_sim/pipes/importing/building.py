@@ -22,7 +22,7 @@ from omnitrack_sim.pipes.importing.drawing import (
     without_straight,
 )
 from omnitrack_sim.pipes.importing.junctions import CannotBuildError, Junction, junction
-from omnitrack_sim.pipes.importing.notes import Import, Note, listed_once
+from omnitrack_sim.pipes.importing.notes import Import, ImportNote, listed_once
 from omnitrack_sim.pipes.network import Network, connected, origin_of
 
 ROUNDS = 12
@@ -121,7 +121,9 @@ def build(name: str, drawing: Drawing, settings: ImportSettings) -> Import:
     lengths = _compared(town)
     for pipe, (there, made) in lengths.items():
         if made and abs(made / there - 1) > NOTABLE:
-            notes.append(Note("mended", f"pipe {pipe}", f"is {made:.1f} m long, not {there:.1f} m"))
+            notes.append(
+                ImportNote("mended", f"pipe {pipe}", f"is {made:.1f} m long, not {there:.1f} m")
+            )
     return Import(parts.network(name), listed_once(notes), lengths)
 
 
@@ -186,21 +188,21 @@ def _moved(town: _Town, name: str, by: float) -> set[str]:
     return {node}
 
 
-def _notes(town: _Town) -> list[Note]:
+def _notes(town: _Town) -> list[ImportNote]:
     """Return what was changed, and what is left out."""
     notes = [
-        Note("mended", f"node {node}", made.problem)
+        ImportNote("mended", f"node {node}", made.problem)
         for node, made in town.junctions.items()
         if made.problem
     ]
     notes += [
-        Note("mended", f"node {node}", f"is moved by {by:.2f} m to make room for fittings")
+        ImportNote("mended", f"node {node}", f"is moved by {by:.2f} m to make room for fittings")
         for node, by in town.moved.items()
     ]
     for name, reason in town.left.items():
         where, _, problem = reason.partition(": ")
         pipe = town.drawing.legs[name].pipe
-        notes.append(Note("left out", f"pipe {pipe}", problem if pipe in where else reason))
+        notes.append(ImportNote("left out", f"pipe {pipe}", problem if pipe in where else reason))
     return notes
 
 
@@ -266,9 +268,9 @@ class _Parts:
         place = self.town.at_nodes[node].index((leg, end))
         return f"{self._nodes[node]}.{self.town.junctions[node].ports[place]}"
 
-    def keep_apart(self) -> list[Note]:
+    def keep_apart(self) -> list[ImportNote]:
         """Mend pipes that run into others or themselves, or leave them out; returns the notes."""
-        notes: dict[str, Note] = {}
+        notes: dict[str, ImportNote] = {}
         for attempt in range(ROUNDS):
             pairs = self._assembly().overlaps(MOST_OVERLAPS)
             if not pairs:
@@ -292,7 +294,7 @@ class _Parts:
             self.__init__(self.town)  # plates stand where pipes were left out
         return list(notes.values())
 
-    def _mend(self, name: str, other: str, attempt: int) -> Note:
+    def _mend(self, name: str, other: str, attempt: int) -> ImportNote:
         """Change a leg that runs into another, a node's fitting or itself; or leave it out."""
         drawing, pipe = self.town.drawing, f"pipe {self.town.drawing.legs[name].pipe}"
         leg = drawing.legs[name]
@@ -301,25 +303,27 @@ class _Parts:
             tolerance = 2.0**attempt
             points = without_straight(leg.points, tolerance)
             drawing.legs[name] = replace(leg, points=points)
-            note = Note("mended", pipe, f"folds back on itself: {tolerance:g} m straighter")
+            note = ImportNote("mended", pipe, f"folds back on itself: {tolerance:g} m straighter")
         elif attempt < ROUNDS // 2 and self._share_a_node(name, other):
             by = (attempt + 1) * self._depth(name, other)
             drawing.legs[name] = replace(leg, points=lowered(leg.points, by))
             problem = f"lies in pipe {drawing.legs[other].pipe}: is laid below it"
-            note = Note("mended", pipe, problem)
+            note = ImportNote("mended", pipe, problem)
         elif attempt < ROUNDS // 2:
             line = drawing.legs[other].points if other in drawing.legs else None
             by = self._depth(name, other)
             if (points := under(leg.points, line, drawing.nodes.get(other), by)) is not None:
                 drawing.legs[name] = replace(leg, points=points)
-                note = Note("mended", pipe, f"crosses {other} without a node: passes under it")
+                note = ImportNote(
+                    "mended", pipe, f"crosses {other} without a node: passes under it"
+                )
         if note is None or self.town.make_chain(name) > 0:
             self.town.chains.pop(name, None)
             self.town.left[name] = f"{pipe}: runs into {other}"
-            return Note("left out", pipe, f"runs into {other}")
+            return ImportNote("left out", pipe, f"runs into {other}")
         return note
 
-    def _without(self, node: str, other: str) -> dict[str, Note]:
+    def _without(self, node: str, other: str) -> dict[str, ImportNote]:
         """Leave out a node, whose fitting runs into another's, with its pipes; returns notes."""
         self.town.junctions.pop(node, None)
         notes = {}
@@ -327,7 +331,7 @@ class _Parts:
             self.town.chains.pop(name, None)
             self.town.left[name] = f"node {node}: runs into {other}"
             pipe = f"pipe {self.town.drawing.legs[name].pipe}"
-            notes[name] = Note("left out", pipe, f"node {node} runs into {other}")
+            notes[name] = ImportNote("left out", pipe, f"node {node} runs into {other}")
         return notes
 
     def _share_a_node(self, name: str, other: str) -> bool:

@@ -16,7 +16,7 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.base.table import Table, Unit
 from omnitrack_sim.pipes.assembly import between_lines
-from omnitrack_sim.pipes.importing.notes import Note
+from omnitrack_sim.pipes.importing.notes import ImportNote
 
 ROOM_AT_PUMP = 0.5
 """By how much a pipe ends before a pump or valve that is drawn as a point, m."""
@@ -42,7 +42,7 @@ class ImportSettings(Table):
 
 
 @dataclass(frozen=True)
-class Leg:
+class DrawnPipe:
     """A pipe of a drawing.
 
     Attributes:
@@ -68,7 +68,7 @@ class Leg:
         first, second = (self.points[0], self.points[1]) if end == 0 else self.points[[-1, -2]]
         return unit(second - first)
 
-    def cut(self, at: float, name: str, node: str) -> tuple[Leg, Leg]:
+    def cut(self, at: float, name: str, node: str) -> tuple[DrawnPipe, DrawnPipe]:
         """Return the pieces up to a distance ``at`` m along it, and from there, at a new node."""
         s = np.append(0.0, np.cumsum(length(np.diff(self.points, axis=0))))
         k = min(int(np.searchsorted(s, at)), len(s) - 1)
@@ -93,10 +93,10 @@ class Drawing:
     """
 
     nodes: dict[str, Array]
-    legs: dict[str, Leg]
+    legs: dict[str, DrawnPipe]
     lengths: dict[str, float] = field(default_factory=dict)
     open_ends: set[str] = field(default_factory=set)
-    notes: list[Note] = field(default_factory=list)
+    notes: list[ImportNote] = field(default_factory=list)
 
     def at_nodes(self) -> dict[str, list[tuple[str, int]]]:
         """Return the legs at each node, each with the end that is there, 0 or 1."""
@@ -129,7 +129,7 @@ class Drawing:
         self.nodes |= {one: first.points[-1], other: second.points[0]}
         self.legs |= {name: first, second.name: second}
         self.notes.append(
-            Note("mended", f"pipe {leg.pipe}", "is closed: a plate stands in its middle")
+            ImportNote("mended", f"pipe {leg.pipe}", "is closed: a plate stands in its middle")
         )
 
     def split_crowds(self) -> None:
@@ -160,7 +160,7 @@ class Drawing:
         problem = (
             f"joins {len(here)} pipes: pipe {leg.pipe} leaves pipe {line.pipe} {at:.2f} m beside it"
         )
-        self.notes.append(Note("mended", f"node {node}", problem))
+        self.notes.append(ImportNote("mended", f"node {node}", problem))
         if host_end == 1:
             # The piece at the node is now the second one.
             others = [(name, 1) if o == (host, 1) else o for o in others]

@@ -11,8 +11,8 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, length
 from omnitrack_sim.pipes.importing.bores import true_bore
-from omnitrack_sim.pipes.importing.drawing import Drawing, ImportSettings, Leg
-from omnitrack_sim.pipes.importing.notes import Note
+from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe, ImportSettings
+from omnitrack_sim.pipes.importing.notes import ImportNote
 
 FOOT = 0.3048
 """Length of a foot, m."""
@@ -41,12 +41,12 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
     }
     if not lines:
         raise NetworkError(Fault(path.name, "has no pipes"))
-    notes: list[Note] = []
+    notes: list[ImportNote] = []
     scale = _scale(path, model, lines, settings, notes)
     # Far from the origin positions would lose digits.
     middle = scale * np.mean(list(flat.values()), axis=0).round()
     notes.append(
-        Note("assumed", "the map", f"{middle[0]:.0f} m, {middle[1]:.0f} m is its origin here")
+        ImportNote("assumed", "the map", f"{middle[0]:.0f} m, {middle[1]:.0f} m is its origin here")
     )
     heights = _heights(model, {n: scale * line for n, line in lines.items()}, notes)
     nodes = {name: np.append(scale * place - middle, heights[name]) for name, place in flat.items()}
@@ -56,23 +56,23 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
         ends = pipe.start_node_name, pipe.end_node_name
         points = _in_space(scale * lines[name] - middle, nodes[ends[0]][2], nodes[ends[1]][2])
         if ends[0] == ends[1] or length(np.diff(points, axis=0)).sum() < SHORTEST:
-            notes.append(Note("left out", f"pipe {name}", "begins where it ends"))
+            notes.append(ImportNote("left out", f"pipe {name}", "begins where it ends"))
             continue
         bore = true_bore(float(pipe.diameter), settings.schedule)
         drawing.lengths[name] = float(pipe.length)
-        drawing.legs[name] = Leg(name, name, ends, points, bore)
+        drawing.legs[name] = DrawnPipe(name, name, ends, points, bore)
         if str(pipe.initial_status) == "Closed" or pipe.check_valve:
             drawing.close(name)
     for name, link in model.links():
         if link.link_type != "Pipe":
             problem = f"is a {link.link_type.lower()}, between closed ends"
-            notes.append(Note("left out", f"link {name}", problem))
+            notes.append(ImportNote("left out", f"link {name}", problem))
             drawing.part(link.start_node_name, link.end_node_name)
     notes += _assumptions(settings)
     return drawing
 
 
-def _assumptions(settings: ImportSettings) -> list[Note]:
+def _assumptions(settings: ImportSettings) -> list[ImportNote]:
     """Return what EPANET does not know."""
     bores = f"those of schedule {settings.schedule}" if settings.schedule else "those of the file"
     told = {
@@ -81,7 +81,7 @@ def _assumptions(settings: ImportSettings) -> list[Note]:
         "bores": f"are {bores}",
         "profiles": "rise evenly between two nodes",
     }
-    return [Note("assumed", where, problem) for where, problem in told.items()]
+    return [ImportNote("assumed", where, problem) for where, problem in told.items()]
 
 
 def _model(path: Path) -> Any:
@@ -99,7 +99,11 @@ def _model(path: Path) -> Any:
 
 
 def _scale(
-    path: Path, model: Any, lines: dict[str, Array], settings: ImportSettings, notes: list[Note]
+    path: Path,
+    model: Any,
+    lines: dict[str, Array],
+    settings: ImportSettings,
+    notes: list[ImportNote],
 ) -> float:
     """Return the length of a unit of the coordinates, m, and note it."""
     pipes = dict(model.pipes())
@@ -120,7 +124,7 @@ def _scale(
             "length; give a scale, and pipes are as long as drawn"
         )
         raise NetworkError(Fault(path.name, problem))
-    notes.append(Note("assumed", "the map", f"a unit of its coordinates is {scale:.6g} m"))
+    notes.append(ImportNote("assumed", "the map", f"a unit of its coordinates is {scale:.6g} m"))
     return scale
 
 
@@ -129,7 +133,7 @@ def _flat(line: Array) -> Array:
     return np.column_stack([line, np.zeros(len(line))])
 
 
-def _heights(model: Any, lines: dict[str, Array], notes: list[Note]) -> dict[str, float]:
+def _heights(model: Any, lines: dict[str, Array], notes: list[ImportNote]) -> dict[str, float]:
     """Return the height of each node, m; of one whose pipes would all be steep, that of those
     around it."""
     heights = {}
@@ -151,7 +155,7 @@ def _heights(model: Any, lines: dict[str, Array], notes: list[Note]) -> dict[str
             problem = (
                 f"its pipes would be steep at {given[name]:.1f} m: lies at {heights[name]:.1f} m"
             )
-            notes.append(Note("mended", f"node {name}", problem))
+            notes.append(ImportNote("mended", f"node {name}", problem))
     return heights
 
 

@@ -11,7 +11,7 @@ from omnitrack_sim.pipes.network import Network
 Remedy = Literal["assumed", "mended", "left out"]
 
 
-class Note(NamedTuple):
+class ImportNote(NamedTuple):
     """One thing that the network is not as the file has it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Import:
     """
 
     network: Network
-    notes: tuple[Note, ...]
+    notes: tuple[ImportNote, ...]
     lengths: Mapping[str, tuple[float, float]]
 
     @property
@@ -51,11 +51,11 @@ class Import:
         there, built = (sum(column) for column in zip(*self.lengths.values(), strict=True))
         return built / there
 
-    def of(self, remedy: Remedy) -> list[Note]:
+    def of(self, remedy: Remedy) -> list[ImportNote]:
         """Return the notes of one remedy."""
         return [note for note in self.notes if note.remedy == remedy]
 
 
-def listed_once(notes: Iterable[Note]) -> tuple[Note, ...]:
+def listed_once(notes: Iterable[ImportNote]) -> tuple[ImportNote, ...]:
     """Return notes in order, each once."""
     return tuple(dict.fromkeys(notes))

@@ -227,13 +227,13 @@ class Helix(Robot):
         """See ``Robot``: the helix presses against the wall."""
         return self.angles(0.0, self.twist - self.squeeze)
 
-    def controller(self) -> Rolling:
+    def controller(self) -> Serpenoid:
         """Return the controller of the gait, which needs the time alone."""
-        return Rolling(self)
+        return Serpenoid(self)
 
 
 @dataclass(frozen=True)
-class Rolling:
+class Serpenoid:
     """The compound serpenoid whose phase grows with time.
 
     Attributes:

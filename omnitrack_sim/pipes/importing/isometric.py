@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.fittings.reducer import Reducer
 from omnitrack_sim.pipes.fittings.straight import Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
 from omnitrack_sim.pipes.fittings.wye import LEAST_BRANCH, Wye
-from omnitrack_sim.pipes.importing.notes import Import, Note
+from omnitrack_sim.pipes.importing.notes import Import, ImportNote
 from omnitrack_sim.pipes.importing.pcf import (
     SLACK,
     Component,
@@ -59,7 +59,7 @@ class _Plant:
     """
 
     placed: list[Placed]
-    notes: list[Note]
+    notes: list[ImportNote]
     names: set[str]
 
     def add(self, component: Component, fitting: Fitting, pose: Pose, more: str = "") -> None:
@@ -75,7 +75,9 @@ class _Plant:
 
     def note(self, remedy: Any, component: Component, problem: str) -> None:
         """Add a note about a component."""
-        self.notes.append(Note(remedy, f"line {component.line}", f"{component.kind} {problem}"))
+        self.notes.append(
+            ImportNote(remedy, f"line {component.line}", f"{component.kind} {problem}")
+        )
 
 
 def build_plant(name: str, isometric: Isometric) -> Import:
@@ -86,7 +88,7 @@ def build_plant(name: str, isometric: Isometric) -> Import:
     """
     schedule = isometric.schedule
     what = "as in the file" if schedule == "none" else f"those of schedule {schedule}"
-    plant = _Plant([], [Note("assumed", "bores", f"are {what}")], set())
+    plant = _Plant([], [ImportNote("assumed", "bores", f"are {what}")], set())
     ways: list[tuple[Component, Array, Array]] = [
         (component, point.place, way) for component, point, way in neighbours(isometric.components)
     ]

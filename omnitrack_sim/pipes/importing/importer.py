@@ -14,9 +14,9 @@ from omnitrack_sim.pipes.importing.bores import check_schedule
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.drawing import ImportSettings
 from omnitrack_sim.pipes.importing.epanet import read_epanet
+from omnitrack_sim.pipes.importing.isometric import build_plant
 from omnitrack_sim.pipes.importing.notes import Import
 from omnitrack_sim.pipes.importing.pcf import read_pcf
-from omnitrack_sim.pipes.importing.plant import build_plant
 
 MOST_BYTES = 20_000_000
 """Of an isometric: a plant of 100,000 components."""
