@@ -1,8 +1,5 @@
 """Bounds on the work that a file may ask for: what is refused, where, and what is still allowed."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -21,7 +18,6 @@ PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}
 PIECES = {"collider": "primitives"}
 FINE = {"physics": {"timestep": 1e-6, "control_period": 1e-6}, "record": {"period": 1e-6}}
-SCENARIOS_MD = Path(__file__).parents[1] / "docs" / "reference" / "scenarios.md"
 
 
 def _faults(read, data, error: type[InputError]) -> dict[str, str]:
@@ -243,13 +239,3 @@ def test_a_random_network_of_senseless_sizes_is_refused(change, where):
     """Sizes that no network can have, or that would fill the memory."""
     given = {"fittings": 8} | change
     assert where in _faults(lambda more: ot.random_network(1, **more), given, NetworkError)
-
-
-def test_every_bound_stands_in_the_documents_with_its_figure():
-    """scenarios.md has a row for each bound, with the figure that holds."""
-    rows = re.findall(
-        r"^\| `(\w+)` \| ([\d,.e-]+) ?[^|]* \|", SCENARIOS_MD.read_text(), re.MULTILINE
-    )
-    told = {name: float(figure.replace(",", "")) for name, figure in rows if name.isupper()}
-    figures = {name: value for name, value in vars(bounds).items() if name.isupper()}
-    assert told == figures

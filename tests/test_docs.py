@@ -1,6 +1,5 @@
 """What the documents show, runs."""
 
-import json
 import re
 import runpy
 import shlex
@@ -8,13 +7,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from documents import page
+from documents import page, tables
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
 from typer.main import get_command
 
 import omnitrack_sim
-from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.naming import (
     shipped_networks,
     shipped_policies,
@@ -22,7 +19,6 @@ from omnitrack_sim.base.naming import (
     shipped_studies,
     shipped_sweeps,
 )
-from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import assignment
 from omnitrack_sim.paper.open_loop import PaperTable
@@ -30,22 +26,13 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels, metrics
-from omnitrack_sim.record.metrics import ESTIMATE_METRICS, ESTIMATES
 from omnitrack_sim.robots.control import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
-    ControlTable,
-    MonitorTable,
-    PhysicsTable,
     Pipe,
-    PullTable,
-    RecordTable,
-    RunTable,
-    StartTable,
-    WorldTable,
 )
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.trials.axes import AXES
@@ -144,6 +131,7 @@ def test_networks_and_their_keys_are_documented():
     text = page("networks")
     for name in shipped_networks():
         assert f"`{name}`" in text
+    text += page("scenarios")  # of the sizes of fittings
     schema = Network.model_json_schema()
     keys = {
         *schema["properties"],
@@ -276,118 +264,48 @@ def test_commands_that_pages_show_name_what_there_is(document):
             assert load_scenario(first, dict(map(assignment, given))), line
 
 
-def test_the_channel_page_holds_the_table_of_the_schema():
-    """The one table of channels.md is what the schema prints, row by row."""
-    lines = page("channels").splitlines()
-    assert [line for line in lines if line.startswith("|")] == channels.table().splitlines()
+def test_marks_of_tables_name_tables_and_no_table_is_left_over():
+    """Each table that is made from the code has its place on one page, and every mark a table."""
+    marks = [
+        name for document in PAGES for name in tables.MARK.findall(document.read_text("utf-8"))
+    ]
+    assert sorted(marks) == sorted([*tables.MODELS, *tables.TABLES])
 
 
-def test_the_metric_page_holds_the_table_of_the_metrics():
-    """The one table of metrics.md is what the metrics print, and sweeps.md says which of
-    them the tables of sweeps leave out."""
-    lines = page("metrics").splitlines()
-    assert [line for line in lines if line.startswith("|")] == metrics.table().splitlines()
+def test_the_page_of_sweeps_says_which_metrics_its_tables_leave_out():
+    """All that are in no table, by name."""
     sweeps = page("sweeps")
     left_out = [metric.name for metric in metrics.METRICS if not metric.in_tables]
     assert [name for name in left_out if f"`{name}`" not in sweeps] == []
 
 
-def rows_below(heading: str, page: str) -> dict[str, list[str]]:
-    """The rows of the table below a heading of scenarios.md: cells by the key."""
-    section = page.partition(f"\n{heading}\n")[2].partition("\n#")[0]
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in section.splitlines()
-        if line[:3] == "| `"
-    ]
-    return {cells[0].strip("`"): cells[1:] for cells in rows}
-
-
-TABLES = {
-    "## `mission`": [Mission],
-    "## `start`": [StartTable],
-    "## `world`": [WorldTable],
-    "## `pull`": [PullTable],
-    "## `control`": [ControlTable],
-    "## `sensing`": [SensingTable],
-    "## `monitor`": [MonitorTable],
-    "## `record`": [RecordTable],
-    "## `physics`": [PhysicsTable],
-    "## `run`": [RunTable],
-}
-
-
-def test_channels_and_metrics_of_the_estimate_are_documented_as_they_are_declared():
-    """autonomy.md has a row for each, with unit and meaning."""
-    text = page("autonomy")
-    for thing in (*ESTIMATES, *ESTIMATE_METRICS):
-        assert f"\n| `{thing.name}` | {thing.unit} | {thing.meaning} |\n" in text
-
-
-LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
-
-
-def said(cell: str) -> str:
-    """What a cell of the page says, as it stands in the code: without links, as a sentence."""
-    text = LINK.sub(r"\1", re.sub(r" \(\[[^\]]*\]\([^)]*\)\)", "", cell))
-    return text[:1].upper() + text[1:].rstrip(".") + "."
-
-
-@pytest.mark.parametrize(("heading", "tables"), TABLES.items(), ids=list(TABLES))
-def test_keys_are_documented_as_they_are_declared(heading, tables):
-    """scenarios.md has a row for each key of a table, with the default, unit and meaning that
-    the code has, and no other row."""
+def test_tables_of_the_pages_are_those_of_the_code():
+    """A row has key, default, unit and meaning as the model declares them; a key of several kinds
+    of fitting names them."""
     text = page("scenarios")
-    rows = rows_below(heading, text)
-    keys = {
-        key: (table, info.get_default(call_default_factory=True))
-        for table in tables
-        for key, info in table.model_fields.items()
-    }
-    keys = {key: told for key, told in keys.items() if not isinstance(told[1], BaseModel)}
-    assert set(rows) == set(keys)
-    for key, (table, value) in keys.items():
-        default, unit, meaning = rows[key]
-        if value in (None, (), PydanticUndefined):
-            assert default in ("", "none"), key
-        else:
-            assert json.loads(default) == (list(value) if isinstance(value, tuple) else value), key
-        assert unit == symbol_of(table, key), key
-        assert said(meaning) == meanings_of(table)[key], key
-
-
-def test_keys_of_pipes_are_documented_as_they_are_declared():
-    """Each kind of fitting has its keys in the table of pipes, with unit and meaning."""
-    text = page("scenarios")
-    section = text.partition("\n## `pipes`\n")[2].partition("\n#")[0]
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in section.splitlines()
-        if line[:3] == "| `"
-    ]
-    for kind in shipped_fittings():
-        table = table_of(kind, Pipe)
-        own = {row[0].strip("`"): row[3:] for row in rows if row[1] == "all" or kind in row[1]}
-        assert set(own) == set(table.model_fields)
-        for key, (unit, meaning) in own.items():
-            assert unit == symbol_of(table, key), key
-            assert said(meaning) == meanings_of(table)[key], key
+    for row in (
+        "| `cruise_speed` | 0.1 | m/s | Speed of the robot's centre, in turns as well. |",
+        "| `mean_radius` | elbow | 0.24 | m | Of the axis, at least the pipe radius. |",
+        "| `length` | cap, straight |  | m | Along the axis. |",
+        "| `turn_deg` | all | 0.0 | deg | Rotation about the joint's axis; elbows in a row without "
+        "it stay in one plane. |",
+    ):
+        assert f"\n{row}\n" in text
+    assert channels.table() in page("channels") + "\n"
+    assert metrics.table() in page("metrics")
 
 
 def test_every_table_of_parameters_and_sensors_is_documented():
     """scenarios.md has a section, with its table, for each table of the shipped controllers and of
     the sensors."""
-    text = page("scenarios")
-    for controller in (controller_of(kind, CONTROLLERS) for kind in CONTROLLERS):
-        for key, info in parameters_model(controller).model_fields.items():
-            value = info.get_default(call_default_factory=True)
-            mark = f"\n<!-- keys: control.parameters.{key} -->\n"
-            assert not isinstance(value, BaseModel) or mark in text
-    for key, value in SensingTable():
-        mark = f"\n<!-- keys: sensing.{key} -->\n"
-        assert not isinstance(value, BaseModel) or mark in text
-    for name in ("paper", "driven", "policy"):
-        assert f"\n<!-- keys: {name} -->\n" in text
+    named = {
+        f"control.parameters.{key}"
+        for controller in (controller_of(kind, CONTROLLERS) for kind in CONTROLLERS)
+        for key, info in parameters_model(controller).model_fields.items()
+        if isinstance(info.get_default(call_default_factory=True), BaseModel)
+    }
+    named |= {f"sensing.{key}" for key, value in SensingTable() if isinstance(value, BaseModel)}
+    assert named <= set(tables.MODELS)
     assert PaperTable().alignment == FeedbackTable().alignment
 
 

@@ -12,8 +12,8 @@ import shutil
 from pathlib import Path
 
 from commands import write_commands
-from keys import with_tables
 from reference import write_reference
+from tables import with_tables
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -3,7 +3,7 @@
 They are far beyond what the robot is for, pipes of some metres to some hundred metres driven in
 minutes to hours, and catch a figure of the wrong size (a time step of 1e-9 s, millimetres for
 metres) before it fills the memory or runs for years. Whoever needs more splits the work into
-several files. docs/reference/scenarios.md lists them.
+several files.
 """
 
 from __future__ import annotations

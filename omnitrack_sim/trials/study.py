@@ -57,7 +57,13 @@ it goes on, or stops earlier."""
 
 
 class StudyFile(SearchPlan):
-    """A study file as it is written. docs/how-to/optimise.md explains the keys."""
+    """A study file as it is written; docs/how-to/optimise.md has an example.
+
+    Attributes:
+        name: names the folder below `out/`; the file's own name if left out.
+        trials: what every candidate is put through: sweeps, at least one.
+        final: the check of the best candidates.
+    """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     trials: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, max_length=100)]

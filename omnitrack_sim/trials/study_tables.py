@@ -26,10 +26,11 @@ class Variable(PathTable):
     """A value of the scenarios that is varied between two bounds.
 
     Attributes:
-        path: dotted path of the value, or several that all take it.
+        path: dotted path of a number in all base scenarios, or several that all take the value;
+            `*` as in sweeps.
         low: lower bound, included.
         high: upper bound, included.
-        scale: steps are alike by difference ("linear") or by ratio ("log").
+        scale: "linear": steps are alike by difference; "log": by ratio.
         start: where the search begins; none: the value of the first base scenario if it lies
             within the bounds, else the middle.
         whole: only whole numbers are tried; none: if the value of the base scenario is one.
@@ -81,14 +82,16 @@ class Objective(Table):
     """Objective of a search: a metric of trials made one number, or their success rate.
 
     Attributes:
-        metric: a metric of runs, ``duration_s``, ``attempts`` or ``success_rate``.
-        goal: which way is better.
+        metric: a metric of a sweep, also one of your own, `duration_s`, `attempts`, `falls`, or
+            `success_rate`, the part of the trials that reached the goal.
+        goal: "minimise" or "maximise".
         name: of its columns; none: the metric.
         trials: name of the trials that count; none: all of the study.
-        module: for metrics that have one value a module.
+        module: for metrics that have one value a module: 1, 2, 3, "mean", "max", "min" or "sum".
         aggregate: what becomes of the values of the trials: "mean", "median", "min", "max", or a
             percentile such as "p95"; none: the mean.
-        failed: what a trial counts in which the robot did not reach the goal.
+        failed: what a trial in which the robot failed counts: nothing ("leave_out"), its value
+            ("count") or the worst ("worst"); none: nothing.
         worst: what a trial without a value counts; none: infinitely bad.
         limit: the worst value that a candidate may have.
         weight: how much it counts beside the others; with 0 its limit alone counts.
@@ -130,7 +133,7 @@ class Final(Table):
         candidates: how many of the best are checked for each direction of the search; with 0 there
             is no check.
         samples: draws of the random axes; none: as many as in the search.
-        seed: of the draws.
+        seed: of the draws; the second table of trials has the next one, and so on.
     """
 
     candidates: Annotated[int, Field(ge=0, le=100)] = 3
@@ -143,9 +146,10 @@ class SearchPlan(Table):
 
     Attributes:
         variables: what is varied.
-        objectives: what is asked for.
+        objectives: what is asked for, at most ten.
         generations: how often each search asks for candidates.
-        population: how many it asks for; none: 4 + 3 ln(number of variables), as CMA-ES has it.
+        population: how many it asks for, at least 4; more of them bear more noise; none:
+            4 + 3 ln(number of variables), as CMA-ES has it.
         directions: how many searches there are, each for another weighing of the objectives; none:
             1 for one objective, else twice their number and 1.
         step: standard deviation of the first candidates about the start, as part of the range.

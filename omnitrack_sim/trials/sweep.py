@@ -58,7 +58,21 @@ FOR_THE_RECORD = ("name", "group_by", "set")
 
 
 class _SweepTable(Table):
-    """The keys that a sweep file and a resolved sweep share."""
+    """The keys that a sweep file and a resolved sweep share.
+
+    Attributes:
+        name: names the folder below `out/`; a file's own name if left out.
+        seed: of the draws.
+        samples: draws of the random axes for each combination of the crossed ones.
+        sampling: how they are drawn: "random", "latin_hypercube" or "sobol" (scrambled; balanced
+            when `samples` is a power of two).
+        draws: "common": every combination of the crossed axes gets the same draws;
+            "independent": each its own.
+        batch: trials of a batch, and of a part file.
+        group_by: axes by whose values the summary counts; left out: list axes of up to 12 values
+            and grid axes of up to 24.
+        axes: what is varied.
+    """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -71,7 +85,13 @@ class _SweepTable(Table):
 
 
 class SweepFile(_SweepTable):
-    """A sweep file as it is written. docs/how-to/sweeps.md explains the keys."""
+    """A sweep file as it is written; docs/how-to/sweeps.md has an example.
+
+    Attributes:
+        base: a scenario, or a list of scenarios, by name or by path relative to this file; of a
+            list the first crossed axis is called `base`.
+        set: changes of the base, by dotted path.
+    """
 
     base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
     set: dict[str, Any] = Field(default_factory=dict)

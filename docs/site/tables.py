@@ -1,0 +1,190 @@
+"""Tables of pages that are made from the code, which says each row once.
+
+    python docs/site/tables.py docs/reference/scenarios.md
+
+prints a page with its tables.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined, to_jsonable_python
+
+from omnitrack_sim.autonomy.mission import Mission
+from omnitrack_sim.base.reading import KINDS
+from omnitrack_sim.base.table import meanings_of, symbol_of
+from omnitrack_sim.cli.complete import comment
+from omnitrack_sim.gym.options import EnvOptions
+from omnitrack_sim.gym.reward import TERMS
+from omnitrack_sim.paper.open_loop import PaperTable
+from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
+from omnitrack_sim.record import channels, metrics
+from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
+from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.motors import Motor
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, PolicyTable
+from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS
+from omnitrack_sim.robots.tail import Tether
+from omnitrack_sim.scenario.tables import (
+    ControlTable,
+    MonitorTable,
+    PhysicsTable,
+    Pipe,
+    PullTable,
+    RecordTable,
+    RunTable,
+    StartTable,
+    WorldTable,
+)
+from omnitrack_sim.senses.settings import SensingTable
+from omnitrack_sim.trials.study import StudyFile
+from omnitrack_sim.trials.study_tables import Final, Objective, Variable
+from omnitrack_sim.trials.sweep import SweepFile
+
+MARK = re.compile(r"^<!-- table: (.+) -->$", re.MULTILINE)
+Row = tuple[str, ...]
+
+
+def subtables(name: str, model: BaseModel) -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the name and type of each table within a table."""
+    for key, value in model:
+        if isinstance(value, BaseModel):
+            yield f"{name}.{key}", type(value)
+
+
+MODELS: dict[str, type[BaseModel]] = {
+    "mission": Mission,
+    "start": StartTable,
+    "world": WorldTable,
+    "pull": PullTable,
+    "robot.tether": Tether,
+    "robot.motor": Motor,
+    "control": ControlTable,
+    **dict(subtables("control.parameters", FeedbackTable())),
+    "control.parameters.paper": PaperTable,
+    "control.parameters.driven": DrivenTable,
+    "control.parameters.policy": PolicyTable,
+    "sensing": SensingTable,
+    **dict(subtables("sensing", SensingTable())),
+    "monitor": MonitorTable,
+    "record": RecordTable,
+    "physics": PhysicsTable,
+    "run": RunTable,
+    "sweep": SweepFile,
+    "study": StudyFile,
+    "study.variable": Variable,
+    "study.objective": Objective,
+    "study.final": Final,
+    "gym.options": EnvOptions,
+}
+"""Models by the names that pages have for their tables."""
+
+
+def table(head: Row, rows: Iterable[Row]) -> str:
+    """Return a table of Markdown."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ("---",) * len(head), *rows))
+
+
+def attributes_of(model: type[BaseModel]) -> dict[str, str]:
+    """Return the meanings of keys that stand under ``Attributes`` in a model's docstrings."""
+    texts = (inspect.cleandoc(one.__dict__.get("__doc__") or "") for one in model.__mro__)
+    blocks = "\n".join(text.partition("Attributes:\n")[2].partition("\n\n")[0] for text in texts)
+    named = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", blocks, re.MULTILINE)
+    return {key: " ".join(text.split()) for key, text in named}
+
+
+def rows_of(model: type[BaseModel]) -> Iterator[Row]:
+    """Yield key, default, unit and meaning of each key of a model, but for its subtables."""
+    meanings = attributes_of(model) | dict(meanings_of(model))
+    for key, info in model.model_fields.items():
+        default = info.get_default(call_default_factory=True)
+        if isinstance(default, BaseModel):
+            continue
+        absent = default in (None, (), {}) or default is PydanticUndefined
+        value = "" if absent else json.dumps(to_jsonable_python(default))
+        yield f"`{key}`", value, symbol_of(model, key), meanings[key]
+
+
+def rows_of_pipes() -> Iterator[Row]:
+    """Yield the keys of a pipe, each with the kinds of fitting that have it."""
+    kinds: dict[Row, list[str]] = {}
+    for kind in shipped_fittings():
+        for row in rows_of(table_of(kind, Pipe)):
+            kinds.setdefault(row, []).append(kind)
+    for (key, *rest), have in kinds.items():
+        yield key, "all" if len(have) == len(shipped_fittings()) else ", ".join(have), *rest
+
+
+def rows_of_files(noun: str) -> Iterator[Row]:
+    """Yield the shipped files of a kind, each with the comment at its head."""
+    (kind,) = (kind for kind in KINDS if kind.noun == noun)
+    for name, path in kind.shipped().items():
+        yield f"`{name}`", comment(path)
+
+
+def rows_of_features() -> Iterator[Row]:
+    """Yield what learners observe of the omnidirectional robot, with the least set that has it."""
+    for one in FEATURE_SETS["truth"]:
+        least = next(name for name, features in FEATURE_SETS.items() if one in features)
+        size, bounds = str(one.size), f"{one.low:.4g} to {one.high:.4g}"
+        yield f"`{one.name}`", size, one.unit, bounds, least, one.meaning
+
+
+KEYS = ("key", "default", "unit", "meaning")
+NAMED = ("name", "unit", "meaning")
+TABLES: dict[str, Callable[[], str]] = {
+    "scenarios": lambda: table(
+        ("scenario", "what it shows"),
+        (row for row in rows_of_files("scenario") if not row[0].startswith("`missions/")),
+    ),
+    "missions": lambda: table(
+        ("mission", "what it shows"),
+        (row for row in rows_of_files("scenario") if row[0].startswith("`missions/")),
+    ),
+    "networks": lambda: table(("network", "what it holds"), rows_of_files("network")),
+    "sweeps": lambda: table(("sweep", "what it answers"), rows_of_files("sweep")),
+    "studies": lambda: table(("study", "what it answers"), rows_of_files("study")),
+    "pipes": lambda: table(("key", "of", *KEYS[1:]), rows_of_pipes()),
+    "channels": lambda: channels.table().strip(),
+    "metrics": lambda: metrics.table().strip(),
+    "estimates": lambda: table(
+        NAMED,
+        (
+            (f"`{one.name}`", one.unit, one.meaning)
+            for one in (*metrics.ESTIMATES, *metrics.ESTIMATE_METRICS)
+        ),
+    ),
+    "gym.observations": lambda: table(
+        ("entry", "size", "unit", "range", "from", "meaning"), rows_of_features()
+    ),
+    "gym.reward": lambda: table(
+        ("term", "unit", "weight", "meaning"),
+        ((f"`{one.name}`", one.unit, f"{one.weight:g}", one.meaning) for one in TERMS.values()),
+    ),
+    "gym.trials": lambda: table(
+        ("value", "range"),
+        ((f"`{path}`", f"{low:g} to {high:g}") for path, (low, high) in Decisions.ranges.items()),
+    ),
+}
+"""Further tables by name."""
+
+
+def with_tables(text: str) -> str:
+    """Return a page with a table in the place of each mark."""
+    return MARK.sub(
+        lambda match: (
+            TABLES[match[1]]() if match[1] in TABLES else table(KEYS, rows_of(MODELS[match[1]]))
+        ),
+        text,
+    )
+
+
+if __name__ == "__main__":
+    print(with_tables(Path(sys.argv[1]).read_text(encoding="utf-8")), end="")
