@@ -18,7 +18,7 @@ from omnitrack_sim.trials import dispatch
 from omnitrack_sim.trials.bench import Bench, Course, suite_of
 from omnitrack_sim.trials.bench_run import FILES, page, rows_of, run_bench
 from omnitrack_sim.trials.controllers import DRY, _drawn
-from omnitrack_sim.trials.mobility import least_friction
+from omnitrack_sim.trials.mobility import least_friction, robot_of
 
 CONTROL = suite_of("control")
 
@@ -241,6 +241,27 @@ def test_courses_are_of_the_robots_size(outside):
     assert small.time_limit_s > large.time_limit_s / 2
 
 
+@pytest.mark.parametrize("kind", ["omnitrack", "presser", "pirate", "helix"])
+def test_a_similar_robot_for_another_bore(kind):
+    """Lengths grow with the bore, masses with its cube; a user's own name comes before it."""
+    own, small = (
+        robot_of(Bench.of("mobility", ["pull"], [source]).entries[0].changes)
+        for source in (kind, f"small={kind}@0.08")
+    )
+    factor = 0.08 / own.nominal_bore
+    assert small.nominal_bore == pytest.approx(0.08)
+    assert small.length == pytest.approx(factor * own.length)
+    assert small.mass == pytest.approx(factor**3 * own.mass)
+
+
+def test_fixed_sizes_do_not_scale(outside):
+    for source in ("snake@0.1", "slug.xml@0.1"):
+        with pytest.raises(InputError, match="sizes that are no parameters"):
+            Bench.of("mobility", ["pull"], [source])
+    with pytest.raises(InputError, match="no bore in metres"):
+        Bench.of("mobility", ["pull"], ["presser@-1"])
+
+
 def test_every_shipped_robot_has_every_course():
     """Or a reason why it does not fit; not one of them is an abort."""
     sweeps = Bench.of("mobility", quick=True).sweeps()
@@ -292,17 +313,17 @@ def test_a_wrong_change_is_no_misfit():
         bench.sweeps()
 
 
-def _results(out, workers: int) -> tuple[str, bytes]:
+def _results(out, workers: int) -> tuple[bytes, ...]:
     short = {"run.time_limit": 0.3}
     bench = Bench.of(
         "mobility", ["elbow_15", "straight_up_90"], ["presser"], trials=3, changes=short
     )
     run_bench(bench, out=out, workers=workers)
-    return tuple((out / name).read_bytes() for name in ("results.csv", "trials.parquet"))
+    return tuple((out / name).read_bytes() for name in FILES)
 
 
 def test_the_table_is_the_same_whoever_runs_it(tmp_path):
-    """By one process and two; and where some batches were lost."""
+    """By one process and two, and where some batches were lost: every file, to the byte."""
     whole = _results(tmp_path / "one", workers=1)
     (tmp_path / "one" / "trials" / "elbow_15" / "presser" / "parts").rename(tmp_path / "lost")
     (tmp_path / "one" / "results.csv").unlink()

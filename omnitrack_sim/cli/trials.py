@@ -163,7 +163,8 @@ def bench(
             "--robot",
             metavar="ROBOT",
             help="Beside the shipped ones: an MJCF file, module:Class or the name of a shipped "
-            "one; NAME= before it renames it. Repeat for several.",
+            "one; NAME= before it renames it, @BORE after it makes a similar robot for a bore in "
+            "metres. Repeat for several.",
         ),
     ] = None,
     controllers: Annotated[

@@ -35,7 +35,14 @@ from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.quantity import Parameter, QuantityModel, parameter_rows, quantity
+from omnitrack_sim.robots.quantity import (
+    Parameter,
+    QuantityModel,
+    froude_exponent,
+    parameter_rows,
+    quantity,
+    similar,
+)
 from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
@@ -226,6 +233,31 @@ class Robot(QuantityModel):
         """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
         with value, unit, provenance and source."""
         return [row for row in parameter_rows(self) if row.name != "tether"]
+
+    def similar_to(self, bore: float) -> dict[str, Any]:
+        """Return what to change, by dotted name, for a similar robot that is made for a bore of
+        ``bore`` m: at equal gravity masses and forces grow with the cube of lengths, times with
+        their root."""
+        factor = bore / self.nominal_bore
+        return {
+            row.name: similar(row.value, row.unit, factor)
+            for row in self.parameters()
+            if isinstance(row.value, int | float) and froude_exponent(row.unit)
+        }
+
+    def is_similar(self, other: Robot) -> bool:
+        """Whether what touches the wall is of the same form and, as a volume, as heavy."""
+        own, its = self._model, other._model
+        factor = other.nominal_bore / self.nominal_bore
+        touching = own.geom_contype | own.geom_conaffinity > 0
+        pairs = (
+            (own.geom_size[touching] * factor, its.geom_size[touching]),
+            (own.geom_pos[touching] * factor, its.geom_pos[touching]),
+            (own.body_pos * factor, its.body_pos),
+            (own.body_mass * factor**3, its.body_mass),
+        )
+        least = 1e-4 * min(factor, factor**3)
+        return all(np.allclose(a, b, rtol=0.01, atol=least) for a, b in pairs)
 
     # Size
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from omnitrack_sim.base.errors import InputError, ScenarioError
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.base.naming import shipped_courses
 from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
 from omnitrack_sim.base.table import Angle, NotNegative, Table, symbol_of
@@ -303,13 +303,15 @@ def entry_of(source: str, controller: str) -> Entry:
 
     Args:
         source: name of a shipped entry, an MJCF or URDF file, or ``module:Class``; ``NAME=`` before
-            it gives it another name. None: the package's own robot.
+            it gives it another name, ``@BORE`` after it makes a similar robot for a bore of so many
+            metres. None: the package's own robot.
         controller: kind of controller of that robot, or ``module:Class``; none: the robot's own.
 
     Raises:
         InputError: there is no such robot or controller, or it cannot be used.
     """
     name, is_renamed, what = (source or STANDARD).rpartition("=")
+    what, bore = _without_bore(what)
     shipped = shipped_entries()
     if what in shipped:
         entry = shipped[what]
@@ -320,12 +322,42 @@ def entry_of(source: str, controller: str) -> Entry:
     else:
         robot_class(what)
         entry = Entry(what.replace(":", "."), f"robot {what}", {"robot.kind": what})
+    if bore is not None:
+        entry = _resized(entry, bore)
     robot = robot_of(entry.changes)
     if controller:
         controller_of(controller, robot.controllers)
         changes = {**entry.changes, "control.kind": controller}
         entry = Entry(f"{entry.name}.{controller}".replace(":", "."), entry.words, changes)
     return entry.renamed(name if is_renamed else entry.name, source)
+
+
+def _without_bore(source: str) -> tuple[str, float | None]:
+    """Split ``ROBOT@BORE``; a file may have an ``@`` in its name."""
+    what, _, bore = source.rpartition("@")
+    try:
+        return (what, float(bore)) if what else (source, None)
+    except ValueError:
+        return source, None
+
+
+def _resized(entry: Entry, bore: float) -> Entry:
+    """Return the entry of a similar robot for a bore of ``bore`` m.
+
+    Raises:
+        InputError: the model has sizes that are no parameters, or there is no such bore.
+    """
+    robot = robot_of(entry.changes)
+    if not 0 < bore < math.inf:
+        raise InputError(Fault(f"entry {entry.name}", f"@{bore:g} is no bore in metres"))
+    new = {f"robot.{name}": value for name, value in robot.similar_to(bore).items()}
+    changes = {**entry.changes, **new}
+    made = robot_of(changes)
+    if not (math.isclose(made.nominal_bore, bore) and robot.is_similar(made)):
+        problem = "cannot be made for another bore: it has sizes that are no parameters with units"
+        raise InputError(Fault(f"entry {entry.name}", problem))
+    size = f"{1000 * bore:g} mm"
+    return Entry(f"{entry.name}_{size.replace(' ', '')}", f"{entry.words}, for {size}", changes)
 
 
 # Scores

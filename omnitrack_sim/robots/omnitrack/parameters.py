@@ -370,6 +370,14 @@ class Omnitrack(Robot):
         """The paper's cruise speed, m/s, in any bore."""
         return 0.1
 
+    def similar_to(self, bore: float) -> dict[str, Any]:
+        """See ``Robot``."""
+        return {"scale": self.scale_for(bore)}
+
+    def is_similar(self, other: Robot) -> bool:
+        """See ``Robot``: all that it is made of scales."""
+        return isinstance(other, type(self))
+
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
         return self.scale * bore / self.nominal_bore

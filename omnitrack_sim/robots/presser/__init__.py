@@ -55,7 +55,11 @@ class Presser(Robot):
         0.012, "m", "assumed", "of an arm beyond the wall; with 6 mm a wheel hangs in the air"
     )
     wheel_radius: Positive = quantity(0.024, "m", "assumed", "of the tyres")
+    tyre_width: Positive = quantity(0.014, "m", "assumed", "of the tyres")
     wheelbase: Positive = quantity(0.104, "m", "assumed", "between the wheels of an arm")
+    hull_length: Positive = quantity(
+        0.156, "m", "assumed", "from nose to tail; the hull is thinner or thicker in proportion"
+    )
     drum_mass: Positive = quantity(0.3, "kg", "assumed", "of the drum in the middle")
     core_mass: Positive = quantity(0.15, "kg", "assumed", "of the hull through the drum")
     beam_mass: Positive = quantity(0.03, "kg", "assumed", "of each of an arm's two beams")
@@ -70,6 +74,9 @@ class Presser(Robot):
         0.326, "N m s/rad", "derived", f"stall torque over no-load speed; {POLOLU}"
     )
     torque_limit: Positive = quantity(0.245, "N m", "derived", f"of a motor; {POLOLU}")
+    wheel_inertia: Positive = quantity(
+        4e-4, "kg m²", "assumed", "of a wheel with its motor behind the gears"
+    )
 
     controllers: ClassVar[Mapping[str, str]] = {
         "bend": "omnitrack_sim.robots.presser:BendSpeeds",
@@ -91,21 +98,30 @@ class Presser(Robot):
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
         pipe's axis."""
         spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("robot.xml")))
-        spec.geom("drum").mass, spec.geom("core").mass = self.drum_mass, self.core_mass
+        self._set_hull(spec)
         for k in range(3):
-            width = spec.geom(f"front_{k}").size[1]
             # A tyre of finite width touches the bore with its two edges.
-            reach = math.sqrt(self.bore**2 / 4 - width**2) - self.wheel_radius
+            reach = math.sqrt(self.bore**2 / 4 - self.tyre_width**2 / 4) - self.wheel_radius
             arm = spec.body(f"arm_{k}")
             arm.pos = reach * arm.pos / np.linalg.norm(arm.pos)
             self._set_guide(spec.joint(f"guide_{k}"))
             for beam in (spec.geom(f"left_{k}"), spec.geom(f"right_{k}")):
                 beam.mass = self.beam_mass
-                beam.size[2] *= self.wheelbase / 0.104  # that of the file
+                # Half of the wheelbase and the beam's end, as in the file.
+                beam.size[2] = self.wheelbase * 0.056 / 0.104
             for end, side in (("front", 1), ("rear", -1)):
                 spec.body(f"{end}_{k}").pos[2] = side * self.wheelbase / 2
                 self._set_wheel(spec, f"{end}_{k}")
         return spec
+
+    def _set_hull(self, spec: mujoco.MjSpec) -> None:
+        """Give the hull its size, and with it all that is fixed to it or to an arm."""
+        size = self.hull_length / 0.156  # that of the file
+        for geom in spec.geoms:
+            geom.size, geom.pos = size * geom.size, size * geom.pos
+        for fixed in (*spec.sites, *spec.cameras):
+            fixed.pos = size * fixed.pos
+        spec.geom("drum").mass, spec.geom("core").mass = self.drum_mass, self.core_mass
 
     def _set_guide(self, guide: mujoco.MjsJoint) -> None:
         """Give an arm's guide its spring and its stops."""
@@ -116,11 +132,9 @@ class Presser(Robot):
     def _set_wheel(self, spec: mujoco.MjSpec, name: str) -> None:
         """Give a wheel its tyre and its motor."""
         tyre, motor = spec.geom(name), spec.actuator(name)
-        tyre.size[0], tyre.mass, tyre.friction[0] = (
-            self.wheel_radius,
-            self.wheel_mass,
-            self.friction,
-        )
+        tyre.size = [self.wheel_radius, self.tyre_width / 2, 0]
+        tyre.mass, tyre.friction[0] = self.wheel_mass, self.friction
+        spec.joint(name).armature = self.wheel_inertia
         motor.set_to_velocity(kv=self.motor_gain)
         motor.forcerange = [-self.torque_limit, self.torque_limit]
 
