@@ -90,13 +90,12 @@ class Cell(NamedTuple):
 class Ended(NamedTuple):
     """What came of one trial: how it ended, and its figures in the order of ``FIGURES``."""
 
-    gravity: str
     passed: bool
     outcome: str
     figures: tuple[float, ...]
 
 
-FIGURES = ("slip, mm", "traction, N", "needed friction", "largest tilt", "exit tilt", "energy, J")
+FIGURES = ("slip, mm", "traction, N", "needed friction", "largest tilt", "energy, J")
 """Slip is the sum of the modules, traction the root mean square of the largest."""
 
 
@@ -131,11 +130,10 @@ def results(cell: Cell, orientations: Sequence[float]) -> list[ot.Result]:
 
 def drive(task: tuple[Cell, Sequence[float]]) -> list[Ended]:
     """What came of the trials of a cell."""
-    names = [name for name in GRAVITIES for _ in task[1]]
-    return [ended(name, run) for name, run in zip(names, results(*task), strict=True)]
+    return [ended(run) for run in results(*task)]
 
 
-def ended(gravity: str, result: ot.Result) -> Ended:
+def ended(result: ot.Result) -> Ended:
     """What came of one run."""
     metrics = {name: np.asarray(value) for name, value in result.metrics.items()}
     figures = (
@@ -143,11 +141,10 @@ def ended(gravity: str, result: ot.Result) -> Ended:
         metrics["traction_rms_n"].max(),
         needed_friction(result),
         metrics["tilt_max_deg"],
-        metrics["tilt_exit_deg"],
         metrics["energy_j"],
     )
     plain = tuple(float(value) for value in figures)
-    return Ended(gravity, result.success, result.outcome.value, plain)
+    return Ended(result.success, result.outcome.value, plain)
 
 
 def needed_friction(result: ot.Result) -> float:
@@ -197,13 +194,17 @@ def row(cell: Cell, found: Sequence[Ended]) -> str:
     return f"| {' | '.join([cell.way, rate(found), *cells, ends(found)])} |"
 
 
-def slippery_row(cell: Cell, found: Sequence[Ended]) -> str:
-    """One row of the table of slippery elbows: success by the direction of gravity."""
-    by = [[trial for trial in found if trial.gravity == name] for name in GRAVITIES]
-    counts = [f"{sum(t.passed for t in part)} of {len(part)}" for part in by]
-    slip = median([trial.figures[0] for trial in found])
-    columns = [f"{cell.friction:g}", cell.way, *counts, rate(found), f"{slip[0]:.0f} mm"]
-    return f"| {' | '.join([*columns, ends(found)])} |"
+def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[str]:
+    """Rows of the table of slippery elbows, one a friction: successes and median slip by drive."""
+    rows = []
+    for friction in sorted({cell.friction for cell in found} - {DRY}):
+        columns = [place, f"{friction:g}"]
+        for way in SLIPPERY_WAYS:
+            trials = found[Cell(place, way, friction)]
+            slip, *_ = median([trial.figures[0] for trial in trials])
+            columns.append(f"{sum(t.passed for t in trials)} of {len(trials)}; {slip:.0f} mm")
+        rows.append(f"| {' | '.join(columns)} |")
+    return rows
 
 
 def table(heads: Sequence[str], rows: Sequence[str]) -> str:
@@ -269,13 +270,11 @@ def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
     """Print all tables."""
     for place in ELBOWS | TEES:
         rows = [row(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
-        print(f"\n## {place}\n\nFriction {DRY}; figures of those that passed.\n")
+        print(f"\n## {place}\n")
         print(table(("drive", "passed", *FIGURES, "failures"), rows))
-    for place in ELBOWS:
-        slippery = [(c, f) for c, f in found.items() if c.place == place and c.friction != DRY]
-        rows = [slippery_row(c, f) for c, f in sorted(slippery, key=lambda one: one[0].friction)]
-        print(f"\n## {place}, slippery\n")
-        print(table(("friction", "drive", *GRAVITIES, "all", "slip", "failures"), rows))
+    print("\n## slippery elbows\n")
+    rows = [row for place in ELBOWS for row in slippery_rows(place, found)]
+    print(table(("elbow", "friction", *SLIPPERY_WAYS), rows))
 
 
 def main() -> None:

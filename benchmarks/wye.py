@@ -208,12 +208,10 @@ def row(cell: Cell, trials: Sequence[Ended]) -> str:
     again = sum(t.retries > 0 for t in passed)
     columns = [
         cell.way,
-        f"{cell.angle_deg:.0f} deg",
-        f"{cell.turn_deg:.0f} deg",
-        f"{1000 * cell.branch:.0f} mm",
+        f"{cell.angle_deg:.0f}" + ("" if cell.branch == BORE else f", {1000 * cell.branch:.0f} mm"),
         *walls,
         str(again),
-        f"{np.mean([t.duration for t in passed]):.1f} s" if passed else "-",
+        f"{np.mean([t.duration for t in passed]):.1f}" if passed else "-",
         ends,
     ]
     return f"| {' | '.join(columns)} |"
@@ -289,17 +287,7 @@ def _draw_wye(axes: Axes) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
 
 
-HEADS = (
-    "way",
-    "branch at",
-    "turn",
-    "branch bore",
-    "dry",
-    "wet",
-    "after backing off",
-    "time",
-    "failures",
-)
+HEADS = ("way", "branch, deg", *WALLS, "after backing off", "time, s", "failures")
 
 
 def main() -> None:
