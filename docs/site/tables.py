@@ -11,7 +11,7 @@ import inspect
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -44,6 +44,7 @@ from omnitrack_sim.scenario.tables import (
     WorldTable,
 )
 from omnitrack_sim.senses.settings import SensingTable
+from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key
 from omnitrack_sim.trials.study import StudyFile
 from omnitrack_sim.trials.study_tables import Final, Objective, Variable
 from omnitrack_sim.trials.sweep import SweepFile
@@ -129,6 +130,11 @@ def rows_of_files(noun: str) -> Iterator[Row]:
         yield f"`{name}`", comment(path)
 
 
+def keys_of(keys: Sequence[Key]) -> str:
+    """Return the keys of a window."""
+    return table(("key", "what it does"), ((key.name, key.meaning) for key in keys))
+
+
 def rows_of_features() -> Iterator[Row]:
     """Yield what learners observe of the omnidirectional robot, with the least set that has it."""
     for one in FEATURE_SETS["truth"]:
@@ -161,6 +167,9 @@ TABLES: dict[str, Callable[[], str]] = {
             for one in (*metrics.ESTIMATES, *metrics.ESTIMATE_METRICS)
         ),
     ),
+    "keys.view": lambda: keys_of(VIEW),
+    "keys.replay": lambda: keys_of(REPLAY),
+    "keys.drive": lambda: keys_of(DRIVE),
     "gym.observations": lambda: table(
         ("entry", "size", "unit", "range", "from", "meaning"), rows_of_features()
     ),
