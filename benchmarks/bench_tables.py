@@ -4,8 +4,8 @@ python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry
     [--trials N] [--workers N]
 
 Printed are the trials passed of each entry and course; of robots also what they are, what stopped
-them on each course, their figures over all courses, and what these teach; of controllers the means
-of each entry, and its paired differences to the default one, a table a course.
+them, their figures over all courses, and what these teach; of controllers the means of each entry,
+and its paired differences to the default one, a table a course.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from mobility_lessons import lessons
@@ -56,6 +57,11 @@ def by_course(rows: Sequence[Row], text: Any) -> str:
     return table(["course", *(f"`{entry}`" for entry in entries)], body)
 
 
+def passed_and_others(row: Row) -> str:
+    """Trials passed, and how the others ended."""
+    return f"{rate_of(row)}: {row['others']}" if row["trials"] and row["others"] else rate_of(row)
+
+
 def spread(row: Row, name: str, form: str) -> str:
     """A value with the ends of its interval."""
     ends = [row.get(f"{name}{end}") for end in ("", "_low", "_high")]
@@ -75,12 +81,15 @@ def measures(rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, 
 
 
 def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
-    """Print the robots, what was passed, what stopped each, and the figures over all courses."""
+    """Print the robots, what was passed and what stopped them, and figures over all courses."""
     print(f"## robots\n\n{robots(bench)}\n")
-    print(f"## passed\n\n{by_course(rows, rate_of)}\n")
-    hard = {row["course"] for row in rows if row["others"]}
-    stopped = [row for row in rows if row["course"] in hard]
-    print(f"## stopped\n\n{by_course(stopped, lambda row: row['others'] or '-')}\n")
+    single = [row for row in rows if row["course"] not in (ALL, PULL)]
+    hard = {row["course"] for row in single if row["others"] or not row["trials"]}
+    easy = dict.fromkeys(f"`{row['course']}`" for row in single if row["course"] not in hard)
+    print("## easy\n")
+    print(fill(f"All robots pass all trials of {', '.join(easy) or 'no course'}.", 100), "\n")
+    stopped = [row for row in single if row["course"] in hard]
+    print(f"## passed\n\n{by_course(stopped, passed_and_others)}\n")
     cells = {(row["course"], row["entry"]): row for row in rows}
     body = []
     for entry in bench.entries:
