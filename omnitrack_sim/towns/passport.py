@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.base.naming import shipped_passports
@@ -77,6 +78,10 @@ class ModelSettings:
         slack: by feature, how far outside the trials' range a point still counts as inside.
         leverage: how many times farther from the middle of the trials than the farthest of them a
             point may lie, in the measure of regression: combinations that nobody tried are unknown.
+        scatter: standard deviation of a cost's logarithm about its mean, which each pass counts
+            with that is missing from ``few``: typical of bends, tees and wyes.
+        least_cost: over the median, below which no cost counts: what is left of a run without its
+            straights may be nothing.
     """
 
     intercept: float = 10.0
@@ -84,6 +89,9 @@ class ModelSettings:
     quadratic: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
     slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015)
     leverage: float = 1.5
+    scatter: float = 0.4
+    few: int = 8
+    least_cost: float = 0.05
 
 
 SETTINGS, MODEL = PassportSettings(), ModelSettings()
@@ -98,6 +106,7 @@ class Estimate(NamedTuple):
         low, high: ends of its 95 % interval.
         seconds, joules, slip: means of a pass: s, J and m; in straights of a metre.
         seconds_std, joules_std: standard deviations from pass to pass.
+        seconds_error: standard error of the mean, which all passes of a kind share, s.
     """
 
     probability: Array
@@ -109,6 +118,7 @@ class Estimate(NamedTuple):
     slip: Array
     seconds_std: Array
     joules_std: Array
+    seconds_error: Array
 
     @property
     def is_known(self) -> NDArray[np.bool_]:
@@ -151,28 +161,43 @@ class KindTrials:
         basis = self._basis(points)
         logit = basis @ self._fit.coefficients
         std = np.sqrt(((basis @ self._fit.covariance) * basis).sum(axis=1))
-        means, deviations = self.cost(points)
+        means, deviations, errors = self.cost(points)
         ends = (_probability(logit + side * Z95 * std) for side in (-1, 1))
-        values = (_probability(logit), std, *ends, *means, *deviations[:2])
+        values = (_probability(logit), std, *ends, *means, *deviations[:2], errors[0])
         known = self._knows(points)
         return Estimate(*(np.where(known, value, np.nan) for value in values))
 
-    def cost(self, points: Array) -> tuple[Array, Array]:
-        """Return means and standard deviations (3, q) of the costs of a pass, also where nothing is
-        known."""
+    def cost(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return means, standard deviations and standard errors of the means (3, q) of the costs of
+        a pass, also where nothing is known.
+
+        Costs are lognormal, as what makes a pass long, such as slip and second attempts, multiplies
+        it: their logarithms are linear in the features.
+        """
         done = np.isfinite(self.costs).all(axis=1)
         if not done.any():
-            return np.full((3, len(points)), np.nan), np.full((3, len(points)), np.nan)
+            nothing = np.full((3, len(points)), np.nan)
+            return nothing, nothing, nothing
         basis, costs = self._linear(self.points[done]), self.costs[done]
-        middle = costs.mean(axis=0)
+        logs = np.log(np.maximum(costs, MODEL.least_cost * np.median(costs, axis=0) + 1e-9))
+        middle = logs.mean(axis=0)
         # A trial's weight for each coefficient but the constant: a few passes make no slope.
         ridge = np.diag([0.0, *[1.0] * (basis.shape[1] - 1)]) + 1e-9 * np.eye(basis.shape[1])
-        coefficients = np.linalg.solve(basis.T @ basis + ridge, basis.T @ (costs - middle))
-        residuals = costs - middle - basis @ coefficients
-        free = max(len(costs) - np.linalg.matrix_rank(basis), 1)
-        deviations = np.sqrt((residuals**2).sum(axis=0) / free)
-        means = middle + self._linear(points) @ coefficients
-        return means.T, np.repeat(deviations[:, None], len(points), axis=1)
+        inverse = np.asarray(np.linalg.inv(basis.T @ basis + ridge), float)
+        coefficients = inverse @ basis.T @ (logs - middle)
+        residuals = logs - middle - basis @ coefficients
+        free = max(len(costs) - float(np.trace(inverse @ basis.T @ basis)), 1.0)
+        variance = (residuals**2).sum(axis=0) / free
+        missing = max(1 - len(costs) / MODEL.few, 0.0)
+        variance = (1 - missing) * variance + missing * MODEL.scatter**2
+        there = self._linear(points)
+        means = np.exp(middle + there @ coefficients + variance / 2)
+        # Student's distribution, as a normal one of the same 95 %: few trials know it badly.
+        wide = float(stdtrit(max(free, 3.0), 0.975)) / Z95
+        deviations = means * np.sqrt(np.expm1(variance)) * wide
+        leverage = ((there @ inverse) * there).sum(axis=1)
+        errors = means * np.sqrt(variance) * np.sqrt(leverage)[:, None] * wide
+        return means.T, deviations.T, errors.T
 
     def effect(self, feature: int) -> float:
         """Return by how much a feature changes the logit over its range, others in the middle."""

@@ -158,7 +158,7 @@ class _Tables:
     Attributes:
         logs: logarithm of the probability; minus infinity where nothing is known.
         spread: (ways, frictions, pulls) standard deviation of that logarithm.
-        seconds, joules: of a pass. seconds_std, joules_std: of one.
+        seconds, joules: of a pass. seconds_std, joules_std: of one. seconds_error: of the mean.
         pulls: (pulls,) robot weights.
         reasons: why a way is unknown, by its row; "" where it is known.
     """
@@ -169,12 +169,13 @@ class _Tables:
     joules: Array
     seconds_std: Array
     joules_std: Array
+    seconds_error: Array
     pulls: Array
     reasons: list[str]
 
     def at(self, row: int, pull: float) -> list[Array]:
-        """Values (frictions,) of a way at a pull: logs, spread, seconds, joules and their standard
-        deviations."""
+        """Values (frictions,) of a way at a pull: logs, spread, seconds, joules, their standard
+        deviations, and the error of the mean seconds."""
         place = np.interp(pull, self.pulls, np.arange(len(self.pulls)))
         low = min(int(place), max(len(self.pulls) - 2, 0))
         high, part = min(low + 1, len(self.pulls) - 1), place - low
@@ -183,7 +184,7 @@ class _Tables:
             table[row, :, low]
             if part == 0
             else (1 - part) * table[row, :, low] + part * table[row, :, high]
-            for table in (*tables, self.seconds_std, self.joules_std)
+            for table in (*tables, self.seconds_std, self.joules_std, self.seconds_error)
         ]
 
 
@@ -196,7 +197,9 @@ class _Label:
             together, and of the worst straight, as all straights pass or fail alike.
         spread: by kind, of the logarithm.
         back_fittings, back_straights: of the way back.
-        costs: (2, frictions) s and J there. back_costs: of the way back. variances: (2, frictions).
+        costs: (2, frictions) s and J there. back_costs: of the way back. variances: (2, frictions)
+            of what differs from pass to pass.
+        errors: (frictions,) s, by kind, of the means, alike in all passes of a kind.
         drag, slack: N, of the tether. out: m of it.
         worst: largest loss of one way on the path, and what it was.
         path: of the robot.
@@ -210,6 +213,7 @@ class _Label:
     costs: Array
     back_costs: Array
     variances: Array
+    errors: Mapping[str, Array]
     drag: float
     slack: float
     out: float
@@ -367,7 +371,7 @@ class _Planner:
         """Tables of all ways, kind by kind."""
         pulls = np.linspace(0.0, SETTINGS.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
         shape = (len(self.rows), len(self.friction), len(pulls))
-        tables = np.full((6, *shape), np.nan)
+        tables = np.full((7, *shape), np.nan)
         tables[0], reasons = -np.inf, [""] * len(self.rows)
         grid = np.stack(np.meshgrid(self.friction, pulls, indexing="ij"), axis=-1).reshape(-1, 2)
         done = 0
@@ -385,6 +389,7 @@ class _Planner:
                     (1 - p) * np.nan_to_num(made.logit_std),
                     *(np.maximum(np.nan_to_num(v), 0.0) for v in (made.seconds, made.joules)),
                     *(np.nan_to_num(v) for v in (made.seconds_std, made.joules_std)),
+                    np.nan_to_num(made.seconds_error),
                 )
                 for table, value in zip(tables, values, strict=True):
                     table[rows] = value.reshape(len(rows), *shape[1:])
@@ -393,10 +398,7 @@ class _Planner:
                         reasons[row] = self._unknown(kind, ways[k])
                 done += len(rows)
                 progress(0.5 + done / len(self.rows) / 2)
-        logs, spread, seconds, joules, seconds_std, joules_std = tables
-        return _Tables(
-            logs, spread, seconds, joules, seconds_std, joules_std, pulls=pulls, reasons=reasons
-        )
+        return _Tables(*tables, pulls=pulls, reasons=reasons)
 
     def _unknown(self, kind: str, point: Array) -> str:
         """Reason why nothing is known of a way."""
@@ -449,6 +451,7 @@ class _Planner:
             costs=free,
             back_costs=free,
             variances=free,
+            errors={},
             drag=pull,
             slack=pull,
             out=0.0,
@@ -495,9 +498,7 @@ class _Planner:
                 return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
         if tables.reasons[way.row]:
             return f"{tables.reasons[way.row]} ({name})"
-        log, spread, seconds, joules, seconds_std, joules_std = tables.at(
-            way.row, drag / self.weight
-        )
+        log, spread, seconds, joules, *stds, error = tables.at(way.row, drag / self.weight)
         if not np.isfinite(log).any():
             return f"unknown: {way.kind} at a pull of {drag:.0f} N ({name})"
         i, enter, leave = way.edge
@@ -526,9 +527,8 @@ class _Planner:
             else label.back_straights,
             costs=label.costs + amount * np.stack([seconds, joules]),
             back_costs=label.back_costs + amount * np.stack([back[2], back[3]]),
-            # Of a metre of straight the deviation is that of a run: it is the same in all of them.
-            variances=label.variances
-            + (amount if straight else 1.0) * np.stack([seconds_std, joules_std]) ** 2,
+            variances=label.variances + amount * np.stack(stds) ** 2,
+            errors={**label.errors, way.kind: label.errors.get(way.kind, 0.0) + amount * error},
             drag=drag,
             slack=slack,
             out=out,
@@ -594,13 +594,14 @@ class _Planner:
         # Mean over frictions, weighted by how often the robot gets there at each.
         seconds = weights @ label.costs[0]
         between = weights @ (label.costs[0] - seconds) ** 2
+        shared = sum(float(weights @ error) ** 2 for error in label.errors.values())
         return row._replace(
             probability=probability,
             low=probability * math.exp(-deviation),
             high=min(probability * math.exp(deviation), 1.0),
             back=float(np.mean(returned)),
             seconds=float(seconds),
-            seconds_std=math.sqrt(float(weights @ label.variances[0] + between)),
+            seconds_std=math.sqrt(float(weights @ label.variances[0] + between + shared)),
             energy_wh=float(weights @ energy),
             tether_n=label.drag if self.tether else math.nan,
             tether_out_m=label.out if self.tether else math.nan,
