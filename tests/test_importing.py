@@ -199,6 +199,30 @@ def test_a_town_of_epanet(tmp_path):
         ot.import_network(file)
 
 
+@pytest.mark.parametrize(("profile", "height"), [("low", 10.0), ("high", 12.0)])
+def test_a_pipe_lies_level_and_rises_at_one_end(tmp_path, profile, height):
+    """By option at the height of its lower or higher end, joined to the other by a slope of 45
+    degrees; the parts know their pipe, and the assumption is listed."""
+    file = tmp_path / "small.inp"
+    file.write_text(INP)
+    imported = ot.import_network(file, profile=profile)
+    network = imported.network
+    pipes = zip(network.fittings, network.pipes.parts, strict=True)
+    lines = [
+        part.axes[0][0].at(np.array([0.0, part.axes[0][0].length]))[0]
+        for fitting, part in pipes
+        if fitting.pipe == "p1" and fitting.kind == "straight"
+    ]
+    longest = max(lines, key=lambda line: length(line[1] - line[0]))
+    assert longest[:, 2] == pytest.approx([height, height], abs=1e-6)
+    rises = [line for line in lines if abs(line[1, 2] - line[0, 2]) > 1]
+    (rise,) = rises
+    assert abs(rise[1, 2] - rise[0, 2]) == pytest.approx(abs(rise[1, 0] - rise[0, 0]), rel=1e-6)
+    assert any("45 degrees" in note.problem for note in imported.of("assumed"))
+    there, built = imported.lengths["p1"]
+    assert built == pytest.approx(there + 2 * (math.sqrt(2) - 1), abs=0.2)  # bends cut corners
+
+
 def test_pipes_that_lie_in_each_other_are_laid_apart():
     """Two pipes drawn through each other along one street, from one node: one is laid below."""
     nodes = {"a": (0, 0), "b": (60, 0.2), "c": (60, -20), "d": (-20, 0)}

@@ -4,7 +4,6 @@ import json
 import math
 import re
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from town_samples import passport
@@ -149,8 +148,8 @@ def test_openings_are_chosen_by_what_each_adds():
 
 
 def test_files_of_a_map_tell_the_same(tmp_path):
-    """Table, GeoJSON and page have a row for each part, pictures are drawn, and all have the same
-    bytes again."""
+    """Tables, GeoJSON and page have a row for each pipe and each other part, a table one for each
+    part, pictures are drawn, and all have the same bytes again."""
     network = chain(*"sebn")
     made = ot.map_reach(network, passport(), ["s_0.start"], tether=ot.Tether())
     files = {path.name: path.read_bytes() for path in ot.save_reach(made, tmp_path / "a")}
@@ -159,13 +158,36 @@ def test_files_of_a_map_tell_the_same(tmp_path):
         assert path.read_bytes() == files[path.name], path.name
     rows = pq.read_table(tmp_path / "a" / "reach.parquet").to_pylist()
     assert [row["name"] for row in rows] == [part.name for part in made.parts]
+    assert pq.read_table(tmp_path / "a" / "reach_parts.parquet").to_pylist() == rows
     lines = (tmp_path / "a" / "reach.csv").read_text().splitlines()
     assert lines[0].split(",") == list(made.parts[0]._fields)
     features = json.loads(files["reach.geojson"])["features"]
     assert {feature["properties"]["name"] for feature in features} == {row["name"] for row in rows}
-    ends = np.array(features[0]["geometry"]["coordinates"])
+    (ends,) = features[0]["geometry"]["coordinates"]
     assert math.dist(ends[0], ends[-1]) == pytest.approx(2.0)
     page = files["reach.html"].decode()
-    assert len(re.findall("<polyline ", page)) == len(features)
+    assert len(re.findall("<polyline ", page)) == sum(
+        len(feature["geometry"]["coordinates"]) for feature in features
+    )
     assert "$" not in page.partition("<script>")[2].replace("${", "")
     assert {name.rpartition(".")[2] for name in files} >= {"png", "pdf", "svg", "json"}
+
+
+def test_a_pipe_of_several_parts_has_one_row_that_of_its_far_end():
+    """Whichever end it is entered from: its whole length, and the reach of its least sure part; a
+    node of the same name keeps its own."""
+    data = chain(*"sesbs").model_dump(mode="json")
+    for part, pipe in zip(data["fittings"], ("A", "A", "A", "", "b_3"), strict=True):
+        part["pipe"] = pipe
+    network = ot.Network.model_validate(data)
+    again = ot.Network.model_validate(network.around(["s_0"], reach=20.0).model_dump())
+    assert [part.pipe for part in again.fittings] == ["A", "A", "A", "", "b_3"]
+    for launch, far in (("s_0.start", "s_2"), ("s_4.end", "s_0")):
+        reach = ot.map_reach(network, passport({"elbow": 0.8}), [launch])
+        parts = by_name(reach)
+        first, node, last = reach.pipes
+        assert first == parts[far]._replace(
+            name="A", kind="pipe", length=sum(parts[name].length for name in ("s_0", "e_1", "s_2"))
+        )
+        assert node == parts["b_3"]
+        assert (last.name, last.kind) == ("b_3", "pipe")

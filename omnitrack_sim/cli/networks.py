@@ -117,6 +117,10 @@ def import_file(
     scale: Annotated[
         float | None, typer.Option(metavar="M", help="Length of a unit of the map.")
     ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(help="Of pipes between nodes: even, or level but for one end: low, high."),
+    ] = None,
     schedule: Annotated[
         str | None,
         typer.Option(help="ASME B36.10 schedule of true bores: 40, 80, 160 or none."),
@@ -135,6 +139,7 @@ def import_file(
         "simplify": simplify,
         "move": move,
         "scale": scale,
+        "profile": profile,
         "schedule": schedule,
     }
     asked = {key: value for key, value in options.items() if value is not None}

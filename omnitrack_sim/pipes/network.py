@@ -169,6 +169,8 @@ class NetworkFitting(FittingEntry):
     """A fitting in the list ``fittings``."""
 
     name: PartName
+    pipe: Annotated[str, Field(exclude_if=lambda pipe: not pipe)] = ""
+    """Pipe of an imported file that the part belongs to."""
 
 
 class Origin(Table):

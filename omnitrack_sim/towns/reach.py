@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,10 +75,10 @@ class Supply:
 
 
 class PipeReach(NamedTuple):
-    """Reach of one part of a network, on the surest way to its far end.
+    """Reach of a part of a network, or of a pipe of several, on the surest way to its far end.
 
     Attributes:
-        name, kind: of the part. length: of its longest axis, m.
+        name, kind: of the part; of a pipe "pipe". length: of its longest axis, or of all, m.
         probability: of getting there. low, high: 95 % interval, of what trials leave open.
         back: probability of getting there and back by the same way.
         seconds, seconds_std: mean time to get there, s, and its standard deviation.
@@ -130,6 +131,31 @@ class ReachMap:
     def __repr__(self) -> str:
         return f"ReachMap({self.expected_length:.4g} of {self.length:.4g} m from {self.openings})"
 
+    @cached_property
+    def row_of(self) -> tuple[int, ...]:
+        """Row in ``pipes`` of each part."""
+        # A pipe and a node may have the same name.
+        keys = [(fitting.pipe, fitting.pipe or fitting.name) for fitting in self.network.fittings]
+        rows = {key: row for row, key in enumerate(dict.fromkeys(keys))}
+        return tuple(rows[key] for key in keys)
+
+    @cached_property
+    def pipes(self) -> tuple[PipeReach, ...]:
+        """One row for each pipe of the file that the network was imported from, and for each other
+        part: what is said of a pipe is said of its part that is reached least surely, or last."""
+        rows: list[list[int]] = [[] for _ in set(self.row_of)]
+        for part, row in enumerate(self.row_of):
+            rows[row].append(part)
+        return tuple(map(self._pipe, rows))
+
+    def _pipe(self, parts: Sequence[int]) -> PipeReach:
+        """The row of some parts of a pipe, or of a part of none."""
+        own, pipe = [self.parts[i] for i in parts], self.network.fittings[parts[0]].pipe
+        if not pipe:
+            return own[0]
+        length = sum(part.length for part in own)
+        return max(own, key=_hard_to_reach)._replace(name=pipe, kind="pipe", length=length)
+
     @property
     def length(self) -> float:
         """Length of all parts, m."""
@@ -139,6 +165,11 @@ class ReachMap:
     def expected_length(self) -> float:
         """Length that the robot is expected to get to, m."""
         return sum(part.length * part.probability for part in self.parts)
+
+
+def _hard_to_reach(part: PipeReach) -> tuple[float, float]:
+    """Order of parts: that which is reached least surely, or last, is the largest."""
+    return -part.probability, math.inf if math.isnan(part.seconds) else part.seconds
 
 
 class _Way(NamedTuple):

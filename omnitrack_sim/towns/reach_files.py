@@ -33,7 +33,10 @@ MOST_NAMES, MOST_METRES = 6, 5000.0
 """Openings that a picture names, and length in m from which on it counts in kilometres."""
 BEND_STEP = math.radians(10)
 """Angle between two drawn points of a bend."""
-FILES = tuple(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json"))
+FILES = (
+    *(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json")),
+    "reach_parts.parquet",
+)
 PICTURES = tuple(f"reach.{ending}" for ending in ("png", "pdf", "svg"))
 HEADS = (
     *("pipe", "kind", "length", "gets there", "and back", "time", "energy", "tether", "from"),
@@ -106,8 +109,9 @@ def plot_reach(
 
 
 def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
-    """Write a map into a folder: ``reach.csv``, ``.parquet``, ``.geojson``, ``.html``, ``.json``,
-    and ``reach.png``, ``.pdf`` and ``.svg``; returns their paths.
+    """Write a map into a folder: ``reach.csv``, ``.parquet``, ``.geojson`` and ``.html`` with a row
+    a pipe, ``reach_parts.parquet`` with one a part, ``reach.json``, and ``reach.png``, ``.pdf`` and
+    ``.svg``; returns their paths.
 
     Args:
         reach: of ``map_reach``.
@@ -126,7 +130,7 @@ def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
 
     check_is(ReachMap, "reach", reach)
     check_folder(folder, files=(*FILES, *PICTURES))
-    rows = [finite(part._asdict()) for part in reach.parts]
+    rows, parts = ([finite(row._asdict()) for row in own] for own in (reach.pipes, reach.parts))
     text = io.StringIO()
     table = csv.DictWriter(text, PipeReach._fields, lineterminator="\n")
     table.writeheader()
@@ -135,6 +139,7 @@ def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
     made = {
         "reach.csv": text.getvalue().encode(),
         "reach.parquet": to_parquet(pa.Table.from_pylist(rows)),
+        "reach_parts.parquet": to_parquet(pa.Table.from_pylist(parts)),
         "reach.geojson": _geojson(reach, rows),
         "reach.html": _page(reach).encode(),
         "reach.json": to_json(summary_of(reach)),
@@ -155,6 +160,7 @@ def summary_of(reach: ReachMap) -> dict[str, Any]:
         why = _cause(part.stopped_by)
         stops[why] = stops.get(why, 0.0) + part.length * (1 - part.probability)
     return {
+        "pipes": len(reach.pipes),
         "parts": len(reach.parts),
         "length_m": reach.length,
         "expected_m": reach.expected_length,
@@ -217,22 +223,26 @@ def _headline(reach: ReachMap) -> str:
 
 
 def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:
-    """One line a part axis, in the network's own metres: GeoJSON asks for degrees, which a network
+    """The axes of each pipe, in the network's own metres: GeoJSON asks for degrees, which a network
     has not, and GIS programs take metres as those of a local plane."""
+    axes: list[list[Any]] = [[] for _ in rows]
+    for i, line in _lines(reach):
+        axes[reach.row_of[i]].append(np.round(line, 4).tolist())
     features = [
         {
             "type": "Feature",
-            "properties": rows[i],
-            "geometry": {"type": "LineString", "coordinates": np.round(line, 4).tolist()},
+            "properties": row,
+            "geometry": {"type": "MultiLineString", "coordinates": lines},
         }
-        for i, line in _lines(reach)
+        for row, lines in zip(rows, axes, strict=True)
     ]
     collection = {"type": "FeatureCollection", "name": "reach", "features": features}
     return (strict_json(collection) + "\n").encode()
 
 
 def _page(reach: ReachMap) -> str:
-    """A page that shows the map, and what stands behind a pipe where the pointer is."""
+    """A page that shows the map, each part in its colour, and what is said of the pipe where the
+    pointer is."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
@@ -246,7 +256,8 @@ def _page(reach: ReachMap) -> str:
         place = " ".join(f"{a:.3f},{b:.3f}" for a, b in points[-1])
         width = 5 if p > 0 else 3
         drawn.append(
-            f'<polyline data-i="{i}" points="{place}" stroke="{colour}" stroke-width="{width}"/>'
+            f'<polyline data-i="{reach.row_of[i]}" points="{place}" stroke="{colour}" '
+            f'stroke-width="{width}"/>'
         )
     everything = np.concatenate(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -260,7 +271,7 @@ def _page(reach: ReachMap) -> str:
         box=" ".join(f"{value:.3f}" for value in box),
         lines="".join(drawn),
         ramp=f"linear-gradient(to right, {ramp})",
-        rows=_script([_texts(part) for part in reach.parts]),
+        rows=_script([_texts(row) for row in reach.pipes]),
         heads=_script(HEADS),
     )
 

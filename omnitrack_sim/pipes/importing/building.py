@@ -354,8 +354,16 @@ class _Parts:
         first, *others = self._places()
         root = first.pop("fitting")
         fittings = {root: self.fittings[root]} | self.fittings
+        legs = self.town.drawing.legs
         return {
-            "fittings": [{"name": n, **f.to_table()} for n, f in fittings.items()],
+            "fittings": [
+                {
+                    "name": n,
+                    **f.to_table(),
+                    "pipe": legs[self.of[n]].pipe if self.of[n] in legs else "",
+                }
+                for n, f in fittings.items()
+            ],
             "joints": [_joint(*joint) for joint in self.joints],
             "ports": self.ports,
             "place": first,

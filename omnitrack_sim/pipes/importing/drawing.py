@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -36,6 +36,9 @@ class ImportSettings(Table):
     """By how much a node may be moved to make room for fittings."""
     scale: Annotated[float, Field(ge=0), Unit("m")] = 0.0
     """Length of a unit of the coordinates; 0: as the lengths of the pipes say."""
+    profile: Literal["even", "low", "high"] = "even"
+    """Of a pipe between two nodes: it rises evenly, or lies level at the height of its lower or
+    its higher end and rises by 45 degrees beside the other."""
     schedule: str = ""
     """Schedule of ASME B36.10 that gives true bores to the nominal ones of the file, such as "40";
     none: the file's bores are true."""

@@ -24,6 +24,14 @@ STEEP = 1.0
 """Slope of all pipes of a node, m/m, from which its height is taken for missing."""
 SHORTEST = 0.01
 """Of a drawn pipe, m."""
+STUB, LEAST_RISE = 10.0, 2.0
+"""Level pipe between a node and a rise beside it, and the least height of one: a lower one has no
+room for its bends. Both in bores."""
+PROFILES = {
+    "even": "rise evenly between two nodes",
+    "low": "are level from their lower end, and rise by 45 degrees beside the other",
+    "high": "are level from their higher end, and fall by 45 degrees beside the other",
+}
 
 
 def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
@@ -54,11 +62,12 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
     drawing = Drawing(nodes, {}, open_ends=basins, notes=notes)
     for name, pipe in model.pipes():
         ends = pipe.start_node_name, pipe.end_node_name
-        points = _in_space(scale * lines[name] - middle, nodes[ends[0]][2], nodes[ends[1]][2])
+        heights_there = nodes[ends[0]][2], nodes[ends[1]][2]
+        bore = true_bore(float(pipe.diameter), settings.schedule)
+        points = _in_space(scale * lines[name] - middle, heights_there, settings.profile, bore)
         if ends[0] == ends[1] or length(np.diff(points, axis=0)).sum() < SHORTEST:
             notes.append(ImportNote("left out", f"pipe {name}", "begins where it ends"))
             continue
-        bore = true_bore(float(pipe.diameter), settings.schedule)
         drawing.lengths[name] = float(pipe.length)
         drawing.legs[name] = DrawnPipe(name, name, ends, points, bore)
         if str(pipe.initial_status) == "Closed" or pipe.check_valve:
@@ -79,7 +88,7 @@ def _assumptions(settings: ImportSettings) -> list[ImportNote]:
         "bends": f"have mean radii of {settings.bend_radius:g} bores, or less without room; up to "
         f"{settings.deflection_deg:g} degrees a joint is deflected",
         "bores": f"are {bores}",
-        "profiles": "rise evenly between two nodes",
+        "profiles": PROFILES[settings.profile],
     }
     return [ImportNote("assumed", where, problem) for where, problem in told.items()]
 
@@ -159,8 +168,18 @@ def _heights(model: Any, lines: dict[str, Array], notes: list[ImportNote]) -> di
     return heights
 
 
-def _in_space(line: Array, first: float, last: float) -> Array:
-    """Return points (k, 3) m of a line on the map that rises evenly between two heights."""
+def _in_space(line: Array, heights: tuple[float, float], profile: str, bore: float) -> Array:
+    """Return points (k, 3) m of a line on the map that rises from one height to another."""
     steps = length(np.diff(_flat(line), axis=0))
     s = np.append(0.0, np.cumsum(steps))
-    return np.column_stack([line, first + (last - first) * s / max(s[-1], SHORTEST)])
+    whole, (first, last) = max(float(s[-1]), SHORTEST), heights
+    rise, stub = abs(last - first), STUB * bore
+    knots = np.array([[0.0, first], [whole, last]])
+    if profile != "even" and rise > LEAST_RISE * bore and whole > rise + 3 * stub:
+        # The end beside which it rises: of a low one the higher, of a high one the lower.
+        at_last = (last > first) == (profile == "low")
+        begin = whole - stub - rise if at_last else stub
+        knots = np.insert(knots, 1, [[begin, first], [begin + rise, last]], axis=0)
+    places = np.union1d(s, knots[1:-1, 0])
+    columns = [np.interp(places, s, column) for column in line.T]
+    return np.column_stack([*columns, np.interp(places, *knots.T)])
