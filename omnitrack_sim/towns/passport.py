@@ -49,6 +49,8 @@ MATTERS = 1.0
 """Change of the logit over a feature's range from which on the feature is said to matter."""
 BORES = (1.0, 0.95, 1.05)
 """Bores of the courses that are tried in several, over the nominal one."""
+NARROW = 0.9
+"""Bore of a branch that is narrower than its run, over the run's."""
 
 
 @dataclass(frozen=True)
@@ -428,7 +430,15 @@ def _pipes() -> Iterator[tuple[str, list[dict[str, Any]]]]:
             way = {"kind": "tee", "enter": enter, "leave": leave}
             pipes = [{**one, **own} for one in (lead, way, lead)]
             yield f"tee_{enter}_{leave}{name}", pipes
-    for radius, angle in ((0.6, 90), (1.0, 90), (3.0, 90), (1.5, 45), (1.5, 6), (1.0, 30)):
+    for radius, angle in (
+        (0.6, 90),
+        (1.0, 90),
+        (3.0, 90),
+        (1.5, 45),
+        (1.5, 6),
+        (1.0, 30),
+        (1.5, 150),
+    ):
         elbow = {"kind": "elbow", "mean_radius": radius, "angle_deg": angle}
         yield f"elbow_{round(100 * radius)}_{angle}", [lead, elbow, lead]
     for angle in (3, 8, 22.5, 45, 90):
@@ -438,11 +448,17 @@ def _pipes() -> Iterator[tuple[str, list[dict[str, Any]]]]:
     for angle, (enter, leave) in product((35, 70), (*tee, *sharp)):
         wye = {"kind": "wye", "angle_deg": angle, "enter": enter, "leave": leave}
         yield f"wye_{angle}_{enter}_{leave}", [lead, wye, lead]
+    for enter, leave in tee[:2]:
+        own = {"branch_diameter": NARROW, "angle_deg": 70, "enter": enter, "leave": leave}
+        narrow = {**lead, "inner_diameter": NARROW}
+        ends = (lead, narrow) if leave == "branch" else (narrow, lead)
+        yield f"wye_narrow_{enter}_{leave}", [ends[0], {"kind": "wye", **own}, ends[1]]
     for enter, leave in (*tee, ("branch", "opposite")):
-        yield (
-            f"cross_{enter}_{leave}",
-            [lead, {"kind": "cross", "enter": enter, "leave": leave}, lead],
-        )
+        cross = {"kind": "cross", "enter": enter, "leave": leave}
+        yield f"cross_{enter}_{leave}", [lead, cross, lead]
+    for enter, leave in (*tee[:2], *sharp):
+        cross = {"kind": "cross", "angle_deg": 60, "enter": enter, "leave": leave}
+        yield f"cross_60_{enter}_{leave}", [lead, cross, lead]
     for bore in (0.95, 1.05):
         reducer = {"kind": "reducer", "length": 0.6, "end_diameter": bore}
         last = {**lead, "inner_diameter": bore}
