@@ -29,7 +29,7 @@ FITTINGS = {
     "cross": {"kind": "cross"},
     "reducing cross": {"kind": "cross", "angle_deg": 60, "branch_diameter": 0.1},
     "mitre": {"kind": "mitre"},
-    "sharp mitre": {"kind": "mitre", "angle_deg": 135},
+    "sharp mitre": {"kind": "mitre", "angle_deg": 135, "leg_length": 0.35},
     "reducer": {"kind": "reducer", "length": 0.15, "end_diameter": 0.12},
 }
 SECONDS, LEAST_ROOM, STILL_IN = 0.5, 0.045, 0.02

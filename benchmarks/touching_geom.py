@@ -22,6 +22,7 @@ from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.robots.inchworm import Inchworm
 from omnitrack_sim.robots.presser import Presser
 from omnitrack_sim.robots.snake import Snake
+from omnitrack_sim.walls.around import DECIDING
 from omnitrack_sim.walls.geoms import add_walls
 
 GEOM = mujoco.mjtGeom
@@ -138,10 +139,13 @@ def step_cost(robot: Presser | Inchworm | Snake, count: int, exact: bool, steps:
         ot.add_pipes(spec, network, friction=0.8)
     else:
         add_walls(spec, network)
-        # These are made for the omnidirectional robot's lugs.
         for geom in spec.geoms:
             if geom.name.startswith("wall_"):
+                # These are made for the omnidirectional robot's lugs.
                 geom.contype = geom.conaffinity = 1
+                # Contact as at the exact walls, or the solver would have another task.
+                geom.friction, geom.condim = [0.8, 0.005, 0.0001], DECIDING["condim"]
+                geom.priority, geom.solref = DECIDING["priority"], DECIDING["solref"]
     spec.body(robot.chassis).pos = [0, 0, 0.5]
     model = spec.compile()
     data, best, contacts = mujoco.MjData(model), np.inf, np.inf
