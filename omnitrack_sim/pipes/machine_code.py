@@ -34,7 +34,7 @@ _engines: list[Any] = []
 
 @cache
 def machine() -> str:
-    """What machine code depends on beside its source: versions of the compilers, and processor."""
+    """Return what machine code depends on beside its source: compilers' versions, processor."""
     features = binding.get_host_cpu_features().flatten()
     versions = _NUMBA.version, version("llvmlite")
     return repr((*versions, binding.get_process_triple(), binding.get_host_cpu_name(), features))

@@ -116,7 +116,7 @@ FORCES = {
 
 @dataclass(frozen=True)
 class PageDisplay:
-    """What a replay page shows of one kind of robot.
+    """Looks of one kind of robot on a replay page.
 
     Attributes:
         first: channels whose plots are shown before the reader chooses.
@@ -149,7 +149,7 @@ class PageDisplay:
 
 
 class LiveLooks(Protocol):
-    """What of a robot's looks moves on while a simulation runs.
+    """Looks of a robot that move on while a simulation runs.
 
     Attributes:
         travel: (k,) m, way that its tracks have run.
@@ -170,7 +170,7 @@ Lines = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class RobotDisplay:
-    """What films show of one kind of robot, beside the pipes.
+    """Looks of one kind of robot in films.
 
     Attributes:
         looks: returns the MjSpec of what is seen, of pipes, parameters of the robot, closed ports

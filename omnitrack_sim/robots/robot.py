@@ -410,7 +410,7 @@ class Robot(QuantityModel):
 
     @property
     def display(self) -> RobotDisplay:
-        """What films and pages show of the robot."""
+        """Looks of the robot in films and on pages."""
         # It has looks, which need MuJoCo and the boolean kernel.
         return named(self.display_name, "display_name", {})
 

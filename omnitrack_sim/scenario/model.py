@@ -187,7 +187,7 @@ class Scenario(Table):
 
     @property
     def display(self) -> RobotDisplay:
-        """What films and pages show of the robot."""
+        """Looks of the robot in films and on pages."""
         return self.robot.display
 
     @cached_property

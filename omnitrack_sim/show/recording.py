@@ -292,7 +292,7 @@ class Recording:
 
     @cached_property
     def places(self) -> InPipe:
-        """Where the body is in the pipes, (T,); see ``Pipes.locate``."""
+        """Places of the body in the pipes, (T,); see ``Pipes.locate``."""
         return self.pipes.locate(self.bodies[:, self.body, :3])
 
     def progress(self) -> tuple[Array, Array]:

@@ -130,7 +130,7 @@ class Discovery:
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """What a map shows beside the pipes, and when.
+    """Marks on a map beside the pipes, and the time at which each appears.
 
     Attributes:
         rims: (Q, 25, 3) m, world frame, of plates that close ports.

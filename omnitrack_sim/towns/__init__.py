@@ -1,1 +1,1 @@
-"""Where a robot can go in towns and plants: its passport, and the map of its reach."""
+"""Reach of a robot in towns and plants: its passport, and the map."""

@@ -297,7 +297,7 @@ def _fitted(basis: Array, passed: Array, precision: Array, begin: Array) -> _Log
 
 @dataclass(frozen=True, eq=False)
 class Passport:
-    """What a robot passes, measured by trials.
+    """Chances of a robot to pass fittings, measured by trials.
 
     Attributes:
         robot: of which it is.

@@ -53,7 +53,7 @@ NUMERICS = ReachSettings()
 
 @dataclass(frozen=True)
 class Supply:
-    """What a robot may use up on its way.
+    """Energy supply of a robot: battery, efficiency, and power used all the time.
 
     Example:
         >>> ot.Supply(efficiency=0.5, base_power=10.0).energy(seconds=360.0, joules=1800.0)
@@ -570,7 +570,7 @@ class _Planner:
     def _reasons(
         self, blocked: Sequence[tuple[float, int, End, str]], reached: set[int]
     ) -> dict[int, str]:
-        """What keeps the robot from each part that it does not reach: the nearest block before
+        """Return what keeps the robot from each part out of reach: the nearest block before
         it."""
         reasons: dict[int, str] = {}
         waiting = list(blocked)

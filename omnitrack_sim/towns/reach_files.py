@@ -171,7 +171,7 @@ def summary_of(reach: ReachMap) -> dict[str, Any]:
 
 
 def _cause(reason: str) -> str:
-    """What a reason is of, without place and figures."""
+    """Return the kind of a reason: its text without place and figures."""
     for cause in ("battery", "tether", "bore"):
         if reason.startswith(cause):
             return cause
@@ -282,7 +282,7 @@ def _script(value: Any) -> str:
 
 
 def _texts(part: PipeReach) -> list[str]:
-    """What the page tells of a part, in the order of ``HEADS``."""
+    """Return the texts of a part on the page, in the order of ``HEADS``."""
     name = [part.name, part.kind, f"{part.length:.2f} m"]
     if part.probability == 0 and not part.launch:
         return [*name, "no", "", "", "", "", "", part.stopped_by]

@@ -145,7 +145,7 @@ def run_bench(
 
 
 def _plan(bench: Bench) -> dict[str, Any]:
-    """What all runs in one folder have in common."""
+    """Return what all runs in one folder have in common."""
     return {
         "suite": bench.suite.name,
         "version": bench.suite.version,

@@ -1,4 +1,4 @@
-"""Where points lie along the axes of pipes: compiled, for any number of points and parts."""
+"""Places of points along the axes of pipes: compiled, for any number of points and parts."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ def _check_arguments(
 
 
 class InPipe(NamedTuple):
-    """Where points lie in pipes.
+    """Places of points in pipes.
 
     Attributes:
         part: (...,) number of the part in the assembly; -1 outside all port planes.

@@ -1,4 +1,4 @@
-"""Where the distance to a wall has its minima along a line or a circle.
+"""Minima of the distance to a wall along a line or a circle.
 
 A curve is ten numbers: a point (3), a unit vector (3), another one across it (3), and the radius;
 radius 0 is the line through the point along the first vector. Places along it are arc lengths, m.

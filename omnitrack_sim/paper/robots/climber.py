@@ -152,7 +152,7 @@ def climbs(quick: bool) -> Claim:
 
 
 def tee(quick: bool) -> Claim:
-    """What it does in a tee."""
+    """Claim: tees stop it."""
     angles = (0.0,) if quick else (-40.0, -20.0, 0.0, 20.0, 40.0, 60.0)
     parts = []
     for leave, words in (("run_end", "straight over"), ("branch", "into the branch")):

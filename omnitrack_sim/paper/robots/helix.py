@@ -122,7 +122,7 @@ def pipe_bore(quick: bool) -> Claim:
 
 
 def fittings(quick: bool) -> Claim:
-    """What it passes beyond straight pipes."""
+    """Claim: fittings that it passes."""
     rng = np.random.default_rng(7)
     starts = [
         {"start.theta5_deg": float(rng.uniform(0, 360)), "start.axis": rng.normal(size=3).tolist()}

@@ -23,7 +23,7 @@ ROOM_AT_PUMP = 0.5
 
 
 class ImportSettings(Table):
-    """What the file of a town does not say, and how far a drawing may be changed."""
+    """Assumptions for what the file of a town does not say, and limits of mending a drawing."""
 
     bend_radius: Annotated[float, Field(ge=0.5, le=20), Unit("bores")] = 1.5
     """Of bends: mean radius over bore; smaller where there is no room."""

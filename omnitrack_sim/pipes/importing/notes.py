@@ -1,4 +1,4 @@
-"""What an import assumed, mended and left out, place by place."""
+"""Report of an import, place by place: assumed, mended and left out."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class Component:
 
 @dataclass
 class Isometric:
-    """What a file holds.
+    """Content of a file.
 
     Attributes:
         components: in order. schedule: that bores were made true by. name: of the pipeline.

@@ -235,7 +235,7 @@ class Pirate(Robot):
 
 @dataclass(frozen=True)
 class ShapeSettings:
-    """How the chain folds at branches, where a wall is missing; of 15 turns in five directions of
+    """Shape of the chain at branches, where a wall is missing; of 15 turns in five directions of
     gravity eight pass with these and seven or eight with half or double, at larger forces.
 
     Attributes:

@@ -38,7 +38,7 @@ _REACH = 1.1  # of the robot about its centre, over what it is at the start
 
 
 class Panel(Protocol):
-    """What is drawn over a painted frame."""
+    """Drawing over a painted frame."""
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw what belongs to sample ``row`` into ``frame`` (h, w, 3)."""
@@ -153,7 +153,7 @@ class Stage:
         return SideCamera(playback, aspect, reach, covered)
 
     def _extent(self, row: int) -> float:
-        """How far the robot reaches about its body at a sample, m."""
+        """Return the reach of the robot about its body at a sample, m."""
         self.playback.place(self.data, row)
         centres, radii = body_spheres(self._robot, self.model.nbody)
         seen = radii > 0

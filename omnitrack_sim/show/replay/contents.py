@@ -110,7 +110,7 @@ TILE, TILES_ACROSS = 48, 25
 
 @dataclass(frozen=True, eq=False)
 class PageRun:
-    """What a page plays of one run.
+    """Content of a page for one run.
 
     Attributes:
         heading: name, outcome and figures.
