@@ -15,9 +15,9 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
+from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.projection import clearest, needs_map
-from omnitrack_sim.show.whereabouts import Landmarks
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
 from omnitrack_sim.show.film.overlay import BOTH_PANELS, MapPanel, levels, palette
 from omnitrack_sim.show.film.render import painted, render_frames
+from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import playback_of
-from omnitrack_sim.show.whereabouts import Landmarks
 
 CAMERAS = ("depth", "headlight")
 

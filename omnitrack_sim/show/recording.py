@@ -41,13 +41,13 @@ from omnitrack_sim.show.film.render import (
     write_strip,
 )
 from omnitrack_sim.show.film.stage import STANDARD, Stage
+from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.replay.contents import Pack, PageRun, map_table
 from omnitrack_sim.show.replay.document import ReplayPage, check_page, page_data, write_page
 from omnitrack_sim.show.surfaces import DRAWN
-from omnitrack_sim.show.whereabouts import Landmarks
 from omnitrack_sim.walls.around import InPipe, Pipes
 
 if TYPE_CHECKING:

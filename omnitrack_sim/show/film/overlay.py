@@ -17,9 +17,9 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.display import Bar, StatusText
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.show.film.shots import Eye
+from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.projection import axis_lines, clearest
-from omnitrack_sim.show.whereabouts import Landmarks
 
 LEFT, WIDTH, HEIGHT = 18, 337, 224
 """Margin, width and height of the status panel."""

@@ -38,9 +38,9 @@ from omnitrack_sim.show.film.overlay import (
     font,
 )
 from omnitrack_sim.show.film.shots import PANEL
+from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
-from omnitrack_sim.show.whereabouts import Landmarks, stays
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.stage import Panel, Stage

@@ -23,6 +23,7 @@ from omnitrack_sim.record.timeline import (
 )
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.show.landmarks import stays
 from omnitrack_sim.show.plots.network_figure import draw_names, draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     ALARM,
@@ -36,7 +37,6 @@ from omnitrack_sim.show.plots.style import (
     page,
 )
 from omnitrack_sim.show.projection import Projection, aligned, bore_faces
-from omnitrack_sim.show.whereabouts import stays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

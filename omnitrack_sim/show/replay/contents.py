@@ -23,12 +23,12 @@ from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
+from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
-from omnitrack_sim.show.whereabouts import Landmarks, stays
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 from omnitrack_sim.walls.pipe_looks import (
     FIELD_OF_VIEW,

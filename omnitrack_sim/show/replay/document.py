@@ -20,10 +20,10 @@ from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
+from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.replay import contents
-from omnitrack_sim.show.whereabouts import Landmarks
 from omnitrack_sim.walls.pipe_looks import follow_direction
 
 FORMATS = ("html",)

@@ -20,9 +20,9 @@ from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import MapPanel
 from omnitrack_sim.show.film.render import render_frames, strip_times
 from omnitrack_sim.show.film.shots import FollowCamera
+from omnitrack_sim.show.landmarks import Discovery, Landmarks, stays
 from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.replay.document import replay_data
-from omnitrack_sim.show.whereabouts import Discovery, Landmarks, stays
 
 TRUE = {
     "fittings": [
