@@ -45,7 +45,7 @@ TABLES: dict[str, dict[str, tuple[Cut, ...]]] = {
         "reliability": (Cut("robot.preload", "preload, N", (15.0, 20.0, 35.0)),),
         "preload": (
             Cut("robot.preload", "preload, N", (15.0, 17.0, 19.0, 21.0, 25.0, 35.0)),
-            Cut("world.friction", "friction", (0.6, 0.65, 0.7, 0.8, 0.9, 1.0)),
+            FRICTION,
         ),
         "gravity": (GRAVITY, FRICTION),
         "orientation": (

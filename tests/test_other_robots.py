@@ -1,14 +1,12 @@
 """What every robot of another kind keeps: its model, its controller, and a small network."""
 
 import doctest
-import re
 import sys
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
-from documents import page
 from in_pipes import UP, Drive, pipe
 
 from omnitrack_sim.robots.inchworm import Inchworm
@@ -69,17 +67,6 @@ def test_a_robot_drives_through_a_small_network(kind, seconds):
     drive = Drive(kind(), course, s=STARTS[kind], friction=0.8).run(seconds, until=goal)
     assert drive.s > goal
     assert not drive.data.warning.number.any()
-
-
-@pytest.mark.parametrize("name", ["presser", "inchworm", "snake"])
-def test_pages_name_each_parameter_with_its_default(name):
-    """Tables of the pages have all fields of the robots, with their values."""
-    robot = {"presser": Presser, "inchworm": Inchworm, "snake": Snake}[name]()
-    text = page(name)
-    for field, value in ((f, v) for f, v in vars(robot).items() if f != "tether"):
-        row = next(line for line in text.splitlines() if re.match(rf"\| .*`{field}`", line))
-        shown = [float(x) for x in re.findall(r"\d+\.?\d*", row)]
-        assert any(np.isclose(value * scale, shown).any() for scale in (1, 1000)), row
 
 
 @kinds

@@ -25,6 +25,7 @@ from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.gym.reward import TERMS
 from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
+from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
@@ -45,6 +46,8 @@ from omnitrack_sim.scenario.tables import (
 )
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key
+from omnitrack_sim.trials import controllers, mobility
+from omnitrack_sim.trials.bench import Suite
 from omnitrack_sim.trials.study import StudyFile
 from omnitrack_sim.trials.study_tables import Final, Objective, Variable
 from omnitrack_sim.trials.sweep import SweepFile
@@ -83,6 +86,9 @@ MODELS: dict[str, type[BaseModel]] = {
     "study.variable": Variable,
     "study.objective": Objective,
     "study.final": Final,
+    "network": Network,
+    "network.place": Origin,
+    "network.joint": Joint,
     "gym.options": EnvOptions,
 }
 """Models by the names that pages have for their tables."""
@@ -130,6 +136,11 @@ def rows_of_files(noun: str) -> Iterator[Row]:
         yield f"`{name}`", comment(path)
 
 
+def rows_of_courses(suite: Suite) -> Iterator[Row]:
+    """Yield the courses of a benchmark."""
+    return ((f"`{course.name}`", course.words) for course in suite.courses.values())
+
+
 def keys_of(keys: Sequence[Key]) -> str:
     """Return the keys of a window."""
     return table(("key", "what it does"), ((key.name, key.meaning) for key in keys))
@@ -158,6 +169,16 @@ TABLES: dict[str, Callable[[], str]] = {
     "sweeps": lambda: table(("sweep", "what it answers"), rows_of_files("sweep")),
     "studies": lambda: table(("study", "what it answers"), rows_of_files("study")),
     "pipes": lambda: table(("key", "of", *KEYS[1:]), rows_of_pipes()),
+    "bench.mobility": lambda: table(
+        ("course", "what the robot does"), rows_of_courses(mobility.SUITE)
+    ),
+    "bench.control": lambda: table(
+        ("course", "what the robot does"), rows_of_courses(controllers.SUITE)
+    ),
+    "bench.controllers": lambda: table(
+        ("entry", "what drives"),
+        ((f"`{entry.name}`", entry.words) for entry in controllers.shipped_entries().values()),
+    ),
     "channels": lambda: channels.table().strip(),
     "metrics": lambda: metrics.table().strip(),
     "estimates": lambda: table(

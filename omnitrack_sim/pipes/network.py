@@ -174,11 +174,17 @@ class NetworkFitting(FittingEntry):
 
 
 class Origin(Table):
-    """Position of the first port of the first fitting, and direction of the pipe, world frame."""
+    """Position of the first port of the first fitting, and direction of the pipe, world frame.
 
-    axis: Direction = (0.0, 0.0, 1.0)  # direction into the pipe
-    turn_deg: Angle = 0.0  # rotation of the whole network about that axis
-    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)  # m
+    Attributes:
+        axis: direction into the pipe.
+        turn_deg: rotation of the whole network about that axis.
+        position: of that port, m.
+    """
+
+    axis: Direction = (0.0, 0.0, 1.0)
+    turn_deg: Angle = 0.0
+    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
 
 
 class PartOrigin(Origin):
@@ -188,15 +194,29 @@ class PartOrigin(Origin):
 
 
 class Joint(Table):
-    """Two ports in one place."""
+    """Two ports in one place.
 
-    ports: tuple[str, str]  # such as ("riser.end", "t1.run_start")
-    turn_deg: Angle = 0.0  # rotation about the joint's axis
+    Attributes:
+        ports: two, in any order, such as "riser.end" and "t1.run_start".
+        turn_deg: rotation about the joint's axis.
+    """
+
+    ports: tuple[str, str]
+    turn_deg: Angle = 0.0
 
 
 class Network(Table):
     """A pipe network as data: fittings by name and what is joined to what. Keys and units: see
     docs/reference/networks.md.
+
+    Attributes:
+        name: of the network; the file's name if left out.
+        place: where the first port of the first fitting is.
+        fittings: a list of parts, at least one; all are connected, but by `places`.
+        joints: a list of joints.
+        places: like `place`, each with the name of its part as `fitting`, of a part in each group
+            that is not connected to the first.
+        ports: names for open ends.
 
     Raises:
         NetworkError: every fault, with its dotted path.
