@@ -21,8 +21,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.trials.sweep_run import SweepResult, spreads
 
-ALL = "all"
-
 
 class Cut(NamedTuple):
     """Trials apart by the value of an axis.
@@ -113,17 +111,17 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
     if not total:
         return "-"
     low, high = wilson_interval(count, total)
-    ends = f", {100 * count / total:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+    ends = f" ({100 * low:.1f} to {100 * high:.1f} %)"
     return f"{count} of {total}{ends if interval else ''}"
 
 
 def table(result: SweepResult, cuts: Sequence[Cut]) -> str:
-    """Return one table of Markdown; its last row and column are of all trials."""
+    """Return one table of Markdown; its last column is of all trials of a row."""
     passed = np.array(result.table["success"].to_pylist(), bool)
     ran = np.array([one not in ("invalid", "error") for one in result.table["outcome"].to_pylist()])
-    rows = groups(result, cuts[0]) | {ALL: np.ones(len(passed), bool)}
+    rows = groups(result, cuts[0])
     columns = groups(result, cuts[1]) if len(cuts) > 1 else {}
-    heads = [cuts[0].words, *(f"{cuts[1].words} {label}" for label in columns), "passed, 95 %"]
+    heads = [cuts[0].words, *(f"{cuts[1].words} {label}" for label in columns), "passed"]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for label, row in rows.items():
         cells = [rate(passed, ran & row & column, False) for column in columns.values()]
@@ -143,7 +141,7 @@ def summary(result: SweepResult) -> str:
     ends = ", ".join(f"{outcomes.count(one)} `{one}`" for one in others) or "-"
     return "\n".join(
         [
-            "| passed, 95 % | at the first attempt | others |",
+            "| passed | at the first attempt | others |",
             "|---|---|---|",
             f"| {rate(passed, ran, True)} | {first} | {ends} |",
         ]

@@ -92,14 +92,12 @@ def foot(names: list[str], records: Mapping[str, Record]) -> str:
         if record and not record.older:
             made = f"commit {record.commit[:7]} ({record.date[:10]})"
             fresh.setdefault(made, []).append(f"`{name}` {minutes(record.cpu_s)}")
-    sentences = [
-        f"Made by `make figures` at {made}, processor time of one core: {', '.join(own)}."
-        for made, own in fresh.items()
-    ]
+    parts = "; ".join(f"{made} {', '.join(own)}" for made, own in fresh.items())
+    sentences = [f"Made by `make figures` (processor time): {parts}."] if fresh else []
     older = [name for name in names if name in records and records[name].older]
     if older:
         told = ", ".join(f"`{name}` (commit {records[name].commit[:7]})" for name in older)
-        sentences.append(f"Made by older physics, and to be made again: {told}.")
+        sentences.append(f"Of older physics: {told}.")
     missing = [f"`{name}`" for name in names if name not in records]
     if missing:
         sentences.append(f"Not made yet: {', '.join(missing)}.")
