@@ -1,7 +1,7 @@
 """How well a robot finds its way by camera.
 
 python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--senses SENSE ...]
-    [--pictures one five] [--seed N] [--close SHARE] [--workers N]
+    [--pictures one five] [--seed N] [--close SHARE] [--workers N] [--keep FOLDER]
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 from driving import by_sensors, unknown
@@ -125,6 +126,9 @@ def main() -> None:
         "--close", type=float, default=0.0, help="share of fittings that others follow directly"
     )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument(
+        "--keep", type=Path, help="folder of explorations that are done, and not made again"
+    )
     given = parser.parse_args()
     for study in given.only:
         trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS[study])
@@ -132,8 +136,9 @@ def main() -> None:
             cameras = [name for name in CAMERAS if name in given.senses]
             recognition(trials, cameras, given.pictures, given.seed, given.workers, given.close)
             continue
+        every = study, given.senses, trials, given.seed, given.workers
         of = unknown if study == "unknown" else by_sensors
-        runs = of.runs(study, given.senses, trials, given.seed, given.workers)
+        runs = unknown.runs(*every, given.keep) if of is unknown else by_sensors.runs(*every)
         print(f"## {study}\n\n{trials} trials, seed {given.seed}:\n\n{of.table(runs)}\n")
         print(f"## failures of {study}\n\n{of.failures(runs)}\n", flush=True)
 

@@ -29,6 +29,9 @@ class Ghost:
         erring: changes what is seen.
         lag: m, by which it takes itself to be farther on when it has passed a fitting for the first
             time, until it is told better or begins another leg.
+
+    Attributes:
+        sharp: names of the true parts in which it has come round by more than 100 degrees.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class Ghost:
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
         self.legs, self.travel = 1, 0.0
+        self.sharp: set[str] = set()
         self.behind: set[int] = set()
         self._line: Any = None
 
@@ -79,6 +83,7 @@ class Ghost:
             elif self._blocked(position, frame):
                 decision = explorer.on_blockage(time, told, self._here(position, frame))
             if decision is None:
+                self._note_turn(distance)
                 distance, self.travel = distance + STEP, self.travel + STEP
                 continue
             self.events += decision.events
@@ -87,6 +92,13 @@ class Ghost:
             if not decision.goes_on:
                 self.legs, distance, wrong = self.legs + 1, decision.leg.begin, 0.0
         raise AssertionError(f"it still drives after {most} m: {self.events[-5:]}")
+
+    def _note_turn(self, distance: float) -> None:
+        """Note the fitting that it is in, if it turns sharply there."""
+        route = self.explorer.route()
+        here = route.passages[route.index_at(distance)]
+        if here.part.fitting.describe(here.enter, here.leave).turn_angle > np.radians(100):
+            self.sharp.add(here.part.name)
 
     def _has_passed(self, distance: float) -> int:
         """How many fittings it has just left behind for the first time."""

@@ -10,8 +10,9 @@ from ghosts import Ghost
 from network_samples import joint, straight
 
 from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Tee
+from omnitrack_sim.pipes import Elbow, Reducer, Tee
 from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import (
@@ -22,6 +23,7 @@ from omnitrack_sim.record.events import (
     LoopClosed,
     TakenForClosed,
 )
+from omnitrack_sim.sim.legs import Legs
 
 
 def explored(name: str, start: str, **more) -> Ghost:
@@ -281,6 +283,30 @@ def test_a_doubt_is_over_when_a_look_back_agrees_with_the_map():
     assert of_kind(ghost, ExplorationComplete)
 
 
+def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
+    """Directly behind a tee its length is a guess; from the pipe beyond it shows."""
+
+    def guessed(ahead):
+        if isinstance(ahead.fitting, Reducer) and ahead.enter == "start":
+            longer = replace(ahead.fitting, length=ahead.fitting.length + 0.02)
+            return replace(ahead, fitting=longer, distance_std=0.03)
+        return ahead
+
+    parts = [straight("foot"), {"kind": "tee", "name": "tee"}, straight("side")]
+    parts += [
+        {"kind": "reducer", "name": "reducer", "end_diameter": 0.17, "length": 0.1},
+        straight("on", 0.8, inner_diameter=0.17),
+    ]
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
+    joints += [joint("tee.run_end", "reducer.start"), joint("reducer.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=guessed)
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network)
+    assert difference.same
+    assert difference.length_error < 1e-4
+
+
 def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():
     """Before, nothing has shown that its lengths and turns are right."""
     ghost = explored("fig14", "inlet")
@@ -288,21 +314,46 @@ def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():
     assert ghost.explorer.leg.path[-1][::2] == ghost.explorer.belief.start
 
 
-def test_what_lies_beyond_a_sharp_turn_comes_last():
-    """From a wye's branch the run back is a turn of 135 degrees: the other arm is seen to its end
-    before."""
+@pytest.mark.parametrize("start", ["branch", "run_end"])
+def test_sharp_turns_are_driven_round(start):
+    """Between a wye's branch and the end of its run a turn is of 135 degrees: a robot passes by and
+    reverses. So nothing but the ends of both arms is inspected, and no turn is driven."""
     pipes = [straight("inlet"), {"kind": "wye", "name": "wye"}, straight("on"), straight("back")]
-    joints = [joint("inlet.end", "wye.branch")]
-    joints += [joint("wye.run_start", "on.start"), joint("wye.run_end", "back.start")]
+    other = {"branch": "run_end", "run_end": "branch"}[start]
+    joints = [joint("inlet.end", f"wye.{start}")]
+    joints += [joint("wye.run_start", "on.start"), joint(f"wye.{other}", "back.start")]
     network = validate({"name": "wye", "fittings": pipes, "joints": joints})
+    wye = network.pipes.parts[1].fitting
+    assert np.degrees(wye.describe(start, other).turn_angle) > 100
     ghost = Ghost(network, "inlet.start")
     ghost.run()
-    angle = {
-        port: np.degrees(network.pipes.parts[1].fitting.describe("branch", port).turn_angle)
-        for port in ("run_start", "run_end")
-    }
-    assert angle["run_end"] > 100 > angle["run_start"]
     first, last = (event.port for event in of_kind(ghost, EndInspected))
     joined = ghost.explorer.belief.network.joined_to
     assert joined[first.replace("end", "start")] == "wye_1.run_start"
-    assert joined[last.replace("end", "start")] == "wye_1.run_end"
+    assert joined[last.replace("end", "start")] == f"wye_1.{other}"
+    assert of_kind(ghost, ExplorationComplete)
+    assert not ghost.sharp
+
+
+def test_two_wyes_that_follow_directly_are_driven_round():
+    """Past the second one there is room to reverse into its branch, and from there into the
+    first."""
+    wyes = [{"kind": "wye", "name": name} for name in ("one", "two")]
+    arms = [straight("inlet"), *(straight(name, 0.6) for name in "abc")]
+    joints = [joint("inlet.end", "one.run_start"), joint("one.run_end", "a.start")]
+    joints += [joint("one.branch", "two.run_end", 90.0), joint("two.run_start", "b.start")]
+    joints += [joint("two.branch", "c.start")]
+    ghost = Ghost(validate({"fittings": [*arms, *wyes], "joints": joints}), "inlet.start")
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, ghost.network).same
+    assert not ghost.sharp
+
+
+def test_pipe_that_was_taken_back_is_on_no_leg():
+    """A leg that was over by then still leads through it, and its number may be another part's."""
+    explorer = explored("narrow", "outlet").explorer
+    leg, parts = explorer.leg, len(explorer.belief.network.fittings)
+    for more in ((parts, "start", "end"), (0, "start", "end")):
+        legs = Legs([explorer])
+        legs.follow(0, Decision(replace(leg, path=(*leg.path, more))))
+        assert legs.begun(0)[-1] == leg

@@ -7,12 +7,14 @@ loops with pipes of random lengths.
 
 from __future__ import annotations
 
+import pickle
 import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.writing import write_file
 from omnitrack_sim.pipes import network as networks
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.record.events import ExplorationComplete
@@ -57,9 +60,9 @@ class Tour:
 
     Attributes:
         sense, seed: which one. outcome: its name. reason: in words, and the last events.
-        map: how the robot's map differs from the network. duration_s: simulated time. wall_s: time
-            that it took. lost: how often the robot did not know where it was. complete: the robot
-        itself says that it explored all.
+        map: how the robot's map differs from the network. duration_s: simulated time. cpu_s:
+            processor time that it took. lost: how often the robot did not know where it was.
+        complete: the robot itself says that it explored all.
     """
 
     sense: str
@@ -68,7 +71,7 @@ class Tour:
     reason: str
     map: MapDifference
     duration_s: float
-    wall_s: float
+    cpu_s: float
     lost: int
     complete: bool
 
@@ -164,7 +167,7 @@ def loop(rng: np.random.Generator) -> Network:
 def tour(task: tuple[str, int]) -> Tour:
     """One exploration: sense, seed."""
     sense, seed = task
-    begin = time.perf_counter()
+    begin = time.process_time()
     (result,) = run_batch([random_exploration(seed, sense)], threads=1, no_load=False)
     events, difference = [str(event) for event in result.events], result.map_difference()
     assert difference is not None
@@ -175,23 +178,39 @@ def tour(task: tuple[str, int]) -> Tour:
         "; ".join([result.reason, *events[-4:]]),
         difference,
         result.duration_s,
-        time.perf_counter() - begin,
+        time.process_time() - begin,
         sum("does not know" in event for event in events),
         any(isinstance(event, ExplorationComplete) for event in result.events),
     )
 
 
-def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int) -> list[Tour]:
-    """All explorations, by some senses."""
+def kept_tour(task: tuple[str, int, Path | None]) -> Tour:
+    """One exploration: sense, seed, and the folder where it is kept, from an earlier call too."""
+    sense, seed, folder = task
+    if folder is None:
+        return tour((sense, seed))
+    file = folder / f"{sense}_{seed}.pickle"
+    if not file.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_file(file, pickle.dumps(tour((sense, seed))))
+    found = pickle.loads(file.read_bytes())
+    assert isinstance(found, Tour)
+    return found
+
+
+def runs(
+    study: str, senses: Sequence[str], trials: int, seed: int, workers: int, keep: Path | None
+) -> list[Tour]:
+    """All explorations, by some senses; those in the folder ``keep`` are not made again."""
     first = FIRST_NETWORK + (seed - 2) * 1000
-    tasks = [(sense, first + i) for sense in senses for i in range(trials)]
+    tasks = [(sense, first + i, keep) for sense in senses for i in range(trials)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         found = []
-        for run in pool.map(tour, tasks):
+        for run in pool.map(kept_tour, tasks):
             found.append(run)
             right = "same" if run.map.same else run.map
             claim = "complete by its own word" if run.complete else "not called complete"
-            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {claim}, {run.wall_s:.0f} s"
+            told = f"{run.sense} {run.seed}: {run.outcome}, {right}, {claim}, {run.cpu_s:.0f} s"
             print(told, file=sys.stderr, flush=True)
         return found
 
@@ -201,7 +220,7 @@ def table(tours: Sequence[Tour]) -> str:
     rows = [
         "| sensing | home, and the map the same as the network | 95 % interval | home | map "
         "complete | called complete by the robot, and wrong | wrong in all lengths: median, 90 % "
-        "| lost on the way | wall time of one |",
+        "| lost on the way | processor time of one |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for sense in dict.fromkeys(run.sense for run in tours):
@@ -220,7 +239,7 @@ def table(tours: Sequence[Tour]) -> str:
             f"{sum(run.complete for run in own)}",
             f"{middle:.0f}, {most:.0f} mm",
             f"{sum(run.lost > 0 for run in own)} runs",
-            f"{np.median([run.wall_s for run in own]):.0f} s",
+            f"{np.median([run.cpu_s for run in own]):.0f} s",
         ]
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)

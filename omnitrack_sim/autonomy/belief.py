@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_along, wrap_angle
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
+from omnitrack_sim.pipes import Fitting, Part, Straight
 from omnitrack_sim.pipes.network import CLOSES, End, Joint, Network, Origin, both_ways
 from omnitrack_sim.pipes.planning import port_graph
 
@@ -160,11 +160,10 @@ class Belief:
         self._set(name, replace(fitting, length=length))
         return length
 
-    def bend(self, part: int, angle: float) -> None:
-        """Change the angle of an elbow to ``angle`` rad."""
+    def resize(self, part: int, **sizes: float) -> None:
+        """Change sizes of a fitting, by keys of its constructor in SI units."""
         name, fitting = list(self._fittings.items())[part]
-        assert isinstance(fitting, Elbow)
-        self._set(name, replace(fitting, angle=angle))
+        self._set(name, replace(fitting, **sizes))  # type: ignore[type-var]
 
     def is_last(self, part: int) -> bool:
         """Return whether a part has no joint but the one it hangs on."""

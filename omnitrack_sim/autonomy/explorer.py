@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
-from omnitrack_sim.autonomy.leg_planner import LegPlanner
+from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
@@ -62,10 +63,10 @@ class ExplorerSettings:
         confidence: probability from which on a robot believes an observation.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
-        looks_at_reducer: looks from close by that the sizes of a reducer are the mean of.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         detour: m, travel that a robot prefers to such a turn.
+        reversals: most reversals by which it goes round such turns on its way to a port.
         touch: m, before an observed end from which on a robot without progress has come to it.
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
             bend its far end is hidden, so that the map may have it too short by that much.
@@ -81,9 +82,9 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sharp: float = math.radians(100)
-    looks_at_reducer: int = 3
     most_reducer_std: float = 0.02
     detour: float = 20.0
+    reversals: int = 2
     touch: float = 0.05
     rest: float = math.radians(35)
     same_side: float = math.radians(20)
@@ -166,6 +167,7 @@ class Explorer(MapPilot):
         distance = look.distance
         if self.looks_back(distance):
             distance = self._back.located(self.route(), distance, look.behind)
+            distance += self._measure_passed()
         shift = distance - look.distance
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), shift)
@@ -324,6 +326,7 @@ class Explorer(MapPilot):
         beyond = self.belief.take_back(self.leg.path[i][0])
         if beyond is not None:
             self._bends.pop(beyond, None)
+            self._back.lengths.pop(beyond, None)
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
@@ -341,7 +344,7 @@ class Explorer(MapPilot):
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._out_of()[0]).is_plain
-        return plain and not late and 0 < len(self._reducers) < EXPLORER.looks_at_reducer
+        return plain and not late and 0 < len(self._reducers) < LOOKS.at_reducer
 
     def _mean_of_looks(self, name: str) -> Fitting:
         """Return a reducer, ``name`` on the map, with the mean sizes of the looks at it; where they
@@ -356,6 +359,24 @@ class Explorer(MapPilot):
         if min(look.distance_std for look, _ in looks) > EXPLORER.most_reducer_std:
             self._doubts[name] = "its ends hardly show"
         return Reducer(*mean.tolist())
+
+    def _measure_passed(self) -> float:
+        """Resize a reducer in doubt that the robot has measured from behind; return by how much
+        longer it is now, m."""
+        looks = self._back.lengths.items()
+        part = next((part for part, seen in looks if len(seen) == LOOKS.at_reducer), None)
+        if part is None:
+            return 0.0
+        lengths, reducer = np.array(self._back.lengths.pop(part)), self.belief.fitting(part)
+        assert isinstance(reducer, Reducer)
+        if np.ptp(lengths) > 2 * LEAST_LENGTH:
+            return 0.0
+        self.belief.resize(part, length=float(lengths.mean()))
+        self._doubts.pop(self.belief.network.fittings[part].name, None)
+        self.planner = self._through([])
+        longer = float(lengths.mean()) - reducer.length
+        self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
+        return longer
 
     # How the map grows
 
@@ -394,6 +415,8 @@ class Explorer(MapPilot):
         if isinstance(fitting, Elbow):
             self._bends[part] = look.turned @ ahead.axis
         name = belief.network.fittings[part].name
+        if name in self._doubts:
+            self._back.lengths[part] = []
         events: list[Event] = []
         if name not in self._named:
             self._named.add(name)
@@ -427,7 +450,7 @@ class Explorer(MapPilot):
         assert isinstance(elbow, Elbow)
         if angle < EXPLORER.least_bend or abs(angle - elbow.angle) < EXPLORER.bend_tolerance:
             return False
-        self.belief.bend(part, angle)
+        self.belief.resize(part, angle=angle)
         self.planner = self._through([])
         return True
 
@@ -480,9 +503,60 @@ class Explorer(MapPilot):
                 # It is behind; after a loop it may be nearer ahead.
                 location = planner.location(leg, distance)
                 options.append(planner.replan_from(location, goal, closed))
-            return min((legs for legs in options if legs), key=_travel, default=None)
+            legs = min((legs for legs in options if legs), key=_travel, default=None)
+            if legs is None or not self._sharp_turns(legs):
+                return legs
+            location = planner.location(leg, distance)
+            return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
 
         return onward
+
+    def _gently(
+        self,
+        planner: LegPlanner,
+        location: PartLocation,
+        goal: int,
+        closed: Closed,
+        reversals: int,
+    ) -> list[Leg] | None:
+        """Return legs to a goal without sharp turns, with the robot either way round: it passes a
+        branch and reverses into it instead; None where there are none."""
+        legs = planner.replan_from(location, goal, (*closed, *self._sharp_edges()))
+        sharp = legs or planner.replan_from(location, goal, closed)
+        if legs or not sharp or not reversals:
+            return legs
+        number, index = self._sharp_turns(sharp)[0]
+        over = planner.reverse_beyond(sharp[number], index, closed)
+        if over is None:
+            return None
+        there = planner.location(over, over.end)
+        rest = self._gently(planner, there, goal, closed, reversals - 1)
+        return rest and [*sharp[:number], over, *rest]
+
+    def _sharp_edges(self) -> list[Edge]:
+        """Return the sharp turns in all fittings of the map that have another way through."""
+        parts = enumerate(self.belief.network.pipes.parts)
+        return [
+            (i, enter, leave)
+            for i, part in parts
+            if len(part.fitting.port_names) > 2
+            for enter, leave in permutations(part.fitting.port_names, 2)
+            if _is_sharp(part.fitting, enter, leave)
+        ]
+
+    def _sharp_turns(self, legs: Sequence[Leg]) -> list[tuple[int, int]]:
+        """Return the sharp turns on legs: the number of the leg, and that of the passage on it."""
+        return [
+            (number, index)
+            for number, leg in enumerate(legs)
+            for index, (part, *ports) in enumerate(leg.path)
+            if _is_sharp(self.belief.fitting(part), *ports) and self._drives(leg, index)
+        ]
+
+    def _drives(self, leg: Leg, index: int) -> bool:
+        """Return whether passage ``index`` of a leg's path lies between its begin and its end."""
+        here = self.planner.route(leg.path).passages[index]
+        return here.s_leave > leg.begin and here.s_enter < leg.end
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         """Go to the unexplored port that asks for the least travel, or else to the start."""
@@ -534,9 +608,7 @@ class Explorer(MapPilot):
 
     def _cost(self, legs: Sequence[Leg]) -> float:
         """Return the travel on legs, m, and what the sharp turns on them count for."""
-        edges = [edge for leg in legs if leg.gear > 0 and leg.goal >= 0 for edge in leg.path]
-        turns = sum(_is_sharp(self.belief.fitting(part), *ports) for part, *ports in edges)
-        return _travel(legs) + EXPLORER.detour * turns
+        return _travel(legs) + EXPLORER.detour * len(self._sharp_turns(legs))
 
     def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
         before, decision = self.leg, super()._begin(time, events, legs)

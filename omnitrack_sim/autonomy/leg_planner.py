@@ -253,13 +253,52 @@ class LegPlanner:
         part, behind, ahead, to_behind, to_ahead, _ = location
         gear = 1 if to_behind < to_ahead else -1
         enter, leave = (behind, ahead) if gear > 0 else (ahead, behind)
-        before, beyond = (self._path_up_to((part, port), closed) for port in (enter, leave))
-        path = (*before, (part, enter, leave), *((i, b, a) for i, a, b in beyond[::-1]))
-        route = self.route(path)
-        here, half = route.passages[len(before)], self.robot.length / 2
-        begin = here.s_enter + min(to_behind, to_ahead)
-        end = min(here.s_leave + half + self.robot.standing_room, route.length - half)
-        return Leg(path, gear, begin, end, -1, f"rights itself in {here.part.name}")
+        before = self._path_up_to((part, enter), closed)
+        begin = self.route((*before, (part, enter, leave))).passages[-1].s_enter
+        name = self.network.fittings[part].name
+        return self._over(
+            before,
+            (part, enter, leave),
+            closed,
+            gear,
+            begin + min(to_behind, to_ahead),
+            f"rights itself in {name}",
+        )
+
+    def _over(
+        self,
+        before: tuple[Edge, ...],
+        edge: Edge,
+        closed: Closed,
+        gear: int,
+        begin: float,
+        note: str,
+    ) -> Leg:
+        """Plan the leg that drives over a fitting from arc length ``begin`` m to where the robot
+        can stand beyond, or as far as its pipe is long."""
+        part, _, leave = edge
+        beyond = self._path_up_to((part, leave), closed)
+        path = (*before, edge, *((i, b, a) for i, a, b in beyond[::-1]))
+        route, half = self.route(path), self.robot.length / 2
+        end = route.passages[len(before)].s_leave + half + self.robot.standing_room
+        return Leg(path, gear, begin, min(end, route.length - half), -1, note)
+
+    def reverse_beyond(self, leg: Leg, index: int, closed: Closed) -> Leg | None:
+        """Plan the leg that drives past the turn that passage ``index`` of ``leg`` is, by the third
+        port of its fitting, to where the robot can reverse and take the turn from the other side;
+        None where there is no such port, or no room for the robot beyond it."""
+        part, enter, leave = leg.path[index]
+        ports = self.network.pipes.parts[part].fitting.port_names
+        if leg.begin > self.route(leg.path).passages[index].s_enter:
+            return None
+        for port in (port for port in ports if port not in (enter, leave)):
+            note = f"passes {self.network.fittings[part].name} to reverse"
+            edge = part, enter, port
+            over = self._over(leg.path[:index], edge, closed, leg.gear, leg.begin, note)
+            tail = over.end - self.robot.length / 2
+            if tail >= self.route(over.path[: index + 1]).length:
+                return over
+        return None
 
     def _path_up_to(self, enter: End, closed: Closed) -> tuple[Edge, ...]:
         """The path from the nearest open end up to a port by which a part is entered; empty where

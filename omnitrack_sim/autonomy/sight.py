@@ -15,7 +15,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import Belief, alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Route
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Reducer, Route
 from omnitrack_sim.pipes.network import End, both_ways
 from omnitrack_sim.robots.robot import Robot
 
@@ -220,6 +220,7 @@ class LookSettings:
         closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
+        at_reducer: looks from close by that the sizes of a reducer are the mean of.
     """
 
     behind: float = 0.1
@@ -232,6 +233,7 @@ class LookSettings:
     closest: float = 0.05
     again: float = 0.003
     doubt: float = 0.01
+    at_reducer: int = 3
 
 
 LOOKS = LookSettings()
@@ -250,11 +252,13 @@ class LookingBack:
 
     Attributes:
         doubts: names of pipes in which a look back has shown something else than the map, and what.
+        lengths: m, of reducers that are to be measured from behind, by their parts: of each look.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
         self._belief, self._half, self._confidence = belief, half, least_confidence
         self.doubts: dict[str, str] = {}
+        self.lengths: dict[int, list[float]] = {}
         self._done: set[int] = set()
         self._again, self._shift = 0.0, math.inf
 
@@ -293,7 +297,11 @@ class LookingBack:
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
-        self._done.add(here.index)
+        lengths = self.lengths.get(route.passages[i - 1].index)
+        if lengths is not None and isinstance(behind.fitting, Reducer):
+            lengths.append(behind.fitting.length)
+        if lengths is None or len(lengths) == LOOKS.at_reducer:
+            self._done.add(here.index)
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
         return located

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.pilots import Decision, Pilot
 from omnitrack_sim.base.rotations import set_rows
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.pipes.routes import Edge
 
 
 class Legs:
@@ -93,9 +95,27 @@ class Legs:
 
     def begun(self, robot: int) -> tuple[Leg, ...]:
         """Return the legs that a robot has begun, less those that nobody planned."""
-        return tuple(leg for leg in self._begun[robot] if leg.path)
+        legs, network = [leg for leg in self._begun[robot] if leg.path], self.map(robot)
+        return tuple(legs if network is None else (_on_map(leg, network) for leg in legs))
 
     def map(self, robot: int) -> Network | None:
         """Return the map that a robot makes; None where it makes none."""
         belief = self.pilots[robot].belief
         return None if belief is None else belief.network
+
+
+def _on_map(leg: Leg, network: Network) -> Leg:
+    """Return a leg with that stretch of its path which is on a map: pipe that a robot assumed to be
+    there, or saw from afar, may have been taken back since."""
+    parts, joined = network.pipes.parts, both_ways(network.pipes.joints)
+    path: list[Edge] = []
+    for part, enter, leave in leg.path:
+        ports = parts[part].fitting.port_names if part < len(parts) else ()
+        if not {enter, leave} <= set(ports):
+            if path:
+                break
+            continue
+        if path and joined.get((path[-1][0], path[-1][2])) != (part, enter):
+            break
+        path.append((part, enter, leave))
+    return replace(leg, path=tuple(path))
