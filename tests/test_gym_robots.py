@@ -64,7 +64,6 @@ def test_a_vector_of_pressers_is_each_alone():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"scenario": "robots/snake_tee"}, r"need a ctrlrange of the actuators"),
         ({"scenario": "robots/presser_tee", "acting": "residual"}, "acting"),
         ({"scenario": "robots/presser_tee", "sensing": "onboard"}, "sensing"),
         ({"scenario": "robots/presser_tee", "observation": "onboard"}, "observation"),
@@ -75,6 +74,26 @@ def test_options_that_a_robot_has_not_are_refused(options, told):
     """With the place and the reason."""
     with pytest.raises(ot.InputError, match=told):
         env_of(**options).reset(seed=1)
+
+
+@pytest.mark.parametrize("robot", ["inchworm", "snake", "screw", "helix", "pirate"])
+def test_learners_know_the_range_of_every_shipped_robot(robot):
+    """Of the actuators, so that actions from -1 to 1 reach from one end to the other."""
+    low, high = ot.load_scenario(f"robots/{robot}_elbow").robot.input_range.T
+    assert (low < high).all()
+
+
+def test_a_robot_without_ranges_is_refused(tmp_path):
+    """By the names of its actuators."""
+    model = tmp_path / "free.xml"
+    model.write_text(
+        '<mujoco><worldbody><body name="hull"><freejoint/><geom size="0.02"/><body>'
+        '<joint name="spin"/><geom size="0.02"/></body></body></worldbody>'
+        '<actuator><motor name="free" joint="spin"/></actuator></mujoco>'
+    )
+    robot = {"kind": "mjcf", "file": str(model), "bore": 0.16}
+    with pytest.raises(ot.InputError, match="ctrlrange of the actuators free"):
+        env_of("robots/presser_tee", changes={"robot": robot}).reset(seed=1)
 
 
 def test_a_picture_of_a_presser(monkeypatch):

@@ -18,6 +18,8 @@ LINKS, CENTRE = 8, 4
 """Number of links, and the one, counted from the tail, that the others hang on."""
 OUTWARDS = (*range(CENTRE + 1, LINKS), *range(CENTRE - 1, -1, -1))
 """The other links, each after the one that it hangs on."""
+BEND = [-1.3, 1.3]
+"""Range of a joint's angle about one axis, rad."""
 LENGTH, RADIUS = 0.09, 0.022
 """Of a link, m: from joint to joint, and of its rubber."""
 SHELL = {"contype": 0, "conaffinity": 0, "mass": 0.0, "group": 2}
@@ -123,9 +125,10 @@ class Snake(Robot):
         bend = [math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis))]
         body = parent.add_body(name=name, pos=[0, 0, at], quat=bend)
         # Being bent is no other zero: angles count from the straight snake.
-        hinge = {"ref": angle, "range": [-1.3, 1.3], "armature": 0.005}
+        hinge = {"ref": angle, "range": BEND, "armature": 0.005}
         body.add_joint(name=name, axis=axis, **hinge).damping[0] = 0.02
-        servo = spec.add_actuator(name=name, target=name, forcerange=[-1.5, 1.5])
+        limits = {"forcerange": [-1.5, 1.5], "ctrlrange": BEND}
+        servo = spec.add_actuator(name=name, target=name, **limits)
         servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
         servo.set_to_position(kp=self.stiffness, kv=0.1)
         return body
