@@ -27,6 +27,7 @@ from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.record import channels, metrics
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.motors import Motor
@@ -178,6 +179,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "bench.controllers": lambda: table(
         ("entry", "what drives"),
         ((f"`{entry.name}`", entry.words) for entry in controllers.shipped_entries().values()),
+    ),
+    "outcomes": lambda: table(
+        ("outcome", "what it says"), ((f"`{one.value}`", one.advice) for one in Outcome)
     ),
     "channels": lambda: channels.table().strip(),
     "metrics": lambda: metrics.table().strip(),
