@@ -201,7 +201,8 @@ def rate(trials: Iterable[Ended]) -> str:
 
 def row(cell: Cell, trials: Sequence[Ended]) -> str:
     """One row of the table."""
-    walls = [rate(t for t in trials if t.wall == wall) for wall in WALLS]
+    walls = [[t.passed for t in trials if t.wall == wall] for wall in WALLS]
+    low, high = wilson_interval(sum(t.passed for t in trials), len(trials))
     failed = Counter(t.outcome for t in trials if not t.passed)
     ends = ", ".join(f"{count} {name}" for name, count in failed.most_common()) or "-"
     passed = [t for t in trials if t.passed]
@@ -209,7 +210,8 @@ def row(cell: Cell, trials: Sequence[Ended]) -> str:
     columns = [
         cell.way,
         f"{cell.angle_deg:.0f}" + ("" if cell.branch == BORE else f", {1000 * cell.branch:.0f} mm"),
-        *walls,
+        *(f"{sum(half)} of {len(half)}" for half in walls),
+        f"{100 * low:.0f} to {100 * high:.0f} %",
         str(again),
         f"{np.mean([t.duration for t in passed]):.1f}" if passed else "-",
         ends,
@@ -287,7 +289,7 @@ def _draw_wye(axes: Axes) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
 
 
-HEADS = ("way", "branch, deg", *WALLS, "after backing off", "time, s", "failures")
+HEADS = ("way", "branch, deg", *WALLS, "both, 95 %", "after backing off", "time, s", "failures")
 
 
 def main() -> None:
