@@ -2,6 +2,7 @@
 
 import ast
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -73,6 +74,11 @@ def wheel(tmp_path_factory):
     (built,) = (place / "dist").glob("*.whl")
     install = ["pip", "install", "-q", "--no-deps", "--no-index", "--target", target, built]
     _succeeds(sys.executable, "-m", *install)
+    # Compiled walls are those of the checkout: to compile them again takes some 10 s.
+    for code in (ROOT / "omnitrack_sim").rglob("__pycache__/*.o"):
+        folder = target / code.relative_to(ROOT).parent
+        folder.mkdir(exist_ok=True)
+        shutil.copy(code, folder)
     # The dependencies come from the environment of the tests, behind the wheel and without the
     # checkout.
     dependencies = [p for p in sys.path if p.endswith("site-packages")]
