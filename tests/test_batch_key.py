@@ -139,19 +139,25 @@ def test_another_value_is_there_for_all_that_is_taken_of_each() -> None:
     assert set(EACH.values()) <= set(OTHER)
 
 
-@pytest.mark.parametrize("path", OTHER)
-@pytest.mark.parametrize("make", [straight, tee])
-def test_robots_that_differ_share_a_batch_and_not_their_numbers(make: Any, path: str) -> None:
-    """Two robots that differ in what is taken of each run in one batch, and each has the bytes that
-    it has alone."""
-    here, there = make(), make(**{path: OTHER[path]})
-    keys = [batch_key(scenario.model_dump(mode="json")) for scenario in (here, there)]
-    assert keys[0] == keys[1]
-    simulation = ot.Simulation([here, there])
+@functools.cache
+def together(make: Any) -> dict[str | None, ot.Result]:
+    """Results of a scenario, and of that with the other value at each path, in one batch."""
+    changes: list[dict[str, Any]] = [{}, *({path: value} for path, value in OTHER.items())]
+    scenarios = [make(**change) for change in changes]
+    assert len({batch_key(scenario.model_dump(mode="json")) for scenario in scenarios}) == 1
+    simulation = ot.Simulation(scenarios)
     simulation.advance()
-    results = simulation.results()
-    assert same_result(results[0], alone(make))
-    assert same_result(results[1], alone(make, path))
+    return dict(zip((None, *OTHER), simulation.results(), strict=True))
+
+
+@pytest.mark.parametrize("path", [None, *OTHER])
+@pytest.mark.parametrize("make", [straight, tee])
+def test_robots_that_differ_share_a_batch_and_not_their_numbers(
+    make: Any, path: str | None
+) -> None:
+    """Robots that differ in what is taken of each run in one batch, and each has the bytes that it
+    has alone."""
+    assert same_result(together(make)[path], alone(make, path))
 
 
 NO_MATTER = {

@@ -1,7 +1,6 @@
 """What the documents show, runs."""
 
 import re
-import runpy
 import shlex
 import tomllib
 from pathlib import Path
@@ -59,12 +58,22 @@ def test_the_readme_is_short():
     assert len(README.split()) <= 1200
 
 
+SHORTER = {
+    "reach_against_success": ("0.1121, 0.004", "0.1121, 0.02"),
+    "tee_orientations": ("(-60, -40, -20, 0, 20, 40, 60)", "(-60, 0)"),
+}
+"""What the test runs less of: it passes through the same code."""
+
+
 @pytest.mark.parametrize(
     "script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem
 )
 def test_scripts_run(script, capsys):
     """Each script on the public API runs and prints a table."""
-    runpy.run_path(str(script), run_name="__main__")
+    longer, shorter = SHORTER.get(script.stem, ("", ""))
+    code = script.read_text(encoding="utf-8")
+    assert longer in code
+    exec(compile(code.replace(longer, shorter), script, "exec"), {"__name__": "__main__"})
     assert len(capsys.readouterr().out.splitlines()) >= 5
 
 

@@ -13,7 +13,7 @@ import pytest
 from omnitrack_sim.show.film.render import FILM_FORMATS, film
 
 
-def moving_frames(count: int = 20) -> list[np.ndarray]:
+def moving_frames(count: int = 10) -> list[np.ndarray]:
     """Stripes and waves that move, (180, 320, 3): something for every part of an encoder."""
     y, x = np.mgrid[:180, :320]
     waves = [(3 * x + 5 * k, 2 * y + 7 * k, (x + y) // 4 * 9 + 3 * k) for k in range(count)]

@@ -46,14 +46,14 @@ def test_wall_is_a_solid_with_open_bores(fitting):
     assert genus(mesh) == len(fitting.ports) - 1
 
 
-@pytest.mark.parametrize("bore", [0.05, 0.16, 0.3])
+@pytest.mark.parametrize("bore", [0.05, 0.3])
 @pytest.mark.parametrize("mean_radii", [0.5, 0.5625, 1.5, 6.0])
 def test_elbows_of_any_angle_are_open_tubes(bore, mean_radii):
     """From 10 to 180 degrees the wall is one solid of genus 1, its inside an annulus (Euler
     characteristic 0), and no face lies across a mouth. At the least mean radius the wall has no
     thickness along its inner line, so that it is a bent sheet of genus 0, with a disc inside."""
     tube = mean_radii > 0.5
-    for degrees in (10, 22.5, 37, 45, 60, 75, 89.9, 90, 120, 154.3, 180):
+    for degrees in (10, 22.5, 37, 60, 89.9, 90, 154.3, 180):
         elbow = Elbow(mean_radii * bore, math.radians(degrees), bore)
         wall = Trimesh(*fitting_mesh(elbow, sections=48), process=False)
         inside = Trimesh(*inside_mesh(elbow, sections=48), process=False)

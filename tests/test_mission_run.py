@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from network_samples import joint, straight, tee
 
 from omnitrack_sim import (
     Outcome,
@@ -160,10 +161,18 @@ def test_fittings_close_together_are_passed():
 def test_a_mission_does_not_depend_on_its_batch():
     """Missions with other starts and goals share a batch, one with a leg added on the way: same
     bits as alone."""
+    network = {
+        "fittings": [straight("foot", 0.3), tee("fork"), straight("on", 0.3), straight("off", 0.3)],
+        "joints": [
+            joint("foot.end", "fork.run_start"),
+            joint("fork.run_end", "on.start"),
+            joint("fork.branch", "off.start"),
+        ],
+    }
     scenarios = [
-        mission_of("fig14", "top", "far"),
-        mission_of("fig14", "far", "top", start={"theta5_deg": 20.0}),
-        mission_of("fig14", "top", "far", "top"),
+        mission_of(network, "foot.start", "off.end"),
+        mission_of(network, "on.end", "foot.start", start={"theta5_deg": 20.0}),
+        mission_of(network, "foot.start", "on.end", "foot.start"),
     ]
     together = run_batch(scenarios, threads=1, no_load=False)
     assert [len(result.legs) for result in together] == [1, 1, 2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -36,8 +37,7 @@ def test_written_models_pass_their_check(folders):
 
 def test_check_names_changed_missing_and_stray_files(folders, tmp_path):
     """Every file that is not as generated is named."""
-    models, assets = tmp_path / "models", tmp_path / "assets"
-    write_models(models, assets)
+    models, assets = (shutil.copytree(folder, tmp_path / folder.name) for folder in folders)
     (models / "robot.xml").write_text("<mujoco/>")
     (assets / "tee.stl").unlink()
     (models / "old.xml").write_text("<mujoco/>")

@@ -150,15 +150,14 @@ def test_small_motor_scales_the_cruise_speed():
 
 
 def test_elbows_pass_at_any_orientation_and_leave_straight():
-    """Both elbows, three orientations, two gravities, without alignment: through, and out within 3
-    degrees."""
+    """Both elbows, three orientations, gravity along and across, without alignment: through, and
+    out within 3 degrees."""
     trials = [
         override(
             load_scenario(name), {"start.theta5_deg": a, "control.align": False, "world.gravity": g}
         )
         for name in ("elbow", "elbow_short")
-        for a in (0.0, 40.0, 80.0)
-        for g in ([0.0, 0.0, -G], [0.0, G, 0.0])
+        for a, g in ((0.0, [0.0, 0.0, -G]), (40.0, [0.0, G, 0.0]), (80.0, [0.0, 0.0, -G]))
     ]
     results = run_batch(trials, no_load=False)
     assert [r.outcome for r in results] == [Outcome.REACHED_GOAL] * len(trials)
@@ -182,11 +181,11 @@ def test_alignment_rescues_the_worst_orientation():
 
 
 def test_slip_does_not_depend_on_the_time_step():
-    """Of eight turns, means at the default step and at a quarter of it agree within 15 %, energies
+    """Of four turns, means at the default step and at a quarter of it agree within 15 %, energies
     within 6 %; a longer step is warned of."""
     rng = np.random.default_rng(3)
     base = override(load_scenario("tee_turn"), {"control.align": False})
-    angles = rng.uniform(-8, 8, 8)
+    angles = rng.uniform(-8, 8, 4)
     slips, energies = [], []
     for step in (0.002, 0.0005):
         trials = [
@@ -207,13 +206,13 @@ def test_slip_does_not_depend_on_the_time_step():
 
 
 def test_no_module_of_a_leaning_robot_is_pressed_beyond_reason():
-    """Of 24 turns and merges with any theta5 at most one shows a force beyond 20 preloads and none
+    """Of 12 turns and merges with any theta5 at most one shows a force beyond 20 preloads and none
     beyond 40, no arm stands beyond its stop, and every larger force carries a note."""
     rng = np.random.default_rng(11)
     notes = []
     for name in ("tee_turn", "tee_merge"):
         trials = []
-        for _ in range(12):
+        for _ in range(6):
             gravity = rng.normal(size=3)
             trials.append(
                 override(

@@ -55,7 +55,8 @@ def test_without_a_path_a_figure_comes_back_and_nothing_is_written(name, tmp_pat
 def test_a_path_is_written_by_its_ending_and_the_figure_comes_back(name, tmp_path):
     """The same bytes twice and by the figure's own ``savefig``; no date in it, and in PDF
     fonts that journals take."""
-    for ending in ENDINGS:
+    # Bitmaps of all figures are those that notebooks show, above.
+    for ending in ENDINGS if name == "channel" else ("pdf", "svg"):
         assert isinstance(DRAWN[name](path=tmp_path / f"a.{ending}"), Figure)
     # SVG is written soonest, and has all that is drawn.
     DRAWN[name]().savefig(tmp_path / "own.svg")

@@ -37,6 +37,9 @@ FITTINGS = {
 }
 ROLLED = (0.003, -0.002, 0.03, 0.02)
 """Offset, m, and tilt, rad, of the robot."""
+BOTH = ("elbow", "tee over", "wye sharp", "reducer", "closed end")
+"""Fittings that both cameras are tried on: pictures of light take twice as long to read."""
+KNOWN = [("depth", name) for name in FITTINGS] + [("headlight", name) for name in BOTH]
 BESIDE = {"depth": (0.002, 0.015), "headlight": (0.006, 0.05)}
 """Errors of both, m and rad: in a picture of light, dirt of the wall looks like either."""
 
@@ -96,8 +99,7 @@ def turned_by(sighting, turn, period=2 * math.pi):
     return abs((sighting.turn - turn + period / 2) % period - period / 2)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("name", FITTINGS)
+@pytest.mark.parametrize(("camera", "name"), KNOWN)
 def test_a_fitting_is_known_by_its_picture(camera, name):
     """Kind, port, distance and direction, from one picture at a middle distance."""
     taken, _ = pictures(camera, name, [0.16], turn=1.9, stands=ROLLED)
@@ -113,8 +115,11 @@ def test_a_fitting_is_known_by_its_picture(camera, name):
         assert turned_by(sighting, 1.9, period) < math.radians(10)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("name", ["straight", "elbow", "wide elbow", "tee over", "wye turn"])
+@pytest.mark.parametrize(
+    ("camera", "name"),
+    [("depth", name) for name in ("straight", "elbow", "wide elbow", "tee over", "wye turn")]
+    + [("headlight", "straight"), ("headlight", "elbow")],
+)
 def test_a_fitting_is_known_from_within_the_one_before_it(camera, name):
     """No straight wall shows from 20 mm before the port, by a lens that leans 17 degrees; a map
     tells how it stands, to a degree."""
@@ -200,7 +205,7 @@ def test_a_camera_before_a_port_has_the_numbers_that_place_it_there():
 @pytest.mark.parametrize("name", ["elbow", "tee over"])
 def test_pictures_of_an_approach_tell_the_direction(camera, name):
     """Within 5 degrees, wherever it is; and within what the covariance lets expect."""
-    for turn in (-2.4, 0.5):
+    for turn in (-2.4, 0.5) if camera == "depth" else (-2.4,):
         taken, motions = pictures(camera, name, [0.25, 0.2, 0.15], turn, ROLLED)
         sighting = recogniser(camera).approach(taken, motions)
         assert sighting.kind == name.split()[0]
@@ -220,35 +225,31 @@ def test_sizes_are_told_with_their_spread():
 def test_a_bend_whose_far_end_is_hidden_is_taken_for_a_quarter():
     """Its angle hardly shows, and the best fit alone is off by up to 15 degrees; what shows of a
     bend of 45 degrees tells it apart."""
-    for angle in (math.pi / 2, math.pi / 4):
+    for angle, turn in ((math.pi / 2, 2.0), (math.pi / 4, 4.5)):
         bend = Elbow(0.24, angle)
         lead = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))
         part = Part("ahead", bend, attached(lead.port("end"), bend, "start", 0.0))
         on = Part("on", Straight(0.6), attached(part.port("end"), Straight(0.6), "start", 0.0))
-        for turn in (2.0, 4.5):
-            numbers = np.array([[*ROLLED, 0.1, turn]])
-            taken = photographed("depth", ([lead, part, on], ()), numbers)[0]
-            sighting = recogniser("depth").single(taken[0])
-            assert sighting.sizes["angle"] == pytest.approx(angle, abs=math.radians(4))
+        numbers = np.array([[*ROLLED, 0.1, turn]])
+        taken = photographed("depth", ([lead, part, on], ()), numbers)[0]
+        sighting = recogniser("depth").single(taken[0])
+        assert sighting.sizes["angle"] == pytest.approx(angle, abs=math.radians(4))
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("name", ["open end", "closed end"])
-def test_how_far_an_end_is_is_told_with_its_spread(camera, name):
+@pytest.mark.parametrize(("name", "distance"), [("open end", 0.23), ("closed end", 0.11)])
+def test_how_far_an_end_is_is_told_with_its_spread(camera, name, distance):
     """To millimetres, though slopes of a picture know nothing of an open end."""
-    for distance in (0.11, 0.23):
-        sighting = recogniser(camera).single(
-            pictures(camera, name, [distance], stands=ROLLED)[0][0]
-        )
-        assert sighting.kind == name
-        assert sighting.distance == pytest.approx(distance, abs=0.005)
-        assert 0 < sighting.covariance[0, 0] < 0.006**2
+    sighting = recogniser(camera).single(pictures(camera, name, [distance], stands=ROLLED)[0][0])
+    assert sighting.kind == name
+    assert sighting.distance == pytest.approx(distance, abs=0.005)
+    assert 0 < sighting.covariance[0, 0] < 0.006**2
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_where_a_bend_begins_is_told_apart_from_how_narrow_it_is(camera):
     """Both look much alike: a search from one place alone ends centimetres off."""
-    for distance in (0.16, 0.22):
+    for distance in (0.16, 0.22) if camera == "depth" else (0.22,):
         sighting = recogniser(camera).single(pictures(camera, "wide elbow", [distance], 0.7)[0][0])
         assert sighting.distance == pytest.approx(distance, abs=0.006)
         assert sighting.sizes["mean_radius"] == pytest.approx(0.24, abs=0.03)
@@ -264,13 +265,12 @@ def test_a_straight_pipe_is_straight(camera):
         assert sighting.distance < 1.0
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_the_same_picture_gives_the_same_sighting(camera):
+def test_the_same_picture_gives_the_same_sighting():
     """Bit for bit, whatever was looked at between."""
-    taken, _ = pictures(camera, "tee over", [0.2], 0.4)
-    first = recogniser(camera).single(taken[0])
-    recogniser(camera).single(pictures(camera, "elbow", [0.1])[0][0])
-    again = recogniser(camera).single(taken[0])
+    taken, _ = pictures("depth", "tee over", [0.2], 0.4)
+    first = recogniser("depth").single(taken[0])
+    recogniser("depth").single(pictures("depth", "elbow", [0.1])[0][0])
+    again = recogniser("depth").single(taken[0])
     assert repr(first) == repr(again)
 
 

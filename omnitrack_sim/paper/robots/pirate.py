@@ -87,6 +87,7 @@ def clamp_forces(robot: Pirate, friction: float) -> Array:
 def pull_law(quick: bool) -> Claim:
     """The pull at the tail against the clamping torque."""
     cases = [(bore, mu, t) for bore in (0.051, 0.08) for mu, t in ((0.4, 0.4), (0.8, 0.3))]
+    cases = cases[1:2] if quick else cases
     changes = [
         {"pipes": [_straight(1.5, bore)], "robot.bore": bore, "world.friction": mu}
         | {"robot.clamp_torque": torque, "robot.joint_stiffness": 0.2, "start.axis": LEVEL}
@@ -104,8 +105,9 @@ def pull_law(quick: bool) -> Claim:
         statement="force at the tail at which it stops within 15 % of it",
         measured=f"{100 * errors.min():+.0f} to {100 * errors.max():+.0f} %; 8 mu T / (L cos a), "
         f"without these moments, is {max(np.array(simple) / held):.1f} times too large",
-        uncertainty="4 cases, force grows by 8 N/s",
+        uncertainty=f"{len(cases)} cases, force grows by 8 N/s",
         verdict=verdict_of(bool((np.abs(errors) < 0.15).all())),
+        sample=Sample.EVERY,
         how="bores of 51 and 80 mm, friction 0.4 and 0.8, without gravity",
     )
 
@@ -145,7 +147,7 @@ def pull(quick: bool) -> list[Claim]:
 
 def bores(quick: bool) -> Claim:
     """Bores, by an elbow of each."""
-    sizes = (0.051, 0.08, 0.12)
+    sizes = (0.051,) if quick else (0.051, 0.08, 0.12)
     runs = [
         run
         for bore in sizes
@@ -162,6 +164,7 @@ def bores(quick: bool) -> Claim:
         measured=text,
         uncertainty="Wilson, 95 %",
         verdict=verdict_of(passed == total),
+        sample=Sample.EVERY,
         how="pirate_elbow in each bore",
     )
 
@@ -169,7 +172,8 @@ def bores(quick: bool) -> Claim:
 def corners(quick: bool) -> Claim:
     """Sharp bends in its plane."""
     fittings = [{"kind": "elbow", "mean_radius": 0.06}, {"kind": "mitre"}]
-    runs = [run for fitting in fittings for run in runs_of(ELBOW, [_between(fitting)])]
+    tried = fittings[1:] if quick else fittings
+    runs = [run for fitting in tried for run in runs_of(ELBOW, [_between(fitting)])]
     passed, total, text = rate(runs)
     return Claim(
         id="pirate_corners",
@@ -179,6 +183,7 @@ def corners(quick: bool) -> Claim:
         measured=text,
         uncertainty="Wilson, 95 %",
         verdict=verdict_of(passed == total),
+        sample=Sample.EVERY,
         how="pirate_elbow with these",
     )
 
@@ -187,7 +192,7 @@ def branch(quick: bool) -> list[Claim]:
     """Turns into a branch."""
     rng = np.random.default_rng(7)
     tee = _between({"kind": "tee", "enter": "run_start", "leave": "branch"})
-    rolls = rng.uniform(-30, 30, 2 if quick else 20)
+    rolls = rng.uniform(-30, 30, 1 if quick else 20)
     starts = [{**tee, "start.theta5_deg": float(roll)} for roll in rolls]
     runs = runs_of(ELBOW, starts)
     free = runs_of(

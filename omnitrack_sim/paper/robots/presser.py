@@ -78,7 +78,7 @@ def motor_droop(quick: bool) -> Claim:
 
 def bend(quick: bool) -> list[Claim]:
     """Wheel speeds in an elbow, as those of the geometry and with all wheels alike."""
-    rolls = np.arange(0, 120, 30)
+    rolls = np.arange(0, 120, 60 if quick else 30)
     starts = [{"start.theta5_deg": float(roll)} for roll in rolls]
     controlled = runs_of(ELBOW, starts)
     equal = runs_of(ELBOW, ({**start, "control.kind": "own"} for start in starts))
@@ -86,6 +86,7 @@ def bend(quick: bool) -> list[Claim]:
     energies = [_mean(_energy_a_metre, runs) for runs in (controlled, equal)]
     common: dict[str, Any] = {
         "uncertainty": f"{len(rolls)} start rolls",
+        "sample": Sample.EVERY,
         "how": "presser_elbow, control.kind own",
     }
     passed, total, text = rate(controlled)
@@ -154,7 +155,7 @@ def branch(quick: bool) -> list[Claim]:
     """The turn into a tee's branch, from random rolls and with random gravity."""
     rng = np.random.default_rng(7)
     starts = []
-    for _ in range(4 if quick else 48):
+    for _ in range(2 if quick else 48):
         axis = [float(x) for x in rng.normal(size=3)]
         roll = float(rng.uniform(0, 120))
         starts.append({"pipes": BRANCH, "start.axis": axis, "start.theta5_deg": roll})
