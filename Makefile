@@ -21,7 +21,7 @@ demo: $(READY) egl
 	@echo "To play it, open $(CURDIR)/out/tee_turn/replay.html in a browser"
 
 test: $(READY) egl screen
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \

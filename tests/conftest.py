@@ -17,11 +17,31 @@ from omnitrack_sim.robots.omnitrack.track import install_lines
 from omnitrack_sim.walls.collider import install
 
 
-@pytest.fixture(scope="session", autouse=True)
-def walls() -> None:
+LONGEST = ["test_robot_claims", SITE := "test_site"]
+"""Files that take longest, in the order in which they begin. Whole files go to the two processes of
+`make test`: a long one that began last would leave one of them idle. While the first compiles the
+walls, of a fresh checkout, the second builds the site, which needs none."""
+LONGEST += [
+    *("test_recognition", "test_sweep_workers", "test_exploring_onboard", "test_viewer"),
+    *("test_notebook", "test_collider", "test_render", "test_study_run", "test_physics"),
+    *("test_plots", "test_any_robot", "test_docs", "test_exploring_run", "test_mission_run"),
+    *("test_cli", "test_sweep_run", "test_fittings", "test_make_figures", "test_reproduce"),
+    *("test_gym", "test_onboard", "test_docstrings", "test_layers", "test_pictures"),
+]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first."""
+    rank = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def walls(request: pytest.FixtureRequest) -> None:
     """Exact walls are compiled before a test starts a process, which would tell of it."""
-    install()
-    install_lines()
+    if request.path.stem != SITE:
+        install()
+        install_lines()
 
 
 @pytest.fixture(scope="session")

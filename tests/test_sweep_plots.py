@@ -44,8 +44,11 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("left_out", ["none", "some", "all"])
+@pytest.mark.parametrize(
+    ("form", "left_out"),
+    [*((form, "some") for form in FORMS), ("map", "none"), ("effects", "none")]
+    + [("orientation", "all"), ("maps by word", "all"), ("effects by word", "all")],
+)
 def test_every_form_is_drawn_and_repeats(form, left_out):
     """Each form draws without a warning, with trials that have no outcome too, and twice the same
     bytes."""
