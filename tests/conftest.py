@@ -16,7 +16,6 @@ from omnitrack_sim import run_sweep
 from omnitrack_sim.robots.omnitrack.track import install_lines
 from omnitrack_sim.walls.collider import install
 
-
 LONGEST = ["test_robot_claims", SITE := "test_site"]
 """Files that take longest, in the order in which they begin. Whole files go to the two processes of
 `make test`: a long one that began last would leave one of them idle. While the first compiles the
