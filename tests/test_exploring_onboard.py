@@ -37,15 +37,34 @@ def bend(**sensing) -> Scenario:
 
 @pytest.fixture(scope="module")
 def explored():
-    """It, explored."""
-    return ot.run(bend())
+    """A network with an elbow directly on a tee's branch, explored."""
+    network = {
+        "fittings": [
+            straight("inlet", 0.3),
+            tee("tee"),
+            straight("run", 0.3),
+            elbow("knee", mean_radius=0.12),
+            straight("arm", 0.2),
+        ],
+        "joints": [
+            joint("inlet.end", "tee.run_start"),
+            joint("tee.run_end", "run.start"),
+            joint("tee.branch", "knee.start", 90.0),
+            joint("knee.end", "arm.start"),
+        ],
+    }
+    mission = {"start": "inlet.start", "map": "unknown", "task": "explore"}
+    scenario = validate({"network": network, "mission": mission, "sensing": {"kind": "onboard"}})
+    return ot.run(scenario, no_load=False)
 
 
 def test_a_robot_explores_by_its_camera_and_comes_back(explored):
-    """The map is complete, though the robot is told nothing but by its sensors."""
+    """The map is complete, though the robot is told nothing but by its sensors. The elbow hangs on
+    the tee itself, from within which it is seen: a pipe of millimetres between them would be one
+    too many."""
     assert explored.success, explored.reason
     kinds = [type(event) for event in explored.events]
-    assert kinds.count(EndInspected) == kinds.count(ExplorationComplete) == 1
+    assert (kinds.count(EndInspected), kinds.count(ExplorationComplete)) == (2, 1)
     difference = explored.map_difference()
     assert difference.complete, difference
     assert not difference.extra
@@ -53,8 +72,7 @@ def test_a_robot_explores_by_its_camera_and_comes_back(explored):
 
 
 def test_how_much_a_bend_bends_is_measured_after_it(explored):
-    """From before it the end of a wide bend is hidden; by the gyro it is known to a degree or
-    two."""
+    """From before it the end of a bend is hidden; by the gyro it is known to a degree or two."""
     (found,) = [f for f in explored.map.fittings if f.kind == "elbow"]
     assert found.angle_deg == pytest.approx(90.0, abs=2.5)
 
@@ -151,35 +169,3 @@ def test_a_robot_sees_alone_what_it_sees_in_a_batch():
     for name in ("distance", "aside", "frame", "distance_std"):
         first, second = (getattr(each, name) for each in estimates)
         assert first[0].tobytes() == second[1].tobytes(), name
-
-
-@pytest.fixture(scope="module")
-def close():
-    """A network with an elbow directly on a tee's branch, explored."""
-    network = {
-        "fittings": [
-            straight("inlet"),
-            tee("tee"),
-            straight("run", 0.3),
-            elbow("knee", mean_radius=0.09),
-            straight("arm", 0.3),
-        ],
-        "joints": [
-            joint("inlet.end", "tee.run_start"),
-            joint("tee.run_end", "run.start"),
-            joint("tee.branch", "knee.start", 90.0),
-            joint("knee.end", "arm.start"),
-        ],
-    }
-    mission = {"start": "inlet.start", "map": "unknown", "task": "explore"}
-    return ot.run(
-        validate({"network": network, "mission": mission, "sensing": {"kind": "onboard"}})
-    )
-
-
-def test_an_elbow_on_the_branch_of_a_tee_is_seen_from_within_the_tee(close):
-    """It hangs on the tee itself: a pipe of millimetres between them would be one too many."""
-    assert close.success, close.reason
-    difference = close.map_difference()
-    assert difference.complete, difference
-    assert not difference.extra, difference

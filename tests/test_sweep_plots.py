@@ -46,8 +46,11 @@ FORMS = {
 
 @pytest.mark.parametrize(
     ("form", "left_out"),
-    [*((form, "some") for form in FORMS), ("map", "none"), ("effects", "none")]
-    + [("orientation", "all"), ("maps by word", "all"), ("effects by word", "all")],
+    [
+        *((form, "some") for form in FORMS),
+        *((form, "none") for form in ("map", "effects")),
+        *((form, "all") for form in ("orientation", "maps by word", "effects by word")),
+    ],
 )
 def test_every_form_is_drawn_and_repeats(form, left_out):
     """Each form draws without a warning, with trials that have no outcome too, and twice the same
