@@ -112,7 +112,7 @@ def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
 
 
 def robots(bench: ot.Bench) -> str:
-    """What each entry is: its words, bore, range of bores, length and mass."""
+    """What each entry is: bore, range of bores, length, mass and speed."""
     body = []
     for entry in bench.entries:
         robot = robot_of(entry.changes)
@@ -121,8 +121,8 @@ def robots(bench: ot.Bench) -> str:
         bore, length = 1000 * robot.nominal_bore, robot.length / robot.nominal_bore
         figures = (f"{bore:.0f}", fits, f"{length:.1f}", f"{robot.mass:.2f}")
         speed = f"{1000 * robot.nominal_speed:.0f}"
-        body.append([f"`{entry.name}`", entry.words, *figures, speed])
-    heads = ["entry", "robot", "bore, mm", "fits, mm", "length, bores", "mass, kg", "speed, mm/s"]
+        body.append([f"`{entry.name}`", *figures, speed])
+    heads = ["entry", "bore, mm", "fits, mm", "length, bores", "mass, kg", "speed, mm/s"]
     return table(heads, body)
 
 

@@ -12,7 +12,6 @@ in preloads of the run; an arm's travel beyond its stop is that of the worst sam
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
@@ -94,7 +93,6 @@ def row(kind: str, runs: Sequence[Extremes]) -> str:
     """Line of the table."""
     passed = [run for run in runs if run.passed]
     low, high = wilson_interval(len(passed), len(runs))
-    others = Counter(run.outcome for run in runs if not run.passed)
     over = [sum(run.preloads > MOST_PRELOADS for run in group) for group in (passed, runs)]
     cells = [
         kind,
@@ -103,7 +101,6 @@ def row(kind: str, runs: Sequence[Extremes]) -> str:
         f"{max(run.preloads for run in runs):.1f}, {max(run.force for run in runs):.0f} N",
         f"{over[0]}, {over[1] - over[0]}",
         f"{max(run.beyond for run in runs):.1f}",
-        ", ".join(f"{count} `{name}`" for name, count in others.most_common()) or "-",
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -123,7 +120,7 @@ def main() -> None:
     print("## forces\n")
     print(
         "| runs | passed, 95 % | largest force of those, preloads | of all | over 20 preloads: "
-        "passed, not | arm beyond its stop, mm | others |\n|---|---|---|---|---|---|---|"
+        "passed, not | arm beyond its stop, mm |\n|---|---|---|---|---|---|"
     )
     for kind, ended in runs.items():
         if ended:
