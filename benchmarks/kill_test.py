@@ -2,12 +2,12 @@
 
 python benchmarks/kill_test.py [--quick] [--kills N] [--only NAME]
 
-``run`` (with and without a film), ``render`` and ``reproduce --quick`` replace an earlier output.
-Half of their kills come right before a change of a file, the other half at random times. After
-each one the earlier output or the new one must be there whole, and after the next undisturbed
-start the new one and nothing beside it. A sweep and a benchmark are killed and resumed until
-they are done, and must leave the files of an undisturbed one. Ends with status 1 where anything is
-lost or left.
+``run`` (with and without a film), ``render``, ``reproduce --quick`` and ``reach`` replace an
+earlier output. Half of their kills come right before a change of a file, the other half at random
+times. After each one the earlier output or the new one must be there whole, and after the next
+undisturbed start the new one and nothing beside it. A sweep, a benchmark and a passport are killed
+and resumed until they are done, and must leave the files of an undisturbed one. Ends with status 1
+where anything is lost or left.
 """
 
 from __future__ import annotations
@@ -25,6 +25,14 @@ from killing.sweep import FILES, kill_trials
 def _run(friction: float, *more: str) -> tuple[str, ...]:
     short = ("--set", "run.time_limit=0.3", "--set", f"world.friction={friction}")
     return ("run", "straight", *short, "--out", "out/run", *more)
+
+
+def _reach(friction: str) -> tuple[str, ...]:
+    return ("reach", "fig14", "--friction", friction, "--out", "out/reach")
+
+
+def _loads_reach(out: Path) -> object:
+    return json.loads((out / "reach" / "reach.json").read_text(encoding="utf-8"))
 
 
 def _loads_run(out: Path) -> object:
@@ -45,6 +53,7 @@ SUBJECTS = {
     "render": Subject(
         "render", (_run(0.9, *_PLAIN), (*_FILM, "onboard")), (*_FILM, "side"), _loads_run
     ),
+    "reach": Subject("reach", (_reach("0.5:0.8"),), _reach("0.6:0.9"), _loads_reach),
     "reproduce": Subject(
         "reproduce",
         ((*_PAPER, "png"),),
@@ -55,8 +64,9 @@ SUBJECTS = {
         statuses=(0, 1),  # 1 where a verdict has changed
     ),
 }
-SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "sweep": 20, "bench": 6}
-"""How often each is killed; 40 kills without those of trials."""
+SHARES = {"run": 14, "film": 8, "render": 10, "reproduce": 8, "reach": 10}
+SHARES |= {"sweep": 20, "bench": 6, "passport": 10}
+"""How often each is killed; 50 kills without those of trials."""
 QUICK = {"run": 4, "render": 2}
 
 

@@ -160,6 +160,16 @@ def test_a_normal_far_above_its_mean_stays_in_its_range():
     assert len(set(values)) > 150
 
 
+def test_a_clipped_normal_lies_at_its_end_as_often_as_beyond():
+    """Half of the values of one clipped at its mean; the others keep their distribution."""
+    axis = {"path": "robot.preload", "kind": "normal", "mean": 20.0, "std": 5.0, "low": 20.0}
+    values = np.array(_sweep({**axis, "clipped": True}, samples=1000).trials()["robot.preload"])
+    assert np.mean(values == 20.0) == pytest.approx(0.5, abs=0.05)
+    assert np.std(values[values > 20.0] - 20.0) == pytest.approx(
+        5 * math.sqrt(1 - 2 / math.pi), 0.1
+    )
+
+
 def test_a_trial_is_the_override_of_its_base():
     """scenario(i) is the base with the axis values, on all paths of the axis and all pipes of a
     star."""

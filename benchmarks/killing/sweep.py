@@ -1,4 +1,4 @@
-"""A sweep and a benchmark that are killed and resumed until they are done."""
+"""A sweep, a benchmark and a passport that are killed and resumed until they are done."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from killing.processes import descendants, survivors
 FILES = {
     "sweep": ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json"),
     "bench": ("results.parquet", "results.csv", "trials.parquet", "results.md", "bench.png"),
+    "passport": ("passport.parquet", "passport.json", "trials/trials.parquet"),
 }
+COURSES = ("--course", "straight", "--course", "elbow_150", "--course", "tee_run_start_branch")
 SWEEP = """
 base = "tee_turn"
 samples = {trials}
@@ -40,8 +42,8 @@ kind = "direction"
 def kill_trials(
     name: str, place: Path, kills: int, seed: int, trials: int, workers: int
 ) -> list[str]:
-    """Kill a ``sweep`` or ``bench`` on its way, let it end, and compare it with an undisturbed one;
-    what was wrong.
+    """Kill a ``sweep``, ``bench`` or ``passport`` on its way, let it end, and compare it with an
+    undisturbed one; what was wrong.
 
     After each kill the workers must have died with their parent, and no finished batch may be lost
     or changed.
@@ -49,9 +51,13 @@ def kill_trials(
     file = place / "kill_test.toml"
     file.write_text(SWEEP.format(trials=trials), encoding="utf-8")
     robots = ("--alone", "--robot", "presser", "--robot", "omnitrack", "--trials", str(trials))
-    short = ("--course", "tee_into", "--course", "pull", "--set", "run.time_limit=1.5")
-    line = ("sweep", str(file)) if name == "sweep" else ("bench", *robots, *short)
-    command = [sys.executable, "-m", "omnitrack_sim.cli", *line, "--json", "--workers"]
+    quick = ("--set", "run.time_limit=1.5")
+    line = {
+        "sweep": ("sweep", str(file)),
+        "bench": ("bench", *robots, "--course", "tee_into", "--course", "pull", *quick),
+        "passport": ("passport", "omnitrack", "--trials", str(trials), *COURSES, *quick),
+    }
+    command = [sys.executable, "-m", "omnitrack_sim.cli", *line[name], "--json", "--workers"]
     calm, killed = place / "calm", place / "killed"
     start = time.perf_counter()
     subprocess.run([*command, "1", "--out", str(calm)], check=True, stdout=subprocess.DEVNULL)

@@ -59,8 +59,9 @@ class PassportSettings:
 
     Attributes:
         friction: range of the walls'.
-        pull: largest pull that is tried, robot weights. spread: standard deviation of the pulls'
-            half normal distribution: tethers pull little on most of a way.
+        pull: largest pull that is tried, robot weights. spread: standard deviation of the normal
+            distribution of the pulls, of which the half below 0 is none: tethers pull little on
+            most of a way, and many robots have none.
     """
 
     friction: tuple[float, float] = (0.3, 1.0)
@@ -514,6 +515,7 @@ def passport_sweep(
                 std=SETTINGS.spread * weight,
                 low=0,
                 high=SETTINGS.pull * weight,
+                clipped=True,
             ),
         ),
         bases=bases,

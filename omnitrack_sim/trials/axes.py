@@ -163,7 +163,7 @@ class UniformAxis(AxisTable):
 
 
 class NormalAxis(AxisTable):
-    """Normal, truncated where an end is given."""
+    """Normal, truncated where an end is given; clipped, values beyond an end are put on it."""
 
     dimensions: ClassVar[int] = 1
     kind: Literal["normal"]
@@ -171,6 +171,7 @@ class NormalAxis(AxisTable):
     std: Spread
     low: Number | None = None
     high: Number | None = None
+    clipped: Annotated[bool, Field(exclude_if=lambda clipped: not clipped)] = False
     _is_above = field_validator("high")(above_low)
 
     def draw(self, points: Array) -> list[Any]:
@@ -178,6 +179,8 @@ class NormalAxis(AxisTable):
         from scipy.special import ndtr, ndtri
 
         u = points[:, 0]
+        if self.clipped:
+            return np.clip(self.mean + self.std * ndtri(u), self.low, self.high).tolist()
         a = -np.inf if self.low is None else (self.low - self.mean) / self.std
         b = np.inf if self.high is None else (self.high - self.mean) / self.std
         # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
