@@ -59,12 +59,12 @@ class Walk(NamedTuple):
 
 
 def through_random_network(
-    robot: ot.Robot, number: int, generator: np.random.Generator
+    robot: ot.Robot, seed: int, generator: np.random.Generator
 ) -> tuple[Network, str, str, list[float]]:
     """Return a random network, two of its open ends, and gravity in any direction."""
     bore = robot.nominal_bore
     network: Network = ot.random_network(
-        SEED + number,
+        seed,
         int(generator.integers(5, 13)),
         lengths=(robot.length + 0.5 * bore, robot.length + 4 * bore),
         mean_radii=(bore, 1.5 * bore, 3 * bore),
@@ -160,15 +160,15 @@ class Town:
 
 
 def routes(
-    passport: ot.Passport, town: Network | None, friction: tuple[float, float]
+    passport: ot.Passport, town: Network | None, friction: tuple[float, float], seed: int = SEED
 ) -> Iterator[tuple[int, ot.Scenario]]:
     """Yield missions from one open end of a network to another, without end."""
     robot = passport.robot
     drawn = None if town is None else Town(town, robot)
     for number in count():
-        generator, gravity = np.random.default_rng([SEED, number]), [0.0, 0.0, -9.81]
+        generator, gravity = np.random.default_rng([seed, number]), [0.0, 0.0, -9.81]
         if drawn is None:
-            network, start, goal, gravity = through_random_network(robot, number, generator)
+            network, start, goal, gravity = through_random_network(robot, seed + number, generator)
         else:
             network, start, goal = drawn.draw(generator)
         data = {
@@ -230,6 +230,7 @@ def main() -> None:
     parser.add_argument("--routes", type=int, default=40)
     parser.add_argument("--friction", default="0.6:0.9")
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON, a line a route")
+    parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} routes")
     options = parser.parse_args()
     low, high = map(float, options.friction.split(":"))
@@ -241,7 +242,7 @@ def main() -> None:
     driven = driven_before(out)
     wanted = QUICK if options.quick else options.routes
     sure, spread, passes, within, known, unknown = 0.0, 0.0, 0, 0, 0, 0
-    for number, scenario in routes(passport, town, (low, high)):
+    for number, scenario in routes(passport, town, (low, high), options.seed):
         if known == wanted:
             break
         row = predict(passport, scenario)

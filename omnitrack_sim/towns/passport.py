@@ -37,7 +37,7 @@ from omnitrack_sim.trials.store import numbers_of, passed_of, to_json, to_parque
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_run import run_sweep
 
-FORMAT = 1
+FORMAT = 2
 """Version of the file."""
 PASSPORT_FILE, SUMMARY_FILE = "passport.parquet", "passport.json"
 SEED = 73_000
@@ -83,8 +83,11 @@ class ModelSettings:
             point may lie, in the measure of regression: combinations that nobody tried are unknown.
         scatter: standard deviation of a cost's logarithm about its mean, which each pass counts
             with that is missing from ``few``: typical of bends, tees and wyes.
-        least_cost: over the median, below which no cost counts: what is left of a run without its
-            straights may be nothing.
+        way: length, bores, of the way through a fitting whose costs are modelled; what it is longer
+            costs as much as straight pipe. The shorter, the more do costs beside that of the length
+            scatter in the logarithm: left-out trials of our robot are foretold best by 0.25 to 0.5.
+        least_cost: over the median of their sizes, below which no cost counts: what is left of a
+            run without its straights may be little.
     """
 
     intercept: float = 10.0
@@ -94,6 +97,7 @@ class ModelSettings:
     leverage: float = 1.5
     scatter: float = 0.4
     few: int = 8
+    way: float = 0.5
     least_cost: float = 0.05
 
 
@@ -107,7 +111,8 @@ class Estimate(NamedTuple):
         probability: of passing.
         logit_std: standard deviation of its logit.
         low, high: ends of its 95 % interval.
-        seconds, joules, slip: means of a pass: s, J and m; in straights of a metre.
+        seconds, joules, slip: means of a pass: s, J and m; of a straight by the metre, of another
+            fitting as of a way through it of ``ModelSettings.way``.
         seconds_std, joules_std: standard deviations from pass to pass.
         seconds_error: standard error of the mean, which all passes of a kind share, s.
     """
@@ -150,7 +155,8 @@ class KindTrials:
     Attributes:
         points: (n, features).
         passed: (n,) 1 or 0.
-        costs: (n, 3) s, J and m of slip; not a number of failures.
+        costs: (n, 3) s, J and m of slip, of straights by the metre, of other fittings brought to
+            the length of ``ModelSettings.way``; not a number of failures.
         outcomes: (n,) of the runs.
     """
 
@@ -182,7 +188,8 @@ class KindTrials:
             nothing = np.full((3, len(points)), np.nan)
             return nothing, nothing, nothing
         basis, costs = self._linear(self.points[done]), self.costs[done]
-        logs = np.log(np.maximum(costs, MODEL.least_cost * np.median(costs, axis=0) + 1e-9))
+        least = MODEL.least_cost * np.median(np.abs(costs), axis=0) + 1e-9
+        logs = np.log(np.maximum(costs, least))
         middle = logs.mean(axis=0)
         # A trial's weight for each coefficient but the constant: a few passes make no slope.
         ridge = np.diag([0.0, *[1.0] * (basis.shape[1] - 1)]) + 1e-9 * np.eye(basis.shape[1])
@@ -321,12 +328,23 @@ class Passport:
         trials = sum(len(kind.passed) for kind in self.kinds.values())
         return f"Passport({self.robot.kind!r}: {trials} trials of {len(self.kinds)} ways)"
 
-    def estimate(self, kind: str, points: Any) -> Estimate:
-        """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``."""
+    def estimate(self, kind: str, points: Any, lengths: Any = None) -> Estimate:
+        """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``.
+
+        Args:
+            kind: of the passages. points: features.
+            lengths: (q,) m, of the ways; when not given, ``ModelSettings.way``.
+        """
         points = np.asarray(points, float).reshape(-1, len(FEATURES))
         if kind not in self.kinds:
             return Estimate(*[np.full(len(points), np.nan)] * len(Estimate._fields))
-        return self.kinds[kind].estimate(points)
+        made, straight = self.kinds[kind].estimate(points), self.kinds.get("straight")
+        if lengths is None or straight is None or kind == "straight":
+            return made
+        way = MODEL.way * self.robot.nominal_bore
+        more = (lengths - way) * straight.cost(_as_straights(points))[0]
+        seconds, joules, slip = np.stack([made.seconds, made.joules, made.slip]) + more
+        return made._replace(seconds=seconds, joules=joules, slip=slip)
 
     def summary(self) -> dict[str, Any]:
         """Return what ``passport.json`` holds: rates and means by kind, and misfits."""
@@ -605,9 +623,9 @@ def _kinds(sweep: Sweep, table: Any, changes: Mapping[str, Any]) -> dict[str, Ki
         point = [friction[i], pull[i] / weight, climb, lift, *shape]
         points.setdefault(kind, []).append(point)
         rows.setdefault(kind, []).append(i)
-        before = passages[0].s_leave - scenario.start.distance if len(passages) > 1 else 0.0
-        behind = scenario.goal_distance - passages[-1].s_enter if len(passages) > 1 else 0.0
-        ways[i] = before, climb, behind, leaving
+        middle, half = (passage.s_enter + passage.s_leave) / 2, MODEL.way * robot.nominal_bore / 2
+        before = middle - half - scenario.start.distance
+        ways[i] = before, climb, scenario.goal_distance - middle - half, leaving
     raw = np.stack([columns["duration_s"], columns["energy_j"], slip], axis=-1)
     kinds: dict[str, KindTrials] = {}
     for kind in sorted(points, key=lambda name: name != "straight"):
@@ -625,14 +643,21 @@ def _kinds(sweep: Sweep, table: Any, changes: Mapping[str, Any]) -> dict[str, Ki
 def _of_straights(
     straight: KindTrials, points: Array, ways: Sequence[tuple[float, float, float, float]]
 ) -> Array:
-    """Costs (n, 3) of the straights before and behind a fitting."""
+    """Costs (n, 3) of straights as long as the ways before and behind the middle of a fitting."""
     total = np.zeros((len(points), 3))
     before, climb, behind, leaving = np.array(ways).T
     for length, slope in ((before, climb), (behind, leaving)):
-        there = points.copy()
-        there[:, 2], there[:, 3], there[:, 4], there[:, 5] = slope, 0.0, 0.0, 0.0
+        there = _as_straights(points)
+        there[:, FEATURES.index("climb")] = slope
         total += length[:, None] * straight.cost(there)[0].T
     return total
+
+
+def _as_straights(points: Array) -> Array:
+    """Points (n, features) of straights at the friction, pull, climb and bore of fittings."""
+    there = points.copy()
+    there[:, [FEATURES.index(name) for name in ("lift", "turn", "sharpness")]] = 0.0
+    return there
 
 
 def _slip(table: Any) -> Array:

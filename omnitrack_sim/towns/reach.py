@@ -378,6 +378,7 @@ class _Planner:
     def prepare(self, progress: Callable[[float], Any]) -> None:
         """Describe all ways, and estimate them."""
         points: dict[str, list[tuple[int, list[float]]]] = {}
+        lengths: list[float] = []
         bore = self.passport.robot.nominal_bore
         parts = self.network.pipes.parts
         for i, part in enumerate(parts):
@@ -388,18 +389,22 @@ class _Planner:
                 points.setdefault(kind, []).append(
                     (row, [0.0, 0.0, climb, lift, *shape_of(passage, bore)])
                 )
+                lengths.append(passage.length)
                 segments = part.segments(passage.curve)
                 way = _Way((i, enter, leave), row, kind, passage.length, segments)
                 self.ways.setdefault((i, enter), []).append(way)
                 self.rows[i, enter, leave] = row
             if i % 100 == 0:
                 progress(i / len(parts) / 2)
-        self.tables = self._estimated(points, progress)
+        self.tables = self._estimated(points, np.array(lengths), progress)
 
     def _estimated(
-        self, points: Mapping[str, list[tuple[int, list[float]]]], progress: Callable[[float], Any]
+        self,
+        points: Mapping[str, list[tuple[int, list[float]]]],
+        lengths: Array,
+        progress: Callable[[float], Any],
     ) -> _Tables:
-        """Tables of all ways, kind by kind."""
+        """Tables of all ways, kind by kind; their lengths, m, by row."""
         pulls = np.linspace(0.0, SETTINGS.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
         shape = (len(self.rows), len(self.friction), len(pulls))
         tables = np.full((7, *shape), np.nan)
@@ -413,7 +418,7 @@ class _Planner:
                 ways = np.array([point for _, point in own[start : start + step]])
                 each = np.repeat(ways, len(grid), axis=0)
                 each[:, [FRICTION, PULL]] = np.tile(grid, (len(ways), 1))
-                made = self.passport.estimate(kind, each)
+                made = self.passport.estimate(kind, each, np.repeat(lengths[rows], len(grid)))
                 p = np.clip(np.where(made.is_known, made.probability, 1.0), 1e-12, 1.0)
                 values = (
                     np.where(made.is_known, np.log(p), -np.inf),
