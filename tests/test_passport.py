@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.pipes import Passage
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.towns.passport import PASSPORT_FILE, KindTrials
 from omnitrack_sim.towns.ways import FEATURES, shape_of, slopes_of
@@ -95,6 +96,10 @@ def test_features_of_a_passage_are_slopes_and_shape():
     assert shape_of(turn, 0.16) == pytest.approx((90, 0, 1))
     elbow = ot.load_scenario("elbow").route.passages[1]
     assert shape_of(elbow, 0.16) == pytest.approx((90, 0.16 / 0.24, 1))
+    # Across a run that is wider than both branches: the bore grows by a third.
+    cross = {"kind": "cross", "name": "c", "inner_diameter": 0.16, "branch_diameter": 0.12}
+    across = Passage.of(ot.Network(fittings=[cross]).pipes, (0, "branch", "opposite"))
+    assert shape_of(across, 0.12) == pytest.approx((0, -1 / 3, 1))
 
 
 def test_a_passport_is_resumed_to_the_same_bytes(tmp_path):

@@ -51,6 +51,9 @@ def shape_of(passage: Passage, nominal_bore: float) -> tuple[float, float, float
     """Return turn, sharpness and bore of a passage."""
     turn = math.degrees(passage.description.turn_angle) if passage.is_turn else 0.0
     entry, exit_ = passage.radius, passage.part.fitting.port_radius(passage.leave)
+    # From branch to branch a cross leads through its run, which may be wider than both.
+    if max(entry, exit_) < passage.part.fitting.radius:
+        exit_ = passage.part.fitting.radius
     # Round the corner of a branch the arc is the controller's, not the pipe's.
     bend = 2 * entry / passage.bend_radius if passage.kind == "elbow" else 0.0
     return turn, bend + 1 - exit_ / entry, 2 * entry / nominal_bore
