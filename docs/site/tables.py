@@ -17,6 +17,7 @@ from pathlib import Path
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined, to_jsonable_python
 
+import omnitrack_sim as ot
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.reading import KINDS
 from omnitrack_sim.base.table import meanings_of, symbol_of
@@ -137,6 +138,19 @@ def rows_of_files(noun: str) -> Iterator[Row]:
         yield f"`{name}`", comment(path)
 
 
+def rows_of_plots() -> Iterator[Row]:
+    """Yield the public functions that draw figures."""
+    for name in ot.__all__:
+        if name.startswith("plot_"):
+            function = getattr(ot, name)
+            about = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
+            yield (
+                f"`ot.{name}`",
+                about,
+                "yes" if "ax" in inspect.signature(function).parameters else "",
+            )
+
+
 def rows_of_courses(suite: Suite) -> Iterator[Row]:
     """Yield the courses of a benchmark."""
     return ((f"`{course.name}`", course.words) for course in suite.courses.values())
@@ -180,6 +194,7 @@ TABLES: dict[str, Callable[[], str]] = {
         ("entry", "what drives"),
         ((f"`{entry.name}`", entry.words) for entry in controllers.shipped_entries().values()),
     ),
+    "plots": lambda: table(("function", "draws", "takes `ax`"), rows_of_plots()),
     "outcomes": lambda: table(
         ("outcome", "what it says"), ((f"`{one.value}`", one.advice) for one in Outcome)
     ),
