@@ -70,8 +70,8 @@ class Visit:
         normal_force_min_n: least value of a module's running mean over ``FORCE_WINDOW``.
         energy_j: mechanical energy of all motors, braking not recovered; all visits add up to the
             energy that ``metrics.summarise`` gives.
-        rolls: how often the robot began to roll its modules for this fitting: the first elbow or tee
-            whose bend or opening it had not left, otherwise the one it stood in.
+        rolls: how often the robot began to roll its modules for this fitting, which is the first
+            elbow or tee whose bend or opening it had not left, otherwise the one it stood in.
         retries: how often it backed off to try this fitting again.
 
     Example:
