@@ -56,7 +56,7 @@ def test_plan_ends_inside_the_margin_and_off_the_no_motion_line():
 def test_no_admissible_roll_is_shorter(modules, turn_limit):
     """Against a fine grid of all rolls within the turn limit: none is shorter, none there where the
     plan has none."""
-    theta5, roll, best, margin, ratio, clearance = draw = _draw(300, seed=modules)
+    theta5, roll, best, margin, ratio, clearance = draw = _draw(150, seed=modules)
     plan = _plan(draw, modules=modules, turn_limit=turn_limit)
     turn = np.linspace(-turn_limit, turn_limit, 40_001)
     step = turn[1] - turn[0]

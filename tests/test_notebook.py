@@ -22,7 +22,7 @@ DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
 PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1, "your-robot-in-10-minutes": 2}
 """Notebooks, and how many pictures each shows at least."""
 SHORTER = {
-    "tutorial": {"samples = 6": "samples = 1"},
+    "tutorial": {"samples = 6": "samples = 1", "[0.3, 0.4, 0.5, 0.6, 0.8]": "[0.3, 0.8]"},
     "learn-in-5-minutes": {
         "for generation in range(10):": "for generation in (0, 1):",
         '"run.time_limit": 3.0': '"run.time_limit": 0.3',

@@ -36,15 +36,16 @@ def test_preload_times_friction_holds_its_weight(part):
     assert (drive.s < 0.6) == (part < 1)
 
 
-@pytest.mark.parametrize("roll", [0, 60])
-@pytest.mark.parametrize("axis", [UP, LEVEL, DOWN])
+@pytest.mark.parametrize(("axis", "roll"), [(UP, 0), (UP, 60), (LEVEL, 0), (DOWN, 60)])
 def test_it_passes_elbows(axis, roll):
     """With an arm at the inside or at the outside of the bend."""
     assert Drive(Presser(), pipe("elbow", axis=axis), roll=roll).run(15.0, until=1.1).s > 1.1
 
 
-@pytest.mark.parametrize("roll", [0, 30, 60])
-@pytest.mark.parametrize(("axis", "turn"), [(UP, 0), (LEVEL, 90), (LEVEL, 180)])
+@pytest.mark.parametrize(
+    ("axis", "turn", "roll"),
+    [(UP, 0, 0), (UP, 0, 30), (LEVEL, 90, 0), (LEVEL, 90, 60), (LEVEL, 180, 30)],
+)
 def test_it_crosses_a_tee_with_the_branch_at_any_side(axis, turn, roll):
     """Its arms' outer stops keep wheels over the opening from falling in."""
     course = pipe("tee", axis=axis, turns=[turn])

@@ -108,12 +108,12 @@ def test_a_robot_that_drives_downward_on_a_slippery_wall_passes_by_its_sway() ->
     down = 9.81 * base.route.centreline.at(np.zeros(1))[1][0]
     slippery = [
         ot.override(base, {"world.gravity": down.tolist(), "world.friction": friction})
-        for friction in (0.54, 0.56, 0.58)
+        for friction in (0.54, 0.58)
     ]
     none = {"control.parameters.sway.lean_deg": 0.0}
     without = [ot.override(scenario, none) for scenario in slippery]
-    assert [result.success for result in ot.run_batch(slippery)] == [True] * 3
-    assert [result.success for result in ot.run_batch(without)] == [False] * 3
+    assert [result.success for result in ot.run_batch(slippery, no_load=False)] == [True] * 2
+    assert [result.success for result in ot.run_batch(without, no_load=False)] == [False] * 2
     dry = ot.override(base, {"world.friction": 0.9})
-    a, b = ot.run_batch([dry, ot.override(dry, none)])
+    a, b = ot.run_batch([dry, ot.override(dry, none)], no_load=False)
     assert np.array_equal(a.trajectory["position"], b.trajectory["position"])

@@ -39,7 +39,7 @@ def place(done, tmp_path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{}", "[]", "[" * 100_000, '{"provenance": {"made_by": 3}}', "\x00", "9" * 9000]
+    "text", ["", "[]", "[" * 100_000, '{"provenance": {"made_by": 3}}', "9" * 9000]
 )
 def test_a_damaged_summary_is_made_anew(place, done, text):
     """From the batches, without running one."""
