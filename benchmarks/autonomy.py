@@ -139,8 +139,10 @@ def main() -> None:
         every = study, given.senses, trials, given.seed, given.workers
         of = unknown if study == "unknown" else by_sensors
         runs = unknown.runs(*every, given.keep) if of is unknown else by_sensors.runs(*every)
-        print(f"## {study}\n\n{trials} trials, seed {given.seed}:\n\n{of.table(runs)}\n")
-        print(f"## failures of {study}\n\n{of.failures(runs)}\n", flush=True)
+        # Explorations take minutes each, so those of each camera may be made by a call of its own.
+        name = " ".join(["unknown", *given.senses]) if of is unknown else study
+        print(f"## {name}\n\n{trials} trials, seed {given.seed}:\n\n{of.table(runs)}\n")
+        print(f"## failures of {name}\n\n{of.failures(runs)}\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of
 from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.base.rotations import Pose, rotation_about
-from omnitrack_sim.pipes import ARCS, Elbow, Passage
+from omnitrack_sim.pipes import ARCS, Elbow, Passage, Tee
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -169,3 +169,21 @@ def test_a_robot_sees_alone_what_it_sees_in_a_batch():
     for name in ("distance", "aside", "frame", "distance_std"):
         first, second = (getattr(each, name) for each in estimates)
         assert first[0].tobytes() == second[1].tobytes(), name
+
+
+def test_a_robot_stays_where_pipe_that_was_taken_back_gave_its_number_to_a_fitting():
+    """Nothing of the map around it has moved."""
+    simulation = ot.Simulation([bend()])
+    senses, belief = simulation.senses, simulation.legs.pilots[0].belief
+    assert isinstance(senses, Onboard)
+    assert belief is not None
+    (end,) = belief.unexplored
+    part = belief.straight_beyond(end, 0.5)
+    senses.update_maps([0])
+    at = belief.port(end)
+    senses.localiser.filter.position[0] = at.position + 0.1 * at.rotation[:, 2]
+    before = senses.localiser.filter.position.copy()
+    assert belief.drop(part)
+    belief.attach(end, Tee(), "branch", at.rotation[:, 0])
+    senses.update_maps([0])
+    np.testing.assert_array_equal(senses.localiser.filter.position, before)

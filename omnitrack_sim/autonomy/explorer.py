@@ -182,7 +182,9 @@ class Explorer(MapPilot):
             if not self._closer.too_late(self.look_at, route):
                 return Decision(self.leg, True, ())
             if not self._reducers:
-                # The robot has to rely on what it observed from afar.
+                # The robot has to rely on what it observed from afar. What no form explains from
+                # close by, such as a cross, may look like a tee from there.
+                self._doubts[self._provisional_name()] = "seen from afar only"
                 self.belief.settle()
                 observed = _end_of(self.leg.path) in self.belief.ends
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
@@ -312,6 +314,14 @@ class Explorer(MapPilot):
         middle = self.belief.port((part, enter)).rotation[:, 2]
         middle = middle - on * (middle @ on)
         return float(angle_between(_side(ahead, look, on), middle)) < EXPLORER.same_side
+
+    def _provisional_name(self) -> str:
+        """Return the name of the fitting at the end of the provisional straight, or of that end."""
+        belief, straight = self.belief, self.belief.provisional
+        assert straight is not None
+        end = straight, "end"
+        beyond = belief.joined.get(end)
+        return belief.name(end) if beyond is None else belief.network.fittings[beyond[0]].name
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, where that is still far away."""

@@ -374,7 +374,9 @@ class Onboard:
             self.localiser.inflate(robot)
             return
         here = self.localiser.filter.position[robot, None]
-        part, moved = next((pair for pair in both if pair[0].holds(here, 0.0)), (None, None))
+        # Pipe that was taken back may have given its number to another part.
+        same = [pair for pair in both if pair[0].fitting.kind == pair[1].fitting.kind]
+        part, moved = next((pair for pair in same if pair[0].holds(here, 0.0)), (None, None))
         if part is not None and moved is not None:
             port = part.fitting.port_names[0]
             start, end = part.port(port), moved.port(port)
