@@ -93,7 +93,6 @@ def run(
 def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; one that
     cannot be made is told as a warning and costs only itself."""
-    from omnitrack_sim.show.plots.mission_figure import plot_mission
     from omnitrack_sim.show.plots.run_figures import plot_summary
     from omnitrack_sim.show.plots.style import attempt
     from omnitrack_sim.show.projection import needs_map
@@ -107,6 +106,8 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
     # After the run has been saved: a plot that fails costs nothing of it.
     picture("summary.png", plot_summary, "ot.plot_summary")
     if needs_map(result):
+        from omnitrack_sim.show.plots.mission_figure import plot_mission
+
         picture("map.png", plot_mission, "ot.plot_mission")
     picture(PAGE, render_replay, "ot.render_replay")
     if camera is not None:
