@@ -12,8 +12,8 @@ from omnitrack_sim.record.statistics import mean_interval, wilson_interval
 
 TEXT = """
 * **A branch is entered by steering.** The omnidirectional robot, which rolls its modules aside and
-drives them at different speeds, enters the branches of tee and wye in {branch_steered} trials, by
-its own sensors or not; all others in {branch_others}.
+drives them at different speeds, enters the branches of tee and wye in {branch_steered} trials,
+with onboard sensors or the true pose; all others in {branch_others}.
 * **A differential does not steer.** With it and one motor the same robot enters
 {branch_differential}. Elbows it passes in {elbows_differential}, for {energy_differential} J/m
 where three motors take {energy_motors}.
