@@ -141,7 +141,7 @@ def print_result(result: Result, target: Path) -> None:
     )
     if result.scenario.sensing.kind == "onboard":
         out.say(
-            f"  by onboard sensors: position known to {metrics['localisation_error_mean_m']:.4f} m on "
+            f"  onboard sensors: position known to {metrics['localisation_error_mean_m']:.4f} m on "
             f"average, {metrics['localisation_error_max_m']:.4f} m at worst; theta5 to "
             f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time"
         )
