@@ -441,18 +441,42 @@ class Recogniser:
                 if len(near):
                     chosen.append(int(near[np.argmin(cost[near])]))
                     places.append(joint)
-        numbers = entries.numbers[chosen].copy()
-        numbers[:, :DISTANCE] = pose[:DISTANCE]
-        numbers[:, DISTANCE] = places
-        chosen_forms = [self._forms[i] for i in entries.form[chosen]]
-        starts = zip(chosen_forms, entries.start[chosen], strict=True)
-        sizes = np.array([form.padded_starts[at] for form, at in starts])
+        begin = self._from_library(np.array(chosen, np.intp), pose)
+        begin.numbers[:, DISTANCE] = places
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
         possible &= ~plain & (alone < alone[plain].min() + RECOGNISER.excluded_cost)
+        open_rows = np.flatnonzero(possible)
+        if self._dim:
+            open_rows = self._visible(open_rows, pose, views)
         straight = float(
-            np.min(entries.numbers[possible, DISTANCE], initial=RECOGNISER.horizon * self._bore)
+            np.min(entries.numbers[open_rows, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )
-        return tries(chosen_forms, numbers, sizes, 1), straight
+        return begin, straight
+
+    def _from_library(self, rows: NDArray[np.intp], pose: Array) -> Tries:
+        """Return entries of the library (m,) as seen by a camera at ``pose`` (6,)."""
+        entries = self._library.entries
+        forms, numbers = [self._forms[i] for i in entries.form[rows]], entries.numbers[rows]
+        numbers[:, :DISTANCE] = pose[:DISTANCE]
+        starts = zip(forms, entries.start[rows], strict=True)
+        sizes = np.array([form.padded_starts[at] for form, at in starts])
+        return tries(forms, numbers, sizes, 1)
+
+    def _visible(self, rows: NDArray[np.intp], pose: Array, views: Views) -> NDArray[np.intp]:
+        """Return those entries of the library (m,) that the pixels do not exclude either, up to the
+        nearest: by a lamp coarse pictures of shallow reducers are hardly those of straight pipe."""
+        entries, level = self._library.entries, self._level(0, 6.0)
+        plain = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
+        plain.numbers[:, :DISTANCE] = pose[:DISTANCE]
+        most = self._fit.costs(plain, views, level).cost[0]
+        most += RECOGNISER.excluded_cost * self._alike
+        rows = rows[np.argsort(entries.numbers[rows, DISTANCE], kind="stable")]
+        for first in range(0, len(rows), RECOGNISER.excluded_together):
+            some = rows[first : first + RECOGNISER.excluded_together]
+            near = self._fit.costs(self._from_library(some, pose), views, level).cost < most
+            if near.any():
+                return some[near]
+        return rows[:0]
 
     def _apart(self, row: int, other: int) -> bool:
         """Return whether two entries of the library are more than neighbours."""

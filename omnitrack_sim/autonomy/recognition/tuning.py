@@ -31,6 +31,7 @@ class RecogniserSettings:
         distinct_turn: rad, the same of directions.
         joint_distance: bores, from a visible joint to an entry of the library that it may be.
         excluded_cost: cost in the library from which on a fitting would have been visible.
+        excluded_together: entries that are compared by pixels at a time, the nearest first.
         followed: most rows that are followed: roughly, closely, to the end.
         follow_cost: cost above the least from which on rows are not followed, for the same stages.
         follow_forms: number of forms of which the best row is always followed, for the same
@@ -104,6 +105,7 @@ class RecogniserSettings:
     distinct_turn: float = 0.8
     joint_distance: float = 0.12
     excluded_cost: float = 25.0
+    excluded_together: int = 32
     followed: tuple[int, int, int] = (14, 7, 3)
     follow_cost: tuple[float, float, float] = (400.0, 200.0, 100.0)
     follow_forms: tuple[int, int, int] = (5, 4, 2)
