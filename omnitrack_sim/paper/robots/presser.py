@@ -155,7 +155,7 @@ def branch(quick: bool) -> list[Claim]:
     """The turn into a tee's branch, from random rolls and with random gravity."""
     rng = np.random.default_rng(7)
     starts = []
-    for _ in range(2 if quick else 48):
+    for _ in range(1 if quick else 48):
         axis = [float(x) for x in rng.normal(size=3)]
         roll = float(rng.uniform(0, 120))
         starts.append({"pipes": BRANCH, "start.axis": axis, "start.theta5_deg": roll})
