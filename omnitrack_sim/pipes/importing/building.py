@@ -163,7 +163,7 @@ def _make_room(town: _Town) -> None:
         around = nodes | {
             drawing.legs[leg].ends[1 - end] for node in nodes for leg, end in town.at_nodes[node]
         }
-        for node in around:
+        for node in sorted(around):  # the order of a set differs from process to process
             town.make_junction(node)
         todo = {leg for node in around for leg, _ in town.at_nodes[node]} - set(town.left)
     for name in drawing.legs:
