@@ -27,6 +27,8 @@ from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.towns.passport import SETTINGS, Passport
 from omnitrack_sim.towns.ways import FEATURES, kind_of, shape_of, slopes_of
 
+NO_WAY = "no way leads there"
+"""Reason where pipes are not joined to those of the opening."""
 FRICTION, PULL = FEATURES.index("friction"), FEATURES.index("pull")
 MOST_LAUNCHES = 24
 """Open ends that are tried as openings where none are named."""
@@ -333,9 +335,12 @@ def _combined(
         chosen.append(name)
         gains.append(more[name])
         best = np.maximum(best, returns[name])
-    # The surest of those chosen; what is unreached keeps the first one's reason.
+    # The surest of those chosen; what is unreached keeps the first reason on a way there.
     parts = [
-        max((reaches[name][i] for name in chosen), key=lambda part: part.probability)
+        max(
+            (reaches[name][i] for name in chosen),
+            key=lambda part: (part.probability, part.stopped_by != NO_WAY),
+        )
         for i in range(len(lengths))
     ]
     ways = {
@@ -607,7 +612,7 @@ class _Planner:
                 rows.append(self._row(row, label, launch))
                 paths[part.name] = _edges(label.path)
             else:
-                rows.append(row._replace(stopped_by=reasons.get(i, "no way leads there")))
+                rows.append(row._replace(stopped_by=reasons.get(i, NO_WAY)))
         return rows, paths
 
     def _row(self, row: PipeReach, label: _Label, launch: str) -> PipeReach:
