@@ -4,8 +4,8 @@ python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry
     [--trials N] [--workers N]
 
 Printed are the trials passed of each entry and course; of robots also what they are, what stopped
-them, their figures over all courses, and what these teach; of controllers the means of each entry,
-and its paired differences to the default one, a table a course.
+them, their figures over all courses, and, of all shipped ones, what these teach; of controllers the
+means of each entry, and its paired differences to the default one, a table a course.
 """
 
 from __future__ import annotations
@@ -155,6 +155,7 @@ def main() -> None:
         of_controllers(bench, result.rows)
     else:
         of_robots(bench, result.rows)
+    if not bench.suite.of_controllers and not given.entries:
         print(f"## lessons\n\n{lessons(result.trials.to_pylist())}\n")
 
 

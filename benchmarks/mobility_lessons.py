@@ -13,7 +13,8 @@ from omnitrack_sim.record.statistics import mean_interval, wilson_interval
 TEXT = """
 * **A branch is entered by steering.** The omnidirectional robot, which rolls its modules aside and
 drives them at different speeds, enters the branches of tee and wye in {branch_steered} trials,
-with onboard sensors or the true pose; all others in {branch_others}.
+with onboard sensors or the true pose; PIRATE, which turns into their plane and folds round the
+corner, in {branch_pirate}; all others in {branch_others}.
 * **A differential does not steer.** With it and one motor the same robot enters
 {branch_differential}. Elbows it passes in {elbows_differential}, for {energy_differential} J/m
 where three motors take {energy_motors}.
@@ -27,10 +28,13 @@ together pass {bores}.
 * **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N, all that its
 spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes
 {cost_inchworm} J/m, wheels {cost_wheels}.
-* **Joints in place of springs press hard.** Helix and snake press the wall with up to {force_helix}
-N and {force_snake} N, tracks with {force_tracks}.
-* **A plane has to be found.** PIRATE, a planar chain, passes {elbows_pirate} elbows from any start
-roll and no branch of a tee; from the right roll it [passes both](../robots/pirate.md).
+* **Joints in place of springs press hard, and harder where walls grip.** Helix and snake press the
+wall with up to {force_helix} N and {force_snake} N, tracks with {force_tracks}. In the median it is
+{grip_helix} N with the helix, {grip_snake} with the snake, {grip_tracks} with tracks at the lowest
+and the highest friction: joints whose modules do not slide work against each other.
+* **A planar chain needs straights.** PIRATE turns into the plane of a bend
+[by its roll joint](../robots/pirate.md): from any start roll it passes {elbow_pirate} elbows, but
+two of them without a straight between, in two planes, in {twice_pirate}.
 
 For a main with branches the table leaves the omnidirectional robot, with {network_steered} random
 networks against {network_others}; for pulls without branches, wheels or clamps.
@@ -46,6 +50,7 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
     """The text with the figures of all trials, a dictionary each."""
     entries = dict.fromkeys(trial["entry"] for trial in trials)
     others = [entry for entry in entries if entry not in STEERED]
+    rigid = [entry for entry in others if entry != "pirate"]
 
     def rate(courses: Sequence[str], *of: str) -> str:
         own = [t["success"] for t in trials if t["course"] in courses and t["entry"] in of]
@@ -66,13 +71,20 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
     def force(entry: str) -> str:
         return mean([t["contact_force_max_n"] for t in passed(entry)])
 
+    def grip(entry: str) -> str:
+        own = [t for t in passed(entry) if t["world.friction"] is not None]
+        ends = [find(t["world.friction"] for t in own) for find in (min, max)]
+        forces = [[t["contact_force_max_n"] for t in own if t["world.friction"] == e] for e in ends]
+        return " and ".join(f"{np.median(force):.0f}" for force in forces)
+
     def pull(entry: str) -> str:
         own = [t for t in trials if t["entry"] == entry and t["course"] == "pull"]
         return mean([t["pull_held_n"] for t in own])
 
     text = TEXT.format(
         branch_steered=rate(BRANCHES, *STEERED),
-        branch_others=rate(BRANCHES, *others),
+        branch_pirate=rate(BRANCHES, "pirate"),
+        branch_others=rate(BRANCHES, *rigid),
         branch_differential=rate(BRANCHES, "differential"),
         elbows_differential=rate(BENDS, "differential"),
         energy_differential=energy("differential", ELBOWS),
@@ -93,7 +105,11 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
         force_helix=force("helix"),
         force_snake=force("snake"),
         force_tracks=force("omnitrack"),
-        elbows_pirate=rate(BENDS, "pirate"),
+        grip_helix=grip("helix"),
+        grip_snake=grip("snake"),
+        grip_tracks=grip("omnitrack"),
+        elbow_pirate=rate(ELBOWS, "pirate"),
+        twice_pirate=rate(("two_elbows",), "pirate"),
         network_steered=rate(NETWORK, *STEERED),
         network_others=rate(NETWORK, *others),
     )

@@ -282,6 +282,15 @@ def test_a_robot_that_does_not_fit_is_a_row(outside, robot, bore, reason):
     assert reason in row["reason"]
 
 
+def test_the_seat_is_no_force_of_the_run():
+    """A chassis that is held where the nominal bore has it is no robot that presses."""
+    short = {"run.time_limit": 0.1}
+    trials = run_bench(
+        Bench.of("mobility", ["bore_small"], ["snake"], trials=1, changes=short)
+    ).trials
+    assert 0 < trials["contact_force_max_n"][0].as_py() < 300
+
+
 def test_what_can_be_passed_counts_for_all_courses():
     """A pull is measured; rates are of the others, and of those together."""
     short = {"run.time_limit": 0.2}

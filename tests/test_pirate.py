@@ -66,11 +66,20 @@ def test_its_model_names_all_that_can_be_driven():
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"bend_{k}") for k in range(1, 5)]
     robot = Pirate()
     bends = np.array([[0.1, 0.2, 0.3, 0.4]])
-    inputs = robot.inputs(bends, np.array([0.5]), np.zeros((1, 6)))[0]
+    inputs = robot.inputs(bends, np.array([0.5]), np.zeros((1, 6)), np.array([[1.0, 0.5]]))[0]
     press = robot.clamp_torque / robot.joint_stiffness
-    np.testing.assert_allclose(inputs[ids], bends[0] + [press, 0, 0, -press])
+    np.testing.assert_allclose(inputs[ids], bends[0] + [press, 0, 0, -press / 2])
     assert inputs[names.index("roll")] == 0.5
-    wheels = robot.inputs(bends, np.zeros(1), np.arange(1.0, 7.0)[None])[0]
+    wheels = robot.inputs(bends, np.zeros(1), np.arange(1.0, 7.0)[None], np.ones((1, 2)))[0]
     for k in range(6):
         turn = SIDES[k] * (k + 1) / robot.wheel_radius
         assert wheels[names.index(f"wheel_{k}")] == pytest.approx(turn)
+
+
+def test_it_turns_into_the_plane_of_a_bend():
+    """From 90 degrees beside it, upwards, without sliding back."""
+    changes = {"start.theta5_deg": 90.0, "run.time_limit": 6.0, "run.expected_outcome": None}
+    trajectory = ot.run(ot.load_scenario("robots/pirate_elbow", changes)).trajectory
+    settled = trajectory.time > 5.0
+    assert np.abs(np.degrees(trajectory["theta5"][settled])).max() < 15
+    assert trajectory["distance"].min() > trajectory["distance"][0] - 0.005

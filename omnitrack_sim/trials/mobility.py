@@ -32,7 +32,7 @@ from omnitrack_sim.trials.bench import BenchMeasure, BenchScore, Changes, Course
 from omnitrack_sim.trials.store import numbers_of, passed_of
 from omnitrack_sim.trials.sweep import Sweep
 
-VERSION = 1
+VERSION = 2
 SEED = 72_000
 """Of the first course; the others count on from it."""
 FIRST_NETWORK = 72_000_000
@@ -366,7 +366,8 @@ def _resized(entry: Entry, bore: float) -> Entry:
 def _contact_force(run: Run) -> float:
     # Bodies of other robots, modules of the package's own.
     name = "wall_force" if "wall_force" in run.trajectory else "normal_force"
-    return float(np.nan_to_num(run.trajectory[name]).max(initial=0.0))
+    # The first sample is of the seat, in which the chassis is held where a nominal bore has it.
+    return float(np.nan_to_num(run.trajectory[name][1:]).max(initial=0.0))
 
 
 CONTACT_FORCE = Metric(

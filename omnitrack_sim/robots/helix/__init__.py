@@ -21,7 +21,8 @@ AXES = np.eye(3)[[k % 2 for k in range(JOINTS)]]
 TOUCHING = 5
 """Number of joints that touch the wall, of a helix of one and a half turns in zigzag."""
 REACH = 1.57
-"""Of a joint, both ways, rad."""
+"""Of a joint, both ways, rad: "180 degrees of rotation", the lab's page on its modules."""
+LAB = "website of CMU's Biorobotics Lab"
 UNREAD = "from memory of the lab's publications, not checked"
 
 
@@ -66,17 +67,31 @@ class Helix(Robot):
     """
 
     bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that its start is made for")
-    module: Positive = quantity(0.0508, "m", "inferred", f"from joint to joint, 2 in; {UNREAD}")
-    radius: Positive = quantity(0.0254, "m", "inferred", f"of a module, 2 in across; {UNREAD}")
+    module: Positive = quantity(
+        0.0508,
+        "m",
+        "inferred",
+        "from joint to joint, 2 in; a public model of its successor (snakelib, REU) has 50.6 mm",
+    )
+    radius: Positive = quantity(
+        0.0254, "m", "published", f"of a module: two-inch diameter profile; {LAB}, SEA-snake"
+    )
     mass_of_module: Positive = quantity(0.16, "kg", "inferred", UNREAD)
     amplitude: Positive = quantity(0.85, "rad", "assumed", "A of the joints")
     twist: Positive = quantity(0.5, "rad", "assumed", "nu of the start, which fits the bore")
     squeeze: NotNegative = quantity(
         0.05, "rad", "assumed", "by which nu is less in the gait, so that the helix is wider"
     )
-    rate: float = quantity(2.0, "rad/s", "assumed", "w of the gait")
+    rate: float = quantity(
+        2.0,
+        "rad/s",
+        "inferred",
+        "w of the gait: rolling_helix of a public copy of the lab's snakelib",
+    )
     stiffness: Positive = quantity(8.0, "N m/rad", "assumed", "of the joints' servos")
-    torque_limit: Positive = quantity(3.0, "N m", "assumed", "of a joint")
+    torque_limit: Positive = quantity(
+        3.0, "N m", "inferred", f"of a joint: peaks of over 2.7 N m; {LAB}, series elasticity"
+    )
     friction: Positive = quantity(0.8, "1", "assumed", "of the skin, where the walls state none")
 
     claims: ClassVar[str] = "omnitrack_sim.paper.robots.helix:MEASURES"

@@ -206,18 +206,19 @@ class Pirate(Robot):
         rad."""
         return slope * np.array([2.0, -1.0, 1.0, -2.0])
 
-    def inputs(self, bends: Array, roll: Array, wheels: Array) -> Array:
+    def inputs(self, bends: Array, roll: Array, wheels: Array, grip: Array) -> Array:
         """Return control inputs (n, 11), in the model's order of actuators.
 
         Args:
             bends: (n, 4) rad.
             roll: (n,) rad.
             wheels: (n, 6) speeds of the tyres forward along the wall, m/s.
+            grip: (n, 2) parts of the clamping torque with which the rear and the front press.
         """
         # A servo that is asked for more than the wall allows presses with what it lacks.
         press = self.clamp_torque / self.joint_stiffness * np.array([1.0, 0.0, 0.0, -1.0])
         turns = SIDES * wheels / self.wheel_radius
-        joints = bends + press
+        joints = bends + press * np.repeat(grip, 2, axis=1)
         return np.stack(
             [
                 roll,
@@ -230,23 +231,38 @@ class Pirate(Robot):
     @property
     def start_ctrl(self) -> Array:
         """See ``Robot``: both ends are clamped."""
-        return self.inputs(self.bends(self.slope)[None], np.zeros(1), np.zeros((1, 6)))[0]
+        bends = self.bends(self.slope)[None]
+        return self.inputs(bends, np.zeros(1), np.zeros((1, 6)), np.ones((1, 2)))[0]
 
 
 @dataclass(frozen=True)
 class ShapeSettings:
-    """Shape of the chain at branches, where a wall is missing; of 15 turns in five directions of
-    gravity eight pass with these and seven or eight with half or double, at larger forces.
+    """Shape of the chain at branches, where a wall is missing, and turns about the pipe's axis.
 
     Attributes:
-        least: part of their distance from the centreline at which nodes are wanted beside a branch.
-        ramp: bores before and behind a tee over which it falls to that.
+        least: part of their distance from the centreline at which nodes are wanted beside a branch;
+            of 12 random turns 8 pass, with 0.25 7; of other 8 with 0.5 and a ramp of half a bore 1.
+        ramp: bores before and behind a tee over which it falls to that; with 0.5 of 8 turns into a
+            branch 4 pass, with 1 bore 1.
         iterations: of the arc length at which a link ends; it is off by less than 1 mm then.
+        off: rad, by which its plane may lie beside that of the bend: it passes with 30 degrees.
+        twist: rad, of the roll joint at most in each cycle; with 0.5 a turn takes twice as long.
+        half_cycle: s, for which one end turns, then the other.
+        loose: part of its clamping torque at which an end turns: it must be much weaker than the
+            one that holds, and 0.2 turns half as far.
+        creep: m/s, at which it goes on meanwhile, so that a watch does not take it for stuck.
+        hold_time: s, in which its wheels make up for what it slid.
     """
 
-    least: float = 0.25
-    ramp: float = 0.5
+    least: float = 0.1
+    ramp: float = 0.25
     iterations: int = 4
+    off: float = 0.15
+    twist: float = 0.8
+    half_cycle: float = 0.5
+    loose: float = 0.05
+    creep: float = 0.004
+    hold_time: float = 0.2
 
 
 SETTINGS = ShapeSettings()
@@ -257,19 +273,58 @@ class Shape:
 
     Each node is wanted at its side of the pipe, at the same distance from the centreline in bends
     as in straights; angles of the joints are those between the links, seen in the robot's plane.
+
+    Before a bend the chain turns itself into its plane: one end is loosened, and the roll joint
+    turns it against the other, which holds; then that one follows.
     """
 
     def __init__(self, setup: ControlSetup) -> None:
         self._robot: Pirate = setup.robot
-        self._routes = setup.routes
+        self._routes, self._period = setup.routes, setup.period
+        self._twist, self._hold = np.zeros(setup.n), np.zeros(setup.n)
+        self._count = np.zeros(setup.n, np.intp)  # steps since the turn began
+
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+        """Begin anew for robots ``rows`` (k,)."""
+        self._twist[rows] = 0.0
 
     def step(self, observation: Observation) -> Actuation:
         """Return the inputs of all joints and wheels, by where the robots are."""
         robot, place = self._robot, observation.location
         nodes, ratios = chain(robot, self._routes, place)
-        fastest = ratios.max(axis=1, keepdims=True)
-        roll = np.zeros(len(nodes))
-        return Actuation(robot.inputs(bending(nodes), roll, robot.speed * ratios / fastest))
+        roll, grip = self._turn(place)
+        # A robot that turns stays about where it is, as one end alone slides by its weight.
+        way = self._hold + SETTINGS.creep * self._period * self._count - place.distance
+        back = np.clip(way / SETTINGS.hold_time, -robot.speed, robot.speed)
+        speed = np.where(self._twist == 0, robot.speed, back)
+        wheels = speed[:, None] * ratios / ratios.max(axis=1, keepdims=True)
+        return Actuation(robot.inputs(bending(nodes), roll, wheels, grip))
+
+    def _turn(self, place: Location) -> tuple[Array, Array]:
+        """Return the angles (n,) rad of roll joints, and the grip (n, 2) of rear and front."""
+        half, grip = round(SETTINGS.half_cycle / self._period), np.ones((len(self._count), 2))
+        self._count += 1
+        between = (self._twist == 0) | (self._count % (2 * half) == 0)
+        twist = np.where(between, self._twist_due(place), self._twist)
+        begins = (self._twist == 0) & (twist != 0)
+        self._count[begins], self._hold[begins] = 0, place.distance[begins]
+        self._twist = twist
+        part = self._count % (2 * half) / half
+        turns, front = twist != 0, part < 1
+        grip[turns & front, 1] = grip[turns & ~front, 0] = SETTINGS.loose
+        return twist * np.minimum(part, 2 - part), grip
+
+    def _twist_due(self, place: Location) -> Array:
+        """Angles (n,) rad by which fronts are to turn now: of robots that lie in a straight, off
+        the plane of the bend ahead."""
+        robot, routes = self._robot, self._routes
+        along = place.distance[:, None] + robot.length / 2 * np.array([-1.0, 0.0, 1.0])
+        tangents = routes.tangents(along, place.route)
+        walls = np.min([held(robot, routes, s, place.route) for s in along.T], axis=0)
+        is_straight = dot(tangents[:, 0], tangents[:, 2]) > 1 - 1e-9
+        due = is_straight & (walls > SETTINGS.least) & routes.is_turn[place.passage]
+        twist = np.clip(-place.theta5, -SETTINGS.twist, SETTINGS.twist)
+        return np.where(due & (np.abs(place.theta5) > SETTINGS.off), twist, 0.0)
 
 
 def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Array]:
