@@ -307,6 +307,20 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
     assert difference.length_error < 1e-4
 
 
+def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
+    """By a lamp a shallow reducer hardly shows."""
+
+    def dim(ahead):
+        return replace(ahead, confidence=0.9) if ahead.kind == ("", "") else ahead
+
+    network = validate({"fittings": [straight("foot", 2.0)]})
+    ghost = Ghost(network, "foot.start", erring=dim)
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).same
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    assert "a shallow reducer may be in it" in incomplete.left
+
+
 def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():
     """Before, nothing has shown that its lengths and turns are right."""
     ghost = explored("fig14", "inlet")

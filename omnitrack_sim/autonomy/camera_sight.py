@@ -46,6 +46,8 @@ class CameraSightSettings:
             tell anything.
         past: bores, from a fitting to the lens up to which the fitting tells how the lens stands:
             the picture shows the wall from 0.4 bores beyond the lens on.
+        free_by_lamp: most probability that free pipe is free, by a lamp: it hardly shows shallow
+            reducers.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -55,6 +57,7 @@ class CameraSightSettings:
     least_free: float = 0.25
     past: float = 0.6
     bore_step: float = 1e-3
+    free_by_lamp: float = 0.9
     first_picture: int = 1_000_000
 
 
@@ -113,7 +116,10 @@ class CameraSight:
         pose = truth.position[None], truth.rotation[None], nose
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
-        return ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
+        ahead = ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
+        if ahead is None or ahead.kind != ("", "") or self._eyes.mount.camera.lamp is None:
+            return ahead
+        return replace(ahead, confidence=min(ahead.confidence, CAMERA_SIGHT.free_by_lamp))
 
 
 def behind_lens(route: Route, lens: float) -> Passage:

@@ -61,6 +61,7 @@ class ExplorerSettings:
         bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
         settling: m, travel after such a change in which a robot relocalises on the new map.
         confidence: probability from which on a robot believes an observation.
+        sure: probability from which on free pipe is not in doubt.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
@@ -81,6 +82,7 @@ class ExplorerSettings:
     bend_tolerance: float = math.radians(0.5)
     settling: float = 0.05
     confidence: float = 0.5
+    sure: float = 0.95
     sharp: float = math.radians(100)
     most_reducer_std: float = 0.02
     detour: float = 20.0
@@ -210,6 +212,9 @@ class Explorer(MapPilot):
             return self._comes_to(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
+        elif ahead.confidence < EXPLORER.sure:
+            name = self.belief.network.fittings[_end_of(path)[0]].name
+            self._doubts[name] = "a shallow reducer may be in it"
         self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
         if ahead.end:
