@@ -137,12 +137,17 @@ def main() -> None:
             recognition(trials, cameras, given.pictures, given.seed, given.workers, given.close)
             continue
         every = study, given.senses, trials, given.seed, given.workers
-        of = unknown if study == "unknown" else by_sensors
-        runs = unknown.runs(*every, given.keep) if of is unknown else by_sensors.runs(*every)
-        # Explorations take minutes each, so those of each camera may be made by a call of its own.
-        name = " ".join(["unknown", *given.senses]) if of is unknown else study
-        print(f"## {name}\n\n{trials} trials, seed {given.seed}:\n\n{of.table(runs)}\n")
-        print(f"## failures of {name}\n\n{of.failures(runs)}\n", flush=True)
+        name = study
+        if study == "unknown":
+            # They take minutes each, so those of each camera may be made by a call of its own.
+            name = " ".join([study, *given.senses])
+            tours = unknown.runs(*every, given.keep)
+            table, failures = unknown.table(tours), unknown.failures(tours)
+        else:
+            drives = by_sensors.runs(*every)
+            table, failures = by_sensors.table(drives), by_sensors.failures(drives)
+        print(f"## {name}\n\n{trials} trials, seed {given.seed}:\n\n{table}\n")
+        print(f"## failures of {name}\n\n{failures}\n", flush=True)
 
 
 if __name__ == "__main__":
