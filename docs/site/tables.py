@@ -54,7 +54,7 @@ from omnitrack_sim.trials.study import StudyFile
 from omnitrack_sim.trials.study_tables import Final, Objective, Variable
 from omnitrack_sim.trials.sweep import SweepFile
 
-MARK = re.compile(r"^<!-- table: (.+) -->$", re.MULTILINE)
+MARK = re.compile(r"^\*Table: (.+)\*$", re.MULTILINE)
 Row = tuple[str, ...]
 
 
