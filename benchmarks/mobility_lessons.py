@@ -19,8 +19,8 @@ corner, in {branch_pirate}; all others in {branch_others}.
 {branch_differential}. Elbows it passes in {elbows_differential}, for {energy_differential} J/m
 where three motors take {energy_motors}.
 * **Where a wall is missing, orientation counts.** Over a tee, tracks that roll aside pass
-{over_aside}, arms and tracks that stay as they start {over_fixed}, chains {over_chains}; the screw,
-whose rotor loses its grip, {over_screw}.
+{over_aside}, arms and tracks that stay as they start {over_fixed}, clamps and chains {over_chains};
+the screw, whose rotor loses its grip, {over_screw}.
 * **Long stiff parts stop in tight elbows.** At 0.6 bores tracks pass {tight_tracks}, inchworm and
 snake, of 2 and 3.3 bores, {tight_long}; the helix of sixteen hinges {tight_helix}.
 * **A little compliance is enough for bores.** 3 % less or more, or 10 % behind a reducer: all
@@ -29,7 +29,7 @@ together pass {bores}.
 spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes
 {cost_inchworm} J/m, wheels {cost_wheels}.
 * **Joints in place of springs press hard, and harder where walls grip.** Helix and snake press the
-wall with up to {force_helix} N and {force_snake} N, tracks with {force_tracks}. In the median it is
+wall with {force_helix} N and {force_snake} N, tracks with {force_tracks}. In the median it is
 {grip_helix} N with the helix, {grip_snake} with the snake, {grip_tracks} with tracks at the lowest
 and the highest friction: joints whose modules do not slide work against each other.
 * **A planar chain needs straights.** PIRATE turns into the plane of a bend
