@@ -17,7 +17,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from mobility_lessons import lessons
+from mobility_lessons import lessons, plus_minus
 
 import omnitrack_sim as ot
 from omnitrack_sim.trials.bench import BenchMeasure
@@ -25,9 +25,11 @@ from omnitrack_sim.trials.bench_run import ALL, markdown_table, rate_of
 from omnitrack_sim.trials.mobility import robot_of
 
 Row = dict[str, Any]
-FIGURES = ("mean_speed_m_s", "energy_per_metre", "contact_force_max_n", "pose_error")
+FIGURES = ("mean_speed_m_s", "energy_per_metre", "contact_force_max_n")
 """Measures that pages show over all courses."""
-RISER, PULL = "straight_up_90", "pull"
+POSE = "pose_error"
+"""The measure that only robots by onboard sensors have."""
+PULL = "pull"
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -57,24 +59,30 @@ def by_course(rows: Sequence[Row], text: Any) -> str:
     return table(["course", *(f"`{entry}`" for entry in entries)], body)
 
 
-def passed_and_others(row: Row) -> str:
-    """Trials passed, and how the others ended."""
-    return f"{rate_of(row)}: {row['others']}" if row["trials"] and row["others"] else rate_of(row)
+def stops(rows: Sequence[Row]) -> str:
+    """Trials passed, and how the others ended: a row a course, a column an entry."""
+    most = max((row["trials"] for row in rows), default=0)
+
+    def text(row: Row) -> str:
+        rate = str(row["passed"]) if row["trials"] == most else rate_of(row)
+        return f"{rate}: {row['others']}" if row["trials"] and row["others"] else rate
+
+    return f"Passed of {most} trials, and how the others ended:\n\n{by_course(rows, text)}"
 
 
-def spread(row: Row, name: str, form: str) -> str:
-    """A value with the ends of its interval."""
-    ends = [row.get(f"{name}{end}") for end in ("", "_low", "_high")]
-    if None in ends:
+def spread(row: Row, name: str, sign: str = "") -> str:
+    """A mean with half the width of its interval, which is Student's and so symmetric."""
+    if row.get(f"{name}_low") is None:
         return "-"
-    middle, low, high = (format(end, form) for end in ends)
-    return f"{middle} ({low} to {high})"
+    return plus_minus(row[name], (row[f"{name}_high"] - row[f"{name}_low"]) / 2, sign)
 
 
-def measures(rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, form: str) -> str:
+def measures(
+    rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, sign: str = ""
+) -> str:
     """The measures of some rows, or with ``_more`` their differences to the default."""
     cells = [
-        [f"`{row['entry']}`", *(spread(row, f"{m.name}{ending}", form) for m in figures)]
+        [f"`{row['entry']}`", *(spread(row, f"{m.name}{ending}", sign) for m in figures)]
         for row in rows
     ]
     return table(["entry", *(measure.head for measure in figures)], cells)
@@ -89,26 +97,22 @@ def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
     print("## easy\n")
     print(fill(f"All robots pass all trials of {', '.join(easy) or 'no course'}.", 100), "\n")
     stopped = [row for row in single if row["course"] in hard]
-    print(f"## passed\n\n{by_course(stopped, passed_and_others)}\n")
+    print(f"## passed\n\n{stops(stopped)}\n")
     cells = {(row["course"], row["entry"]): row for row in rows}
     body = []
     for entry in bench.entries:
-        over_all, riser, pull = (
-            cells.get((course, entry.name), {}) for course in (ALL, RISER, PULL)
-        )
-        least = riser.get("least_friction")
-        body.append(
-            [
-                f"`{entry.name}`",
-                rate_and_interval(over_all),
-                *(spread(over_all, name, ".3g") for name in FIGURES),
-                "-" if least is None else f"{least:g}",
-                spread(pull, "pull_held_n", ".3g"),
-            ]
-        )
+        over_all, pull = (cells.get((course, entry.name), {}) for course in (ALL, PULL))
+        figures = (spread(over_all, name) for name in FIGURES)
+        last = spread(pull, "pull_held_n")
+        body.append([f"`{entry.name}`", rate_and_interval(over_all), *figures, last])
     heads = [m.head for m in bench.suite.measures if m.name in FIGURES]
-    heads = ["entry", "passed", *heads, "least friction, straight up", "pull left over, N"]
-    print(f"## all\n\n{table(heads, body)}\n")
+    heads = ["entry", "passed", *heads, "pull left over, N"]
+    errors = [
+        f"Pose error of `{row['entry']}`: {spread(row, POSE)} m."
+        for row in rows
+        if row["course"] == ALL and row.get(f"{POSE}_low") is not None
+    ]
+    print(f"## all\n\n{table(heads, body)}\n\n{' '.join(errors)}\n")
 
 
 def robots(bench: ot.Bench) -> str:
@@ -133,9 +137,9 @@ def of_controllers(bench: ot.Bench, rows: Sequence[Row]) -> None:
     print(f"## passed\n\n{passed(rows)}\n")
     for course in dict.fromkeys(row["course"] for row in rows):
         own = [row for row in rows if row["course"] == course]
-        print(f"## {course} means\n\n{measures(own, suite.measures, '', '.3g')}\n")
+        print(f"## {course} means\n\n{measures(own, suite.measures, '')}\n")
         others = [row for row in own if "success_more" in row]
-        print(f"## {course} differences\n\n{measures(others, suite.measures, '_more', '+.3g')}\n")
+        print(f"## {course} differences\n\n{measures(others, suite.measures, '_more', '+')}\n")
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from textwrap import fill
 
 from omnitrack_sim.paper.claim import Claim, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
@@ -37,7 +38,7 @@ def main() -> None:
     if given.robot == STANDARD:
         extent += f", seed {made['seed']}: {made['runs']} runs, "
         extent += f"{made['simulated_s']:.0f} simulated seconds"
-    print(f"## extent\n\n{extent}. {counts}.\n")
+    print(f"## extent\n\n{fill(f'{extent}. {counts}.', 100)}\n")
     changed = "\n".join(f"* {claim.difference}" for claim in claims if claim.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")

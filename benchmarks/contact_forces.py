@@ -29,7 +29,7 @@ from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
 
 SIMILAR = 24
 """Runs of a batch."""
-WYES = [Cell(way, angle) for angle, way in product((45.0, 60.0, 75.0), WAYS)]
+WYES = [Cell(way, angle) for angle, way in product((45.0, 60.0, 75.0), WAYS) if way != "across"]
 SHIPPED = {
     "turn": ("tee_turn",),
     "merge": ("tee_merge",),

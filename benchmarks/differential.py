@@ -35,7 +35,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
-from omnitrack_sim.paper.plots.groups import SERIES_COLOURS
+from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
@@ -173,7 +173,7 @@ def rate(found: Sequence[Ended]) -> str:
     """How many passed, and the interval of the rate."""
     passed = sum(trial.passed for trial in found)
     low, high = wilson_interval(passed, len(found))
-    return f"{passed} of {len(found)} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{passed} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def ends(found: Sequence[Ended]) -> str:
@@ -202,7 +202,7 @@ def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[str
         for way in SLIPPERY_WAYS:
             trials = found[Cell(place, way, friction)]
             slip, *_ = median([trial.figures[0] for trial in trials])
-            columns.append(f"{sum(t.passed for t in trials)} of {len(trials)}; {slip:.0f} mm")
+            columns.append(f"{sum(t.passed for t in trials)}; {slip:.0f}")
         rows.append(f"| {' | '.join(columns)} |")
     return rows
 
@@ -269,10 +269,12 @@ def cells(quick: bool) -> list[Cell]:
 def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
     """Print all tables."""
     for place in ELBOWS | TEES:
-        rows = [row(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
+        own = [(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
+        passed = f"passed of {len(own[0][1])}"
         print(f"\n## {place}\n")
-        print(table(("drive", "passed", *FIGURES, "failures"), rows))
-    print("\n## slippery elbows\n")
+        print(table(("drive", passed, *FIGURES, "failures"), [row(*one) for one in own]))
+    count = len(next(trials for cell, trials in found.items() if cell.friction != DRY))
+    print(f"\n## slippery elbows\n\nPassed of {count}; median slip of all trials, mm:\n")
     rows = [row for place in ELBOWS for row in slippery_rows(place, found)]
     print(table(("elbow", "friction", *SLIPPERY_WAYS), rows))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -25,13 +26,11 @@ the screw, whose rotor loses its grip, {over_screw}.
 snake, of 2 and 3.3 bores, {tight_long}; the helix of sixteen hinges {tight_helix}.
 * **A little compliance is enough for bores.** 3 % less or more, or 10 % behind a reducer: all
 together pass {bores}.
-* **Clamping pulls most and costs most.** The inchworm pulls {pull_inchworm} N, all that its
-spindle gives, wheels {pull_wheels}, tracks {pull_tracks}; over all courses it takes
-{cost_inchworm} J/m, wheels {cost_wheels}.
-* **Joints in place of springs press hard, and harder where walls grip.** Helix and snake press the
-wall with {force_helix} N and {force_snake} N, tracks with {force_tracks}. In the median it is
-{grip_helix} N with the helix, {grip_snake} with the snake, {grip_tracks} with tracks at the lowest
-and the highest friction: joints whose modules do not slide work against each other.
+* **Clamping pulls most and costs most**: all that the inchworm's spindle gives, for many times
+what wheels take.
+* **Joints in place of springs press hard, and harder where walls grip.** The largest wall force is
+in the median {grip_helix} N with the helix, {grip_snake} with the snake, {grip_tracks} with tracks
+at the lowest and the highest friction: joints whose modules do not slide work against each other.
 * **A planar chain needs straights.** PIRATE turns into the plane of a bend
 [by its roll joint](../robots/pirate.md): from any start roll it passes {elbow_pirate} elbows, but
 two of them without a straight between, in two planes, in {twice_pirate}.
@@ -44,6 +43,12 @@ BRANCHES, NETWORK = ("tee_into", "wye_into"), ("network",)
 ELBOWS = ("elbow_30", "elbow_15", "elbow_10", "elbow_06")
 BENDS, TIGHT, OVER = (*ELBOWS, "two_elbows"), ("elbow_06",), ("tee_over",)
 BORES = ("reducer", "bore_small", "bore_large")
+
+
+def plus_minus(mean: float, half: float, sign: str = "") -> str:
+    """Return a mean with half the width of its interval, to two digits of that."""
+    digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
+    return f"{mean:{sign}.{digits}f} ± {half:.{digits}f}"
 
 
 def lessons(trials: Sequence[dict[str, Any]]) -> str:
@@ -59,7 +64,7 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
 
     def mean(values: Sequence[float]) -> str:
         low, high = mean_interval(values)
-        return f"{np.mean(values) if len(values) else np.nan:.3g} ({low:.3g} to {high:.3g})"
+        return plus_minus((low + high) / 2, (high - low) / 2)
 
     def passed(entry: str, courses: Sequence[str] = ()) -> list[dict[str, Any]]:
         own = [t for t in trials if t["entry"] == entry and t["success"]]
@@ -68,18 +73,11 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
     def energy(entry: str, courses: Sequence[str] = ()) -> str:
         return mean([t["energy_j"] / t["distance_m"] for t in passed(entry, courses)])
 
-    def force(entry: str) -> str:
-        return mean([t["contact_force_max_n"] for t in passed(entry)])
-
     def grip(entry: str) -> str:
         own = [t for t in passed(entry) if t["world.friction"] is not None]
         ends = [find(t["world.friction"] for t in own) for find in (min, max)]
         forces = [[t["contact_force_max_n"] for t in own if t["world.friction"] == e] for e in ends]
         return " and ".join(f"{np.median(force):.0f}" for force in forces)
-
-    def pull(entry: str) -> str:
-        own = [t for t in trials if t["entry"] == entry and t["course"] == "pull"]
-        return mean([t["pull_held_n"] for t in own])
 
     text = TEXT.format(
         branch_steered=rate(BRANCHES, *STEERED),
@@ -97,14 +95,6 @@ def lessons(trials: Sequence[dict[str, Any]]) -> str:
         tight_long=rate(TIGHT, "inchworm", "snake"),
         tight_helix=rate(TIGHT, "helix"),
         bores=rate(BORES, *entries),
-        pull_inchworm=pull("inchworm"),
-        pull_wheels=pull("presser"),
-        pull_tracks=pull("omnitrack"),
-        cost_inchworm=energy("inchworm"),
-        cost_wheels=energy("presser"),
-        force_helix=force("helix"),
-        force_snake=force("snake"),
-        force_tracks=force("omnitrack"),
         grip_helix=grip("helix"),
         grip_snake=grip("snake"),
         grip_tracks=grip("omnitrack"),

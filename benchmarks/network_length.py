@@ -27,7 +27,7 @@ from omnitrack_sim import (
     random_network,
     shortest_route,
 )
-from omnitrack_sim.robots.omnitrack import scene
+from omnitrack_sim.robots.omnitrack import track_plant
 from omnitrack_sim.scenario import validate
 
 PIECES = (500, 5_000, 20_000)
@@ -43,9 +43,9 @@ Lugs then touch run and rim while the turn begins.
 MEASUREMENTS = 3
 TRIALS, STEPS = 8, 60
 VARIANTS = {
-    "primitives": ("primitives", scene.SLEEP_FROM),
+    "primitives": ("primitives", track_plant.SLEEP_FROM),
     "primitives, nothing passed over": ("primitives", 10**9),
-    "exact": ("exact", scene.SLEEP_FROM),
+    "exact": ("exact", track_plant.SLEEP_FROM),
 }
 
 
@@ -111,7 +111,7 @@ def main() -> None:
         fittings = 0
         for _ in range(MEASUREMENTS):
             for name, (collider, sleep_from) in VARIANTS.items():
-                scene.SLEEP_FROM = sleep_from
+                track_plant.SLEEP_FROM = sleep_from
                 scenario = long_scenario(pieces, collider)
                 fittings = len(scenario.pipes)
                 found = cost(scenario)
@@ -119,7 +119,7 @@ def main() -> None:
                 least[name] = (min(old[0], found[0]), min(old[1], found[1]))
         for name, (physics, control) in least.items():
             print(f"| {pieces:,} | {fittings} | {name} | {physics:.1f} | {control:.1f} |")
-    scene.SLEEP_FROM = VARIANTS["primitives"][1]
+    track_plant.SLEEP_FROM = VARIANTS["primitives"][1]
     print(
         f"\n| walls | part | one tee, us | random network of {NETWORK_FITTINGS} fittings, us | "
         "ratio |"

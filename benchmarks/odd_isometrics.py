@@ -100,7 +100,7 @@ def damaged(rng: random.Random) -> str:
 def read(text: str) -> str:
     """Read a file; returns "read", "refused", or what else came of it."""
     try:
-        build_plant("odd", read_pcf(text, ""))
+        build_plant("odd", *read_pcf(text, ""))
     except NetworkError as error:
         wheres = {fault.where.partition(" ")[0] for fault in error.faults}
         return "refused" if wheres <= {"line", "file"} else f"no line: {error}"

@@ -34,7 +34,8 @@ def main() -> None:
             drive.run(60.0, until=place)
             recording.append(drive.data)
         path = folder / f"{name}.png"
-        recording.strip(path, times=recording.time, camera="follow", width=480, height=400)
+        look = {"camera": "follow", "width": 480, "height": 400}
+        ot.render_strip(recording, path=path, times=recording.time, **look)
 
 
 if __name__ == "__main__":

@@ -4,13 +4,16 @@
 
 Prints microseconds of processor time: of MuJoCo's collision detection, the best of five, for one
 geom of each type that lies against the wall of each fitting, less those of a geom that touches
-nothing; and of a step of three robots that climb in a straight pipe, also in one of 300 pieces.
+nothing; and of a step of three robots that climb in a straight pipe, the best of three runs: also
+in one of 300 pieces, and in one that is a signed distance field of MuJoCo's.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -24,6 +27,10 @@ from omnitrack_sim.robots.presser import Presser
 from omnitrack_sim.robots.snake import Snake
 from omnitrack_sim.walls.around import DECIDING
 from omnitrack_sim.walls.geoms import add_walls
+
+CONTROL_PERIOD = 0.02  # s
+sys.path.append(str(Path(__file__).parent / "compare"))
+from peer_walls import MeshSettings, sdf_walls  # noqa: E402
 
 GEOM = mujoco.mjtGeom
 FITTINGS = {
@@ -117,45 +124,47 @@ def main() -> None:
     for shape in SHAPES:
         cells = [pair(fitting, shape, repeats) for fitting in FITTINGS.values()]
         print(f"| {shape} |", " | ".join(cells), "|", flush=True)
-    print("\n## steps\n\nMicroseconds a step, and of these for finding contacts:\n")
-    print("| robot | exact walls | primitives | exact, 300 fittings |")
-    print("|---|---|---|---|")
+    print("\n## steps\n\nMicroseconds a step (of these for finding contacts):\n")
+    print("| robot | exact walls | primitives | distance field | exact, 300 fittings |")
+    print("|---|---|---|---|---|")
     for robot in (Presser(), Inchworm(), Snake()):
-        cells = [
-            step_cost(robot, count, exact, repeats)
-            for count, exact in ((1, True), (1, False), (300, True))
-        ]
-        print(f"| {type(robot).__name__.lower()} |", " | ".join(cells), "|", flush=True)
+        exact, fine = step_cost(robot, "exact", 1, repeats), step_cost(robot, "exact", 300, repeats)
+        primitives = step_cost(robot, "primitives", 1, repeats)
+        field = step_cost(robot, "distance field", 1, repeats // 20)
+        name = type(robot).__name__.lower()
+        print(f"| {name} |", " | ".join((exact, primitives, field, fine)), "|", flush=True)
 
 
-def step_cost(robot: Presser | Inchworm | Snake, count: int, exact: bool, steps: int) -> str:
+def step_cost(robot: Presser | Inchworm | Snake, walls: str, count: int, steps: int) -> str:
     """Microseconds of a step, the best of three runs, and of collision detection, of a robot that
-    climbs in a straight pipe of a number of pieces."""
-    spec, controller = robot.spec(), robot.controller()
-    parts = (Part(f"pipe_{k}", ot.Straight(1.0), Pose(np.eye(3), [0, 0, k])) for k in range(count))
+    climbs in a straight pipe of 2 m, or of 1 m a piece."""
+    spec = robot.spec()
+    pipe = ot.Straight(2.0 if count == 1 else 1.0)
+    parts = (Part(f"pipe_{k}", pipe, Pose(np.eye(3), [0, 0, k])) for k in range(count))
     joints = tuple(((k, "end"), (k + 1, "start")) for k in range(count - 1))
     network = Assembly(tuple(parts), joints)
-    if exact:
+    if walls == "exact":
         ot.add_pipes(spec, network, friction=0.8)
-    else:
+    elif walls == "primitives":
         add_walls(spec, network)
-        for geom in spec.geoms:
-            if geom.name.startswith("wall_"):
-                # These are made for the omnidirectional robot's lugs.
-                geom.contype = geom.conaffinity = 1
-                # Contact as at the exact walls, or the solver would have another task.
-                geom.friction, geom.condim = [0.8, 0.005, 0.0001], DECIDING["condim"]
-                geom.priority, geom.solref = DECIDING["priority"], DECIDING["solref"]
+    else:
+        sdf_walls(spec, network, MeshSettings())
+    for geom in spec.geoms:
+        if geom.name.startswith("wall_"):
+            # The others are made for the omnidirectional robot's lugs. Contact as at the exact
+            # walls, or the solver would have another task.
+            geom.contype = geom.conaffinity = 1
+            geom.friction, geom.condim = [0.8, 0.005, 0.0001], DECIDING["condim"]
+            geom.priority, geom.solref = DECIDING["priority"], DECIDING["solref"]
     spec.body(robot.chassis).pos = [0, 0, 0.5]
     model = spec.compile()
     data, best, contacts = mujoco.MjData(model), np.inf, np.inf
-    every = max(1, round(controller.period / model.opt.timestep))
-    controller.reset(None)
+    every = max(1, round(CONTROL_PERIOD / model.opt.timestep))
     for _ in range(3):
         spent = 0
         for _ in range(-(-steps // every)):
             seen = SimpleNamespace(qpos=data.qpos[None], time=np.array([data.time]))
-            data.ctrl[:] = controller.command(seen)[0]
+            data.ctrl[:] = robot.gait(seen)[0]
             start = time.process_time_ns()
             mujoco.mj_step(model, data, every)
             spent += time.process_time_ns() - start
@@ -164,7 +173,7 @@ def step_cost(robot: Presser | Inchworm | Snake, count: int, exact: bool, steps:
         for _ in range(steps):
             mujoco.mj_collision(model, data)
         contacts = min(contacts, (time.process_time_ns() - start) / steps)
-    return f"{best / 1e3:.0f}, {contacts / 1e3:.2g}"
+    return f"{best / 1e3:,.0f} ({contacts / 1e3:,.{0 if contacts > 1e4 else 1}f})"
 
 
 def pair(fitting: ot.Fitting, shape: str, repeats: int) -> str:

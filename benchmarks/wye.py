@@ -210,7 +210,7 @@ def row(cell: Cell, trials: Sequence[Ended]) -> str:
     columns = [
         cell.way,
         f"{cell.angle_deg:.0f}" + ("" if cell.branch == BORE else f", {1000 * cell.branch:.0f} mm"),
-        *(f"{sum(half)} of {len(half)}" for half in walls),
+        *(str(sum(half)) for half in walls),
         f"{100 * low:.0f} to {100 * high:.0f} %",
         str(again),
         f"{np.mean([t.duration for t in passed]):.1f}" if passed else "-",
@@ -289,14 +289,14 @@ def _draw_wye(axes: Axes) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
 
 
-HEADS = ("way", "branch, deg", *WALLS, "both, 95 %", "after backing off", "time, s", "failures")
+HEADS = ("both, 95 %", "after backing off", "time, s", "failures")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cross", action="store_true", help="crosses instead of wyes")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a cell")
-    parser.add_argument("--trials", type=int, help=f"of a cell; default {TRIALS}")
+    parser.add_argument("--trials", type=int, help=f"of a cell, an even number; default {TRIALS}")
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
     )
@@ -312,8 +312,9 @@ def main() -> None:
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         found = dict(zip(asked_cells, pool.map(drive, tasks), strict=True))
     print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n\n## ways\n")
-    print(f"| {' | '.join(HEADS)} |")
-    print("|---" * len(HEADS) + "|")
+    heads = ["way", "branch, deg", *(f"{wall}, of {count // len(WALLS)}" for wall in WALLS), *HEADS]
+    print(f"| {' | '.join(heads)} |")
+    print("|---" * len(heads) + "|")
     for cell, trials in found.items():
         print(row(cell, trials))
     equal = {

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.autonomy.explorer import Exploration
+from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.sight import Ahead, Look, TrueSight
 from omnitrack_sim.base.rotations import TURNED, rotation_about
@@ -29,6 +29,7 @@ class Ghost:
         erring: changes what is seen.
         lag: m, by which it takes itself to be farther on when it has passed a fitting for the first
             time, until it is told better or begins another leg.
+        arms: it has some, and measures the bore with them.
 
     Attributes:
         sharp: names of the true parts in which it has come round by more than 100 degrees.
@@ -43,6 +44,7 @@ class Ghost:
         hidden: Collection[str] = (),
         erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
         lag: float = 0.0,
+        arms: bool = False,
     ) -> None:
         self.network, self.pipes, self.robot = network, network.pipes, Omnitrack()
         mission = Mission(
@@ -55,7 +57,7 @@ class Ghost:
         exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
         self.hidden = [network.port(port) for port in hidden]
         self.sight = TrueSight(network.pipes, exploration.plates, self.robot, ARCS)
-        self.erring, self.lag = erring, lag
+        self.erring, self.lag, self.arms = erring, lag, arms
         self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
@@ -76,7 +78,11 @@ class Ghost:
                 ahead, behind = self._look(position, frame), None
                 if explorer.looks_back(told):
                     behind = self._look(position, frame * TURNED)
-                decision = explorer.on_look(Look(time, told, ahead, behind, frame, frame))
+                look = Look(time, told, ahead, behind, frame, frame)
+                if self.arms:
+                    reach = float(self.pipes.signed_distance(position[None])[0][0])
+                    look = look._replace(bore=2 * reach)
+                decision = explorer.on_look(look)
                 wrong += decision.shift
             elif told >= explorer.leg.end:
                 decision = explorer.on_arrival(time, told, self._here(position, frame))

@@ -10,6 +10,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, frame_along, matrix_from_quaternion, rotation_about
 from omnitrack_sim.pipes import Cross, Elbow, Mitre, Step, Straight, Tee, Wye, route
 
+CONTROL_PERIOD = 0.02  # s
 MIDDLES = {
     "straight": (Straight(0.4), "start", "end"),
     "elbow": (Elbow(0.24), "start", "end"),
@@ -57,19 +58,18 @@ class Drive:
         pose[:3] = line.at(at)[0][0] + frame @ pose[:3]
         mujoco.mju_mat2Quat(pose[3:], (frame @ matrix_from_quaternion(pose[3:])).ravel())
         self.chassis = self.data.body(robot.chassis)
-        self.controller = robot.controller()
-        self.controller.reset(np.zeros(1, int))
+        self.gait = robot.gait
         mujoco.mj_forward(self.model, self.data)
 
     def run(self, seconds, until=math.inf):
         """Go on for some seconds, or until the chassis is at arc length ``until`` m."""
         data, end = self.data, self.data.time + seconds
-        steps = round(self.controller.period / self.model.opt.timestep)
+        steps = round(CONTROL_PERIOD / self.model.opt.timestep)
         while data.time < end - 1e-9 and self.s < until:
             observation = SimpleNamespace(
                 time=np.array([data.time]), qpos=data.qpos[None], qvel=data.qvel[None]
             )
-            data.ctrl[:] = self.controller.command(observation)[0]
+            data.ctrl[:] = self.gait(observation)[0]
             mujoco.mj_step(self.model, data, steps)
             self.s = float(
                 self.course.centreline.locate(self.chassis.xpos[None], np.array([self.s]))[0]

@@ -23,6 +23,18 @@ def joint(a: str, b: str, turn_deg: float = 0.0) -> dict:
     return {"ports": [a, b], "turn_deg": turn_deg}
 
 
+def forked(on: float = 0.3, off: float = 0.3) -> dict:
+    """A straight into a tee, and one of a length, m, at each of its other ports, as plain data."""
+    return {
+        "fittings": [straight("foot", 0.3), tee("fork"), straight("on", on), straight("off", off)],
+        "joints": [
+            joint("foot.end", "fork.run_start"),
+            joint("fork.run_end", "on.start"),
+            joint("fork.branch", "off.start"),
+        ],
+    }
+
+
 def branched(**changes) -> dict:
     """A riser, a tee, and a straight at each of its other ports, as plain data."""
     return {

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.trials.search import Candidate, Measured
-from omnitrack_sim.trials.study import Study, resolve
-from omnitrack_sim.trials.study_tables import Objective, SearchPlan, Variable
+from omnitrack_sim.trials.study import Objective, SearchPlan, Study, Variable, resolve
 
 TEXT = """
 generations = 2

@@ -19,9 +19,9 @@ from omnitrack_sim.pipes.network import load_network
         (sample_trajectory(), "positon", "position", "motor_torque"),
         (sample_result().metrics, "energy", "energy_j", "distance_m"),
         (ot.MOTORS, "simulaton", "simulation", "pololu_1000_hpcb"),
-        (ot.shipped_scenarios(), "tee_trun", "tee_turn", "missions/fig14"),
-        (ot.shipped_networks(), "figure14", "fig14", "tower"),
-        (ot.shipped_sweeps(), "tee_lug", "tee_lugs", "fig14_pairs"),
+        (ot.shipped_files("scenarios"), "tee_trun", "tee_turn", "missions/fig14"),
+        (ot.shipped_files("networks"), "figure14", "fig14", "tower"),
+        (ot.shipped_files("sweeps"), "tee_lug", "tee_lugs", "fig14_pairs"),
     ],
     ids=["trajectory", "metrics", "motors", "scenarios", "networks", "sweeps"],
 )

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from omnitrack_sim import load_result, load_scenario
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.runs import usual_camera
 
 SHORT = ["--set", "run.time_limit=0.3"]
 
@@ -127,6 +128,12 @@ def test_bad_input_ends_with_status_2_and_names_the_place(arguments, told, tmp_p
     assert told in done.stderr
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_robots_in_networks_are_filmed_by_the_camera_that_follows_them():
+    """Pipes of a network turn away from one that stands still."""
+    names = {"tee_turn": "side", "missions/fig14": "follow", "missions/explore_house": "follow"}
+    assert {name: usual_camera(load_scenario(name)) for name in names} == names
 
 
 def test_a_folder_that_is_no_run_is_left_alone(tmp_path):

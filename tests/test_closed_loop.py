@@ -81,7 +81,7 @@ def test_the_scenario_of_a_run_runs_again_to_the_same_bytes(driver, name, tmp_pa
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
 
 
-@pytest.mark.parametrize("name", sorted(ot.shipped_scenarios()))
+@pytest.mark.parametrize("name", sorted(ot.shipped_files("scenarios")))
 def test_every_resolved_scenario_reads_back_as_itself(name, tmp_path):
     """What a run writes of a shipped scenario is that scenario, byte for byte."""
     scenario = load_scenario(name)

@@ -22,7 +22,6 @@ from omnitrack_sim.pipes import (
     Step,
     Straight,
     Tee,
-    machine_code,
     route,
 )
 from omnitrack_sim.pipes.fittings import reducer
@@ -34,6 +33,7 @@ from omnitrack_sim.pipes.native import (
     _digest,
     announce,
     c_function,
+    load_code,
     pointers,
 )
 from omnitrack_sim.robots.omnitrack import track
@@ -507,16 +507,16 @@ def test_code_that_is_damaged_or_lacks_something_is_compiled_again(tmp_path, mon
     assert call(_third, signature).ctypes(1.0) == 1 / 3
     (file,) = tmp_path.glob("*.o")
     whole = file.read_bytes()
-    address = machine_code.load(file)
+    address = load_code(file)
     assert address
     assert signature(address)(1.0) == 1 / 3
     head, _, code = whole[32:].partition(b"\n")
     body = json.dumps([json.loads(head)[0], ["of_nobody"]]).encode() + b"\n" + code
     for octets in (b"", whole[:-9], whole[:99] + b"x" + whole[100:], sha256(body).digest() + body):
         file.write_bytes(octets)
-        assert machine_code.load(file) is None
+        assert load_code(file) is None
         assert call(_third, signature).ctypes(1.0) == 1 / 3
-        assert machine_code.load(file)
+        assert load_code(file)
 
 
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):

@@ -28,7 +28,7 @@ def completed(line, cwd, shell="bash"):
     [
         ("omnitrack reprod", ["reproduce"]),
         ("omnitrack run tee", ["tee_merge", "tee_straight", "tee_turn", "tee_mine.toml"]),
-        ("omnitrack run ", [*ot.shipped_scenarios(), "mine/", "tee_mine.toml"]),
+        ("omnitrack run ", [*ot.shipped_files("scenarios"), "mine/", "tee_mine.toml"]),
         ("omnitrack run mine/", ["mine/a.json"]),
         ("omnitrack new x --from paper/elbow_p", ["paper/elbow_preferred"]),
         ("omnitrack sweep tee_f", ["tee_factors"]),

@@ -269,6 +269,28 @@ def test_a_robot_that_backs_off_follows_the_centreline_behind_it() -> None:
     assert dot(cross(rotation[:, :, 2], behind), -back) > 0.1
 
 
+def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
+    """Out of a branch with the weight against it a robot is turned by a lead and a cap of its own;
+    level and downward by those of all turns."""
+    routes = Bench(scenario_of("merge")).routes
+    begun, sizes = [], []
+    for share in (-0.9, 0.0, 0.9):
+        gravity = (9.81 * share * routes.directions[0]).tolist()
+        bench = Bench(scenario_of("merge", **{"world.gravity": gravity}))
+        tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+        before = bench.observe(float(bench.routes.start[0]) - 0.035)
+        inside = bench.observe(bench.inside(), tilt=np.array([0.0, 0.0, 1.5]))
+        first, wanted = (
+            tracking.wanted_rotation(seen.location, seen.rotation, one, 0 * one, UPRIGHT)
+            for seen in (before, inside)
+        )
+        begun.append(bool(length(first)[0] > 0.01))
+        sizes.append(float(length(wanted)[0]))
+    table = bench.scenario.control_parameters.tracking
+    assert begun == [True, False, False]
+    assert sizes == pytest.approx([table.upward_rotation_limit] + [table.rotation_limit] * 2)
+
+
 @pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])
 def test_a_stop_inside_is_worth_it_before_a_tee_turn_only(name: str) -> None:
     """With its nose in the fitting already, a robot from the worst orientation stops to roll for a

@@ -11,7 +11,7 @@ import pytest
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
-from omnitrack_sim.paper import elbows
+from omnitrack_sim.paper import turns
 from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.experiments import ELBOW_DRIVES, _elbows
 
@@ -35,7 +35,7 @@ def claim(slip: dict[str, float], **changes: object):
         for radius in ("240", "90")
         for kind in ELBOW_DRIVES
     }
-    return elbows.differential(runs)
+    return turns.differential(runs)
 
 
 @pytest.mark.parametrize(
@@ -128,12 +128,12 @@ def test_rows_count_what_passed_and_show_its_figures():
     bad = study.Ended(False, "stuck", (900.0, 9.0, 0.9, 50.0, 9.0))
     cell = study.Cell("240 mm elbow", study.ONE, 0.2)
     text = study.row(cell, [good, good, bad])
-    assert "| 2 of 3 (21 to 94 %) | 50 (50 to 50) | 3.0 (3.0 to 3.0) | 0.50 (" in text
+    assert "| 2 (21 to 94 %) | 50 (50 to 50) | 3.0 (3.0 to 3.0) | 0.50 (" in text
     assert text.endswith("| 1 stuck |")
     assert study.row(cell, [bad]).count("| - ") == 5
     trials = {cell._replace(way=way): [good, good, bad] for way in study.SLIPPERY_WAYS}
     (slippery,) = study.slippery_rows("240 mm elbow", trials)
-    assert slippery.startswith("| 240 mm elbow | 0.2 | 2 of 3; 50 mm |")
+    assert slippery.startswith("| 240 mm elbow | 0.2 | 2; 50 |")
 
 
 def test_brakes_hold_what_runs_faster_than_asked():

@@ -13,11 +13,7 @@ from typer.main import get_command
 
 import omnitrack_sim
 from omnitrack_sim.base.naming import (
-    shipped_networks,
-    shipped_policies,
-    shipped_scenarios,
-    shipped_studies,
-    shipped_sweeps,
+    shipped_files,
 )
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import assignment
@@ -36,9 +32,8 @@ from omnitrack_sim.scenario.tables import (
 )
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.trials.axes import AXES
-from omnitrack_sim.trials.study import RESERVED, StudyFile
+from omnitrack_sim.trials.study import RESERVED, Final, Objective, StudyFile, Variable
 from omnitrack_sim.trials.study import resolve as resolve_study
-from omnitrack_sim.trials.study_tables import Final, Objective, Variable
 from omnitrack_sim.trials.sweep import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
@@ -86,14 +81,14 @@ def test_pages_name_every_command_and_scenario():
     for command in app.registered_commands:
         assert command.callback is not None
         assert f"omnitrack {command.name or command.callback.__name__}" in commands
-    for name in shipped_scenarios():
+    for name in shipped_files("scenarios"):
         assert name.startswith("missions/") or f"`{name}`" in scenarios
 
 
 def test_sweeps_and_their_keys_are_documented():
     """sweeps.md names every shipped sweep and every key of a sweep file."""
     text = page("sweeps")
-    for name in shipped_sweeps():
+    for name in shipped_files("sweeps"):
         assert f"`{name}`" in text
     keys = {
         *SweepFile.model_fields,
@@ -106,7 +101,7 @@ def test_studies_and_their_keys_are_documented():
     """optimise.md names every shipped study, every key of a study file, every column and
     file; its example is valid, and its Python has none but public names."""
     text = page("optimise")
-    for name in shipped_studies():
+    for name in shipped_files("studies"):
         assert f"`{name}`" in text
     keys = {key for table in (StudyFile, Variable, Objective, Final) for key in table.model_fields}
     keys |= set(RESERVED) - {"on_front", "best"}
@@ -140,7 +135,7 @@ def test_the_page_of_figures_has_every_function_and_shows_what_there_is():
 def test_networks_and_their_keys_are_documented():
     """networks.md names every shipped network and every key of a network file."""
     text = page("networks")
-    for name in shipped_networks():
+    for name in shipped_files("networks"):
         assert f"`{name}`" in text
     text += page("scenarios")  # of the sizes of fittings
     schema = Network.model_json_schema()
@@ -175,7 +170,7 @@ def test_examples_of_the_mission_page_run(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "missions.md", "exec"), {"__name__": "missions"})
     assert len(capsys.readouterr().out.splitlines()) == 5
-    missions = [name for name in shipped_scenarios() if name.startswith("missions/")]
+    missions = [name for name in shipped_files("scenarios") if name.startswith("missions/")]
     assert [name for name in missions if f"`{name}`" not in text] == []
 
 
@@ -237,13 +232,13 @@ def test_files_that_pages_name_are_there(document):
 
 
 NAMED = {
-    "run": shipped_scenarios,
-    "view": shipped_scenarios,
-    "drive": shipped_scenarios,
-    "sweep": shipped_sweeps,
-    "optimise": shipped_studies,
-    "network": shipped_networks,
-    "policies": shipped_policies,
+    "run": "scenarios",
+    "view": "scenarios",
+    "drive": "scenarios",
+    "sweep": "sweeps",
+    "optimise": "studies",
+    "network": "networks",
+    "policies": "policies",
 }
 """What the first argument of a command names, unless it is a file."""
 
@@ -267,11 +262,11 @@ def test_commands_that_pages_show_name_what_there_is(document):
         if first is None or words[1] not in NAMED or is_own(first.partition("|")[0].split(".")[0]):
             continue
         there = (ROOT / first).exists() or first.startswith("out/")
-        assert there or first in NAMED[words[1]](), line
+        assert there or first in shipped_files(NAMED[words[1]]), line
         given = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
         # What the reader's own files and those of earlier commands hold is not known here.
         known = all(text[0] != "@" and not is_own(text.split("=")[1]) for text in given)
-        if first in shipped_scenarios() and known:
+        if first in shipped_files("scenarios") and known:
             assert load_scenario(first, dict(map(assignment, given))), line
 
 
@@ -297,13 +292,19 @@ def test_tables_of_the_pages_are_those_of_the_code():
     for row in (
         "| `cruise_speed` | 0.1 | m/s | Speed of the robot's centre, in turns as well. |",
         "| `mean_radius` | elbow | 0.24 | m | Of the axis, at least the pipe radius. |",
-        "| `length` | cap, straight |  | m | Along the axis. |",
+        "| `length` | straight, cap |  | m | Along the axis. |",
         "| `turn_deg` | all | 0.0 | deg | Rotation about the joint's axis; elbows in a row without "
         "it stay in one plane. |",
     ):
         assert f"\n{row}\n" in text
-    assert channels.table() in page("channels") + "\n"
-    assert metrics.table() in page("metrics")
+    count = channels.CHANNELS["contact_count"]
+    row = f"| `contact_count` | 1 | 3 x 2 | - | swapped | yes | yes | {count.meaning} |"
+    assert f"\n{row}\n" in page("channels")
+    travel = next(one for one in metrics.METRICS if one.name == "spring_travel_max_m")
+    assert f"\n| `{travel.name}` | m | 3 | {travel.meaning} |\n" in page("metrics")
+    named = {"channels": channels.CHANNELS, "metrics": [one.name for one in metrics.METRICS]}
+    for name, every in named.items():
+        assert [one for one in every if f"\n| `{one}` |" not in page(name)] == []
 
 
 def test_every_table_of_parameters_and_sensors_is_documented():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ghosts import Ghost
-from network_samples import joint, straight
+from network_samples import joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.pilots import Decision
@@ -103,6 +103,31 @@ def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
     ghost = Ghost(network, "foot.start", erring=before_the_end_of_the_bend)
     ghost.run()
     assert compare_maps(ghost.explorer.belief.network, network).same
+
+
+@pytest.mark.parametrize(("wrong", "right"), [(1, True), (99, False)], ids=["once", "always"])
+def test_a_fitting_that_follows_directly_is_taken_when_two_looks_agree(wrong: int, right: bool):
+    """Also where the first look was made before the robot knew where it was. Where no two agree,
+    the map is in doubt."""
+    looks = []
+
+    def elsewhere(ahead):
+        if not isinstance(ahead.fitting, Tee) or ahead.distance > 0.11 or len(looks) >= wrong:
+            return ahead
+        looks.append(ahead)
+        return replace(ahead, distance=ahead.distance + 0.03 + 0.03 * (len(looks) % 2))
+
+    names = ("foot", "side", "on", "down")
+    parts = [straight(name) for name in names] + [tee("first"), tee("second")]
+    joints = [joint("foot.end", "first.run_start"), joint("first.run_end", "second.run_start")]
+    joints += [joint("first.branch", "side.start"), joint("second.run_end", "on.start")]
+    joints += [joint("second.branch", "down.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=elsewhere)
+    ghost.run()
+    assert looks
+    assert compare_maps(ghost.explorer.belief.network, network).same == right
+    assert bool(of_kind(ghost, ExplorationComplete)) == right
 
 
 def test_past_a_fitting_it_finds_its_place_by_looking_back():
@@ -308,7 +333,8 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
 
 
 def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
-    """By a lamp a shallow reducer hardly shows."""
+    """By a lamp a shallow reducer hardly shows. Arms that find the bore as it was say that there
+    was none."""
 
     def dim(ahead):
         return replace(ahead, confidence=0.9) if ahead.kind == ("", "") else ahead
@@ -319,6 +345,31 @@ def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
     assert compare_maps(ghost.explorer.belief.network, network).same
     (incomplete,) = of_kind(ghost, ExplorationIncomplete)
     assert "a shallow reducer may be in it" in incomplete.left
+    ghost = Ghost(network, "foot.start", erring=dim, arms=True)
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+
+
+def test_a_reducer_that_no_look_shows_is_noticed_by_the_arms():
+    """They stand farther out than the bore of the pipe on the map."""
+
+    def overlooked(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
+
+    parts = [
+        straight("foot", 0.5),
+        reducer("wider", 0.17),
+        straight("on", 0.7, inner_diameter=0.17),
+    ]
+    joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
+    ghost.run()
+    assert not compare_maps(ghost.explorer.belief.network, network).same
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    assert "its bore is 170 mm by the arms" in incomplete.left
 
 
 def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():

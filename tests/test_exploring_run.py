@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from network_samples import joint, straight, tee
+from network_samples import forked, tee
 from typer.testing import CliRunner
 
 from omnitrack_sim import (
@@ -28,15 +28,7 @@ from omnitrack_sim.sim.run import run_batch
 
 def fork(**mission) -> Scenario:
     """A tee with a short pipe at each port; one of them is closed by a plate."""
-    network = {
-        "fittings": [straight("foot", 0.3), tee("fork"), straight("on", 0.2), straight("off", 0.2)],
-        "joints": [
-            joint("foot.end", "fork.run_start"),
-            joint("fork.run_end", "on.start"),
-            joint("fork.branch", "off.start"),
-        ],
-        "ports": {"far": "on.end"},
-    }
+    network = forked(on=0.2, off=0.2) | {"ports": {"far": "on.end"}}
     table = {"start": "foot.start", "map": "unknown", "task": "explore", **mission}
     data = {"name": "fork", "network": network, "mission": table}
     return validate(data | {"world": {"gravity": [0, 0, 0]}})

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from omnitrack_sim import shipped_networks, shipped_scenarios, shipped_sweeps
+from omnitrack_sim import shipped_files
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
@@ -101,7 +101,7 @@ def test_cases_come_from_seed_and_number():
 
 @pytest.mark.parametrize(
     "path",
-    [*shipped_scenarios().values(), *shipped_sweeps().values(), *shipped_networks().values()],
+    [path for kind in ("scenarios", "sweeps", "networks") for path in shipped_files(kind).values()],
     ids=lambda path: path.stem,
 )
 def test_written_files_are_what_they_were_made_from(path):

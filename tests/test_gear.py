@@ -14,8 +14,7 @@ from omnitrack_sim import (
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
-from omnitrack_sim.robots.omnitrack.control.command import Command
-from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED, carried_out, seen
+from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command, carried_out, seen
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.scenario import Scenario, validate

@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import length
 from omnitrack_sim.cli import app
+from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.building import build
-from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe, ImportSettings
+from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
 
 BORE = 0.16
 

@@ -1,7 +1,5 @@
 """The inchworm: what its clamps hold, how far a cycle takes it, what it passes and stops it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from in_pipes import DOWN, LEVEL, UP, Drive, pipe
@@ -16,11 +14,8 @@ STIFFNESS = 20e3
 class Hangs(Inchworm):
     """Hangs by its rear clamp alone."""
 
-    def controller(self):
-        command = np.array([[0.0, self.grip, -5.0]])
-        return SimpleNamespace(
-            period=0.02, reset=lambda rows: None, command=lambda observation: command
-        )
+    def gait(self, observation):
+        return np.array([[0.0, self.grip, -5.0]])
 
 
 @pytest.mark.parametrize("axis", [UP, LEVEL, DOWN])

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.cli import app
-from omnitrack_sim.pipes.importing.bores import true_bore
+from omnitrack_sim.pipes.importing.assumptions import true_bore
 from omnitrack_sim.pipes.importing.isometric import build_plant, network_pcf
 from omnitrack_sim.pipes.importing.pcf import read_pcf
 
@@ -27,7 +27,7 @@ IN_MM = "UNITS-BORE INCH\nUNITS-CO-ORDS MM\n"
 
 
 def of(text: str, schedule: str = "") -> ot.Import:
-    return build_plant("plant", read_pcf(text, schedule))
+    return build_plant("plant", *read_pcf(text, schedule))
 
 
 def component(kind: str, *rows: str) -> str:

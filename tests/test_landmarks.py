@@ -45,16 +45,12 @@ TRUE = {
 }
 """A tee with a bend in its branch, and a plate at the end of its run."""
 FOOT, SHAFT, FORK, OFF, BEND, LOW, ON = 1, 2, 3, 4, 5, 6, 0
-INTO = (
-    (FOOT, "start", "end"),
-    (SHAFT, "start", "end"),
-    (FORK, "run_start", "branch"),
-    (OFF, "start", "end"),
-    (BEND, "start", "end"),
-    (LOW, "start", "end"),
+FOOT_IN, SHAFT_IN, OFF_IN, BEND_IN, LOW_IN, ON_IN = (
+    (part, "start", "end") for part in (FOOT, SHAFT, OFF, BEND, LOW, ON)
 )
+INTO = (FOOT_IN, SHAFT_IN, (FORK, "run_start", "branch"), OFF_IN, BEND_IN, LOW_IN)
 BACK = tuple((part, leave, enter) for part, enter, leave in INTO[::-1])
-OVER = (*INTO[:2], (FORK, "run_start", "run_end"), (ON, "start", "end"))
+OVER = (FOOT_IN, SHAFT_IN, (FORK, "run_start", "run_end"), ON_IN)
 
 
 def whole() -> tuple[Network, tuple]:

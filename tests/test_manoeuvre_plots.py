@@ -9,15 +9,14 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex, to_rgb, to_rgba
 from samples import sample_result, sample_trajectory
 
-from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
-from omnitrack_sim.paper.plots.over_time import (
-    PHASES as SHADED,
-)
-from omnitrack_sim.paper.plots.over_time import (
+from omnitrack_sim.paper.claim_figures import PHASES as SHADED
+from omnitrack_sim.paper.claim_figures import (
     along_figure,
     angular_velocity_figure,
     contact_map_figure,
+    elbow_figure,
     inner_module,
+    rates_figure,
 )
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
@@ -106,7 +105,7 @@ def test_every_axis_has_a_unit(name):
 
 def test_import_leaves_matplotlib_out():
     """Importing the module does not import matplotlib."""
-    code = "import sys, omnitrack_sim.paper.plots.over_time; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, omnitrack_sim.paper.claim_figures; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

@@ -149,7 +149,11 @@ def test_the_viewers_half_is_taken_away(towards):
 
 @pytest.mark.parametrize(
     "part",
-    [triangular_prism(0.012, 0.1), lug_row(0.0276, 0.006, 0.016, 6), coil(0.0056, 0.0009, 0.02, 6)],
+    [
+        triangular_prism(0.012, 0.1),
+        lug_row(0.0276, 0.006, 0.016, 6, 36),
+        coil(0.0056, 0.0009, 0.02, 6, 14, 6),
+    ],
 )
 def test_robot_parts_are_solids(part):
     """Chassis, lugs and springs are watertight with outward faces."""
@@ -162,6 +166,6 @@ def test_robot_parts_are_solids(part):
 def test_lug_row_reaches_the_module_radius():
     """The lugs that are drawn end at the radius of those that touch the wall, and stay on their own
     side."""
-    row = lug_row(0.0276, 0.006, 0.016, 6)
+    row = lug_row(0.0276, 0.006, 0.016, 6, 36)
     assert np.hypot(row.vertices[:, 0], row.vertices[:, 1]).max() == pytest.approx(0.0276, abs=1e-6)
     assert row.vertices[:, 0].min() > 0

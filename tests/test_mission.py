@@ -15,7 +15,7 @@ from omnitrack_sim import (
     load_network,
     load_scenario,
     override,
-    shipped_scenarios,
+    shipped_files,
 )
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.cli import app
@@ -236,14 +236,14 @@ def test_bores_beyond_the_arms_are_found_on_every_leg():
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in shipped_scenarios() if name.startswith("missions/")]
+    "name", [name for name in shipped_files("scenarios") if name.startswith("missions/")]
 )
 def test_shipped_missions_are_planned_to_their_last_goal(name):
     """Each loads, says in a comment what it shows, expects to arrive, and with a known map has a
     way to every goal."""
     scenario = load_scenario(name)
     assert scenario.run.expected_outcome is Outcome.REACHED_GOAL
-    assert shipped_scenarios()[name].read_text(encoding="utf-8").startswith("# ")
+    assert shipped_files("scenarios")[name].read_text(encoding="utf-8").startswith("# ")
     assert scenario.mission is not None
     if scenario.mission.map == "unknown":
         assert scenario.exploration is not None

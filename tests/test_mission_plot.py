@@ -47,6 +47,26 @@ def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure)
     assert [name.strip() for name in names if "leg" in name] == ["leg 1", "leg 2, tail first"]
 
 
+def test_a_robot_is_drawn_where_it_drives_on_a_map_that_is_wrong():
+    """Where ``distance`` stands still, or jumps as the robot finds itself elsewhere, path, travel
+    and speed are those of the robot."""
+    result = two_legs_result()
+    right = plot_mission(result)
+    distance = result.trajectory["distance"]
+    distance[:300] = distance[0]
+    distance[200] += 40.0
+    wrong = plot_mission(result)
+
+    def pieces(figure) -> int:
+        lines = [line for axis in figure.axes for line in axis.collections]
+        return sum(len(line.get_segments()) for line in lines if isinstance(line, LineCollection))
+
+    assert pieces(wrong) == pieces(right) > 100
+    assert [text.get_text() for text in wrong.texts] == [text.get_text() for text in right.texts]
+    speed = next(axis for axis in wrong.axes if axis.get_ylabel().startswith("speed"))
+    assert max(np.abs(speed.get_ylim())) < 1000  # mm/s
+
+
 def test_a_long_route_names_so_many_parts_as_can_be_read():
     """Of 300 parts each fourth, from the first to the last; a few ticks on every axis of a route of
     kilometres."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from network_samples import joint, straight, tee
+from network_samples import forked
 
 from omnitrack_sim import (
     Outcome,
@@ -161,14 +161,7 @@ def test_fittings_close_together_are_passed():
 def test_a_mission_does_not_depend_on_its_batch():
     """Missions with other starts and goals share a batch, one with a leg added on the way: same
     bits as alone."""
-    network = {
-        "fittings": [straight("foot", 0.3), tee("fork"), straight("on", 0.3), straight("off", 0.3)],
-        "joints": [
-            joint("foot.end", "fork.run_start"),
-            joint("fork.run_end", "on.start"),
-            joint("fork.branch", "off.start"),
-        ],
-    }
+    network = forked()
     scenarios = [
         mission_of(network, "foot.start", "off.end"),
         mission_of(network, "on.end", "foot.start", start={"theta5_deg": 20.0}),

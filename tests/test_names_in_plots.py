@@ -12,8 +12,7 @@ from samples import sample_result, sample_trajectory
 
 from omnitrack_sim import Result, plot_mission, plot_network, plot_summary
 from omnitrack_sim.cli import runs
-from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
-from omnitrack_sim.paper.plots.over_time import contact_map_figure
+from omnitrack_sim.paper.claim_figures import contact_map_figure, elbow_figure, rates_figure
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result

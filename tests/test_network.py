@@ -10,7 +10,7 @@ import pytest
 from network_samples import branched, elbow, joint, narrowed, reducer, straight, tee
 
 from omnitrack_sim.base.errors import NetworkError
-from omnitrack_sim.base.naming import shipped_networks
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.base.rotations import Pose, frame_along
 from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
 from omnitrack_sim.pipes.network import Network, load_network, validate
@@ -110,7 +110,7 @@ def test_a_loop_that_misses_says_by_how_much():
         (
             {"fittings": [{"kind": "crank", "name": "x"}]},
             "fittings.0.kind",
-            "elbow, mitre, reducer, straight, tee",
+            "elbow, mitre, reducer, straight, cap, tee",
         ),
         ({"fittings": [{"kind": "tee"}]}, "fittings.0.name", "required"),
         ({"fittings": [straight("a.b")]}, "fittings.0.name", "no dot"),
@@ -304,7 +304,7 @@ def test_a_loop_gives_a_second_way():
     assert crossing not in [network.fittings[p.index].name for p in other.passages]
 
 
-@pytest.mark.parametrize("name", sorted(shipped_networks()))
+@pytest.mark.parametrize("name", sorted(shipped_files("networks")))
 def test_routes_of_shipped_networks(name):
     """Every pair of open ends has a route: parts joined in order, arc lengths that follow on, a
     line without jumps."""

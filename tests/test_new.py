@@ -29,7 +29,7 @@ def plain(scenario):
     return scenario.model_dump(mode="json", exclude={"name"})
 
 
-@pytest.mark.parametrize("name", ot.shipped_scenarios())
+@pytest.mark.parametrize("name", ot.shipped_files("scenarios"))
 def test_the_file_is_the_scenario_that_it_begins_from(tmp_path, monkeypatch, name):
     """With what is set, and with every default written out as well; only the name is another."""
     monkeypatch.chdir(tmp_path)

@@ -43,19 +43,17 @@ def test_a_robot_begins_in_its_bore_and_not_in_its_wall(kind, bore):
 
 
 @kinds
-def test_a_controller_commands_many_robots_as_it_commands_one(kind):
-    """Rows of its answer are the answers to their robots; after a reset they are the same."""
+def test_a_gait_commands_many_robots_as_it_commands_one(kind):
+    """Rows of its answer are the answers to their robots."""
     robot = kind()
     model = robot.spec().compile()
     times = np.array([0.0, 0.3, 1.7])
     qpos, qvel = np.tile(model.qpos0, (3, 1)), np.zeros((3, model.nv))
-    controller = robot.controller()
-    every = controller.command(SimpleNamespace(time=times, qpos=qpos, qvel=qvel))
+    every = robot.gait(SimpleNamespace(time=times, qpos=qpos, qvel=qvel))
     assert every.shape == (3, model.nu)
-    controller.reset(np.arange(3))
     for i, time in enumerate(times):
         one = SimpleNamespace(time=np.array([time]), qpos=qpos[:1], qvel=qvel[:1])
-        np.testing.assert_array_equal(controller.command(one)[0], every[i])
+        np.testing.assert_array_equal(robot.gait(one)[0], every[i])
 
 
 @pytest.mark.parametrize(("kind", "seconds"), [(Presser, 30), (Inchworm, 55), (Snake, 60)])

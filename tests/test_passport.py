@@ -8,8 +8,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.towns.passport import PASSPORT_FILE, KindTrials
-from omnitrack_sim.towns.ways import FEATURES, shape_of, slopes_of
+from omnitrack_sim.towns.passport import FEATURES, PASSPORT_FILE, KindTrials, shape_of, slopes_of
 
 TRUTHS = {
     "steep": lambda x: 1 / (1 + np.exp(-25 * (x[:, 0] - 0.55 - 0.15 * x[:, 2]))),

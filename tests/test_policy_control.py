@@ -13,7 +13,9 @@ from runs import same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.robots.omnitrack.policy.file import RESIDUAL
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import features_of
+from omnitrack_sim.robots.omnitrack.policy.file import DIRECT, RESIDUAL
 
 TEE = """
 [[pipes]]
@@ -115,23 +117,33 @@ def test_it_drives_a_mission_there_and_back(tmp_path):
     assert [leg.gear for leg in result.legs] == [1, -1]
 
 
+class Learner:
+    """A controller whose decisions come from elsewhere, in the steps of a policy's."""
+
+    def __init__(self, setup: ot.ControlSetup) -> None:
+        self.decisions = Decisions(setup, features_of("onboard"), DIRECT)
+        self.phases = self.decisions.phases
+
+    def step(self, observation: ot.Observation) -> ot.Command:
+        if self.decisions.due.any():
+            entries = self.decisions.observe(observation)
+            self.decisions.decide(0.5 * (entries[:, :4] > -1))
+        return self.decisions.command(observation)
+
+
 def test_the_python_of_the_page_runs(tmp_path, monkeypatch, capsys):
-    """A policy that it writes, which turns in a tee as the page says, and a controller whose
-    decisions come from elsewhere."""
+    """A policy that it writes, which turns in a tee as the page says; a learner drives in its
+    steps."""
     monkeypatch.chdir(tmp_path)
     text = page("policies")
-    made, learner = (
-        code for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL) if code
-    )
-    names: dict = {"__name__": "page"}
-    exec(compile(made, "policies.md", "exec"), names)
-    exec(compile(learner, "policies.md", "exec"), names)
+    (made,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(made, "policies.md", "exec"), {"__name__": "page"})
     assert capsys.readouterr().out.split()[-2:] == ["(5,", "4)"]
     turn = {"control.kind": "policy", "control.parameters.policy": str(tmp_path / "mine.npz")}
     result = ot.run(ot.load_scenario("tee_turn", turn))
     assert result.outcome is ot.Outcome.REACHED_GOAL
     scenario = _tee(tmp_path / "mine.npz")
-    for controller in (None, names["Learner"]):
+    for controller in (None, Learner):
         (result,) = ot.run_batch([scenario], controller=controller, no_load=False)
         assert result.outcome is ot.Outcome.TIMED_OUT
 

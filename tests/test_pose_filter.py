@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from omnitrack_sim.autonomy.candidates import of_arms
 from omnitrack_sim.autonomy.pose_filter import (
     BIAS,
     POSE,
@@ -13,8 +14,11 @@ from omnitrack_sim.autonomy.pose_filter import (
     PoseFilter,
     initial_covariance,
 )
-from omnitrack_sim.base.rotations import Array, rotation_vector, turned_by
+from omnitrack_sim.base.rotations import Array, Pose, rotation_vector, turned_by
+from omnitrack_sim.pipes import Part, Tee
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.senses.settings import SensingTable
+from omnitrack_sim.walls.rays import RayWalls
 
 PERIOD, ROWS = 0.02, np.arange(1)
 TABLE = SensingTable()
@@ -73,10 +77,50 @@ def test_the_pose_follows_belts_and_gyro() -> None:
     assert pose.rotation[0] == pytest.approx(expected, abs=1e-9)
 
 
-def test_belts_that_slip_get_less_far() -> None:
-    """By the part of their travel that the filter holds for slip."""
+@pytest.mark.parametrize(("skid", "slip"), [(0.0, 0.01), (0.01, 0.51)])
+def test_belts_that_slip_get_less_far(skid: float, slip: float) -> None:
+    """By one standard deviation of the motion at hand: in a pipe by 1 %, though they slipped by
+    half of their travel in the turn before."""
     pose = filter_of()
-    pose.slip = np.array([0.1])
-    pose.advance(np.array([0.01]), np.zeros((1, 3)), STILL, PERIOD)
-    assert pose.position[0, 2] == pytest.approx(0.009)
-    assert pose.covariance[0, SLIP, SLIP] > 0
+    pose.slip = np.ones(1)
+    pose.advance(np.array([0.01]), np.zeros((1, 3)), np.array([skid]), PERIOD)
+    assert pose.position[0, 2] == pytest.approx(0.01 * (1 - slip))
+    assert 0 < pose.covariance[0, SLIP, SLIP] <= 1
+    pose.settle(np.ones(1, bool))
+    assert pose.covariance[0, SLIP, SLIP] == pytest.approx(1.0)
+
+
+ROBOT = Omnitrack()
+
+
+TEE = Part("tee", Tee(), Pose(np.eye(3), np.zeros(3)))
+
+
+def touch(along: float, slide: float) -> tuple[Array, Array]:
+    """Information and evidence of the arms of a robot on the axis of a tee's run, ``along`` m from
+    the branch's, with its first module towards the branch and that arm at ``slide`` m."""
+    branch, axis = (TEE.port(port).rotation[:, 2] for port in ("branch", "run_end"))
+    # The robot's z axis is the run's, and its first module's direction the branch's.
+    frame = np.stack([branch, np.cross(axis, branch), axis], axis=-1)
+    frame = frame @ turned_by(np.array([[0.0, 0.0, -MODULE_ANGLES[0]]]))[0]
+    position = TEE.port("run_end").position - (Tee().run_length / 2 - along) * axis
+    covariance = np.diag([0.003**2] * 3 + [0.03**2] * 3)[None]
+    slides, walls = np.array([[slide, 0.0, 0.0]]), RayWalls([[TEE]])
+    pose = position[None], frame[None], covariance
+    return of_arms(Omnitrack(), walls, np.zeros(1, int), *pose, slides, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("along", "slide", "arms", "pushed"),
+    [(0.1, 0.0, 3, 0.0), (0.1, 0.002, 3, 500.0), (0.0, 0.005, 2, 0.0), (0.04, 0.0, 3, 0.0)],
+    ids=["at the wall", "too far out", "over the mouth", "with one end on the rim"],
+)
+def test_arms_measure_where_a_track_touches(
+    along: float, slide: float, arms: int, pushed: float
+) -> None:
+    """One that swings out over the mouth of a branch touches nothing: the rim, which is the nearest
+    wall, draws the robot neither aside nor along."""
+    information, evidence = touch(along, slide)
+    assert np.trace(information[0, :3, :3]) == pytest.approx(arms / 0.002**2, rel=0.1)
+    # Away from the branch, which is along x, and not along the run.
+    assert evidence[0, :3] == pytest.approx([-pushed, 0.0, 0.0], abs=1.0)

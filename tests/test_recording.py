@@ -18,6 +18,7 @@ GEOM = mujoco.mjtGeom
 PAGE = Path(__file__).parents[1] / "docs/how-to/any-robot.md"
 BALL = 0.03
 SIZE = {"width": 320, "height": 180}
+BARE = SIZE | {"inset": False, "overlay": False}
 GREEN = [0.0, 0.9, 0.0, 1.0]
 
 
@@ -169,24 +170,28 @@ def test_films_show_the_ball_where_it_is(rolling, camera):
 def test_films_draw_contacts_state_and_map(rolling):
     """The force's colour is on the ball's contact with panels or without; the camera of the model
     sees the pipe from the ball."""
-    bare = rolling.frame(0.8, panels=False, width=640, height=360)
+    bare = ot.render_frame(rolling, time=0.8, inset=False, overlay=False, width=640, height=360)
     force = (np.abs(bare.astype(int) - [209, 0, 108]).sum(axis=-1) < 90).sum()
     assert force > 10
-    with_panels = rolling.frame(0.8, camera="follow", **SIZE)
-    without = rolling.frame(0.8, camera="follow", panels=False, **SIZE)
+    with_panels = ot.render_frame(rolling, time=0.8, camera="follow", **SIZE)
+    without = ot.render_frame(rolling, time=0.8, camera="follow", **BARE)
     changed = (with_panels != without).any(axis=-1)
     assert changed[140:, :80].any()
     assert changed[:60, 240:].any()
     assert not changed[70:120].any()
     assert rolling.cameras == ("side", "follow", "eye")
-    assert rolling.frame(0.8, camera="eye", panels=False, **SIZE).std() > 5
+    assert ot.render_frame(rolling, time=0.8, camera="eye", **BARE).std() > 5
 
 
 def test_films_and_strips_are_whole_files(rolling, tmp_path):
     """The same recording gives the same bytes."""
-    films = [rolling.film(tmp_path / f"{n}.gif", width=64, height=36, fps=5) for n in (1, 2)]
+    small = {"width": 64, "height": 36, "fps": 5}
+    films = [
+        ot.render_video(rolling, path=tmp_path / f"{n}.gif", processes=n, **small) for n in (1, 2)
+    ]
     assert films[0].read_bytes() == films[1].read_bytes()
-    strip = rolling.strip(tmp_path / "strip.png", times=[0.1, 0.9], width=64, height=48)
+    path = tmp_path / "strip.png"
+    strip = ot.render_strip(rolling, path=path, times=[0.1, 0.9], width=64, height=48)
     assert strip.stat().st_size > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["1.gif", "2.gif", "strip.png"]
 
@@ -196,8 +201,8 @@ def test_pages_hold_the_true_positions(rolling, tmp_path):
     """Position and orientation of the body at samples and between them, the part that it is in, and
     its way; the arrows add up to the wall's force."""
     path = tmp_path / "run.html"
-    assert rolling.page(path).html == path.read_text(encoding="utf-8")
-    assert rolling.page().html == path.read_text(encoding="utf-8")
+    assert ot.render_replay(rolling, path=path).html == path.read_text(encoding="utf-8")
+    assert ot.render_replay(rolling).html == path.read_text(encoding="utf-8")
     bodies, (way, _) = rolling.bodies[:, 1], rolling.progress()
     with chromium() as browser, opened(browser, path, hash="#camera=onboard") as page:
         assert page.evaluate("replay.cameras.mode") == "onboard"
@@ -265,7 +270,7 @@ def test_pipes_can_be_seen_by_mujocos_own_renderer(monkeypatch):
     assert coloured(shown[1]).sum() == coloured(hidden[1]).sum() > 10
     np.testing.assert_array_equal(recordings[0].qpos, recordings[1].qpos)
     assert recordings[1].model.body_mass.sum() == recordings[0].model.body_mass.sum()
-    one, other = (recording.frame(0.2, **SIZE) for recording in recordings)
+    one, other = (ot.render_frame(recording, time=0.2, **SIZE) for recording in recordings)
     np.testing.assert_array_equal(one, other)
 
 
@@ -279,7 +284,8 @@ def test_a_saved_recording_is_the_same(rolling, tmp_path):
     for one, other in zip(loaded.contacts, rolling.contacts, strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(loaded.places.arc_length, rolling.places.arc_length)
-    np.testing.assert_array_equal(loaded.frame(0.8, **SIZE), rolling.frame(0.8, **SIZE))
+    one, other = (ot.render_frame(each, time=0.8, **SIZE) for each in (loaded, rolling))
+    np.testing.assert_array_equal(one, other)
     data = mujoco.MjData(loaded.model)
     data.time = 2.0
     assert loaded.append(data)
@@ -323,9 +329,9 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
             ot.Recording(model, pipes, period=period)
     recording, data = ot.Recording(model, pipes), mujoco.MjData(model)
     with pytest.raises(ot.InputError, match="no samples"):
-        recording.film(tmp_path / "a.gif")
+        ot.render_video(recording, path=tmp_path / "a.gif")
     with pytest.raises(ot.InputError, match="no samples"):
-        recording.page(tmp_path / "a.html")
+        ot.render_replay(recording, path=tmp_path / "a.html")
     with pytest.raises(ot.InputError, match="no samples"):
         recording.plot(tmp_path / "a.png")
     data.time = 1.0
@@ -342,12 +348,15 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
     with pytest.raises(ot.InputError, match="another model"):
         recording.append(mujoco.MjData(other))
     with pytest.raises(ot.InputError, match="no camera 'onboard'"):
-        recording.film(tmp_path / "a.gif", camera="onboard")
-    for write, name in (("page", "a.png"), ("plot", "a.gif"), ("save", "a.zip"), ("film", "a.png")):
+        ot.render_video(recording, path=tmp_path / "a.gif", camera="onboard")
+    for write, name in ((recording.plot, "a.gif"), (recording.save, "a.zip")):
         with pytest.raises(ot.InputError, match="format"):
-            getattr(recording, write)(tmp_path / name)
+            write(tmp_path / name)
+    for render in (ot.render_replay, ot.render_video):
+        with pytest.raises(ot.InputError, match="format"):
+            render(recording, path=tmp_path / "a.png")
     with pytest.raises(ot.InputError, match=r"times\[0\]"):
-        recording.strip(tmp_path / "a.png", times=[2.0])
+        ot.render_strip(recording, path=tmp_path / "a.png", times=[2.0])
     assert not list(tmp_path.iterdir())
     spec = mujoco.MjSpec()
     moving = spec.worldbody.add_body(name="frame")

@@ -20,7 +20,6 @@ from omnitrack_sim.show.film.render import (
     render_frames,
     render_strip,
     render_video,
-    run_stage,
     strip_times,
 )
 
@@ -152,7 +151,7 @@ def test_a_run_that_diverged_stops_in_its_film(result, value, camera):
 
 
 def test_several_processes_make_the_same_film(result, tmp_path):
-    """Byte for byte, by the camera that keeps the pipes between frames, and nothing else stays."""
+    """Byte for byte, by the camera that stands still, and nothing else stays."""
     films = [
         render_video(
             result,
@@ -167,20 +166,6 @@ def test_several_processes_make_the_same_film(result, tmp_path):
     ]
     assert films[0].read_bytes() == films[1].read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["1.mp4", "2.mp4"]
-
-
-@pytest.mark.parametrize("fine", [False, True])
-def test_still_pipes_painted_once_are_those_painted_each_time(result, fine):
-    """What the camera that stands paints anew, over the pipes without a robot, gives the picture
-    that is painted as a whole, to the bit, wherever the robot is."""
-    with run_stage(result, SIZE, "side", fine=fine) as stage:
-        for row in (0, 17, 34, 50):
-            kept = stage.paint(row)
-            shot = stage._camera.shot(row, stage.data)
-            changed = stage._changed(shot)
-            assert changed is not None
-            assert changed.width * changed.height < 0.7 * SIZE[0] * SIZE[1]
-            assert (kept == stage._painted(shot)).all()
 
 
 def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):

@@ -13,8 +13,7 @@ from samples import sample_result
 from omnitrack_sim import Outcome, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.paper import claim as readings
-from omnitrack_sim.paper import driving, elbows, tees
-from omnitrack_sim.paper import formulas as theory
+from omnitrack_sim.paper import driving, turns
 from omnitrack_sim.paper import reproduce as command
 from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.experiments import (
@@ -24,7 +23,7 @@ from omnitrack_sim.paper.experiments import (
     run_all,
     scenarios,
 )
-from omnitrack_sim.paper.plots.region import plot_singularity
+from omnitrack_sim.paper.region import plot_singularity
 from omnitrack_sim.paper.reproduce import ReportFigure, by_friction, page, preferred
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
@@ -84,12 +83,12 @@ def test_claims_of_driving_hold(runs):
     """Climb, mean speed, opposite motion, no-motion line, sign change, unequal arms."""
     measures = (
         driving.climb,
-        theory.mean_speed,
+        driving.mean_speed,
         driving.past_180,
         driving.no_motion_line,
         driving.sign_change,
     )
-    for measure in (*measures, theory.unequal_arms, tees.compression):
+    for measure in (*measures, driving.unequal_arms, turns.compression):
         found = measure(runs)
         assert found.verdict is ClaimVerdict.HOLDS, found
         assert not found.changed, found
@@ -105,7 +104,7 @@ def test_claims_can_fail(runs):
     for measure, given in (
         (driving.no_motion_line, wrong),
         (driving.past_180, wrong),
-        (theory.unequal_arms, same),
+        (driving.unequal_arms, same),
     ):
         found = measure(given)
         assert found.verdict is ClaimVerdict.FAILS
@@ -166,7 +165,7 @@ def fails(runs):
     raise ValueError("no such colour")
 
 
-@pytest.mark.parametrize("module", [theory, driving, elbows, tees])
+@pytest.mark.parametrize("module", [driving, turns])
 def test_claims_name_figures_of_the_page(module):
     """Each figure that a claim says shows it is drawn."""
     keywords = [

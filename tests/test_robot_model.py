@@ -11,7 +11,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
-from omnitrack_sim.robots.omnitrack.turning import add_turning_robot
+from omnitrack_sim.robots.omnitrack.published import add_turning_robot
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.walls.geoms import new_spec
 

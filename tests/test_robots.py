@@ -308,7 +308,7 @@ def test_limbs_that_touch_each_other_are_no_misfit():
 def test_rooms_know_no_robot_by_name(room):
     """No module of these rooms imports a folder of a robot, but for what is that robot's alone: its
     own senses, and driving it by hand."""
-    alone = {"sim/onboard.py", "show/viewer/player.py", "show/viewer/teleoperation.py"}
+    alone = {"sim/onboard.py", "show/viewer/player.py"}
     package = Path(ot.__file__).parent
     folders = tuple(
         f"omnitrack_sim.robots.{path.name}"

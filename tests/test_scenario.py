@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.base.errors import ScenarioError
-from omnitrack_sim.base.naming import shipped_scenarios
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.sim.builder import batch_key
 
@@ -28,8 +28,8 @@ def test_shipped_scenarios_are_valid_and_expect_something():
         "elbow_short",
         "tee_turn",
         "tee_straight",
-    } <= set(shipped_scenarios())
-    for name in shipped_scenarios():
+    } <= set(shipped_files("scenarios"))
+    for name in shipped_files("scenarios"):
         scenario = load_scenario(name)
         assert scenario.name == name.rpartition("/")[2]
         assert scenario.run.expected_outcome is not None

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.naming import shipped_policies
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.base.workers import LocalPool
 
 ACTING = {"tee_turn": "direct", "tee_turn_residual": "residual"}
@@ -22,7 +22,7 @@ def test_it_tells_how_it_came_about(name):
     assert ("--residual" in record.command) == (ACTING[name] == "residual")
     assert record.steps is not None
     assert record.steps > 100_000
-    assert shipped_policies()[name].stat().st_size < 200_000
+    assert shipped_files("policies")[name].stat().st_size < 200_000
 
 
 @pytest.mark.parametrize("theta5_deg", [0.0, 25.0])

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.paper.plots.region import FIGURES, SECTOR_COLOUR, plot_singularity
+from omnitrack_sim.paper.region import FIGURES, SECTOR_COLOUR, plot_singularity
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 CASE = TurnCase()

@@ -92,7 +92,7 @@ def test_every_command_and_option_is_in_the_site(site):
         "omnitrack run [OPTIONS] SCENARIO",
         "SCENARIO &lt;str&gt;",
         "--out DIR",
-        "Where the results go; out/NAME when not given.",
+        "Folder of the results; one below out/ by default.",
         "--video / --no-video",
         "[default: video]",
     ):

@@ -38,6 +38,18 @@ def test_each_pair_of_objectives_has_a_panel(objectives, panels):
         assert figure_bytes(figure) == figure_bytes(again)
 
 
+def test_an_objective_that_nothing_changes_has_no_panel():
+    """It is said instead; with one objective that changes all have panels."""
+    tried, scales = _tried(3), _scales(3)
+    known = np.isfinite(tried.values[:, 2])
+    tried.values[known, 2] = tried.checked[:, 2] = 1.0
+    figure = study_figure(scales, tried)
+    assert len([axis for axis in figure.axes if axis.get_visible()]) == 1
+    assert figure.get_suptitle() == "f2 [J] is 1 for 59 of 60 candidates"
+    tried.values[:, 1] = tried.checked[:, 1] = 1.0
+    assert len([axis for axis in study_figure(scales, tried).axes if axis.get_visible()]) == 3
+
+
 def test_the_front_is_drawn_where_it_is():
     """The line of the front has its candidates in order, the start and the best are marked, and
     a panel shows all of them."""

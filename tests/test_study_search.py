@@ -16,7 +16,7 @@ from omnitrack_sim.trials.search import (
     values_of,
     violations_of,
 )
-from omnitrack_sim.trials.study_tables import Objective, Variable
+from omnitrack_sim.trials.study import Objective, Variable
 
 
 @pytest.mark.parametrize("seed", range(4))

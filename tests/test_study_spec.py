@@ -7,13 +7,11 @@ import pyarrow as pa
 import pytest
 from study_samples import small_study, study_data
 
-from omnitrack_sim import StudyError, load_study, override, shipped_studies
+from omnitrack_sim import StudyError, load_study, override, shipped_files
 from omnitrack_sim.trials import study as study_room
-from omnitrack_sim.trials.objectives import Measure
 from omnitrack_sim.trials.search import Candidate
-from omnitrack_sim.trials.study import Study, resolve
-from omnitrack_sim.trials.study_run import batches_of
-from omnitrack_sim.trials.study_tables import Objective, Variable
+from omnitrack_sim.trials.study import Objective, Study, Variable, resolve
+from omnitrack_sim.trials.study_run import Measure, batches_of
 
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]
@@ -33,8 +31,8 @@ def test_shipped_studies_are_whole(name):
     """Every shipped study loads, says what it answers, begins with the values of its scenario, and
     the candidate at its start has the scenarios of its trials unchanged."""
     study = load_study(name)
-    assert set(shipped_studies()) == {"controller_gains", "robot_design"}
-    assert "Answers" in shipped_studies()[name].read_text(encoding="utf-8")
+    assert set(shipped_files("studies")) == {"controller_gains", "robot_design"}
+    assert "Answers" in shipped_files("studies")[name].read_text(encoding="utf-8")
     start = Candidate(0, 1, 0, tuple(v.start for v in study.variables))  # type: ignore[misc]
     trials = [t for batch in batches_of(study, study.trials, [start]) for t in batch.trials]
     assert len(trials) == study.size

@@ -82,7 +82,7 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
     """The singular range is that of the robot; without a tee there is none."""
 
     def shades(case):
-        axis = sweep_figure([ORIENTATION], PASSED, singular_range(case)).axes[0]
+        axis = sweep_figure([ORIENTATION], PASSED, case and singular_range(case)).axes[0]
         return [patch for patch in axis.patches if patch.get_label() == "singular by the formula"]
 
     case = TurnCase()

@@ -15,7 +15,7 @@ from omnitrack_sim import (
     load_scenario,
     load_sweep,
     override,
-    shipped_sweeps,
+    shipped_files,
 )
 from omnitrack_sim.base.table import Table, Unit, marks_of
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
@@ -59,9 +59,9 @@ def test_shipped_sweeps_are_whole(name):
     last but one are
     valid: the first and last of ``fig14_pairs`` have the start as the goal."""
     sweep = load_sweep(name)
-    assert set(shipped_sweeps()) == set(SHIPPED)
+    assert set(shipped_files("sweeps")) == set(SHIPPED)
     assert sweep.size == SHIPPED[name] == sum(len(batch.trials) for batch in sweep.batches())
-    comment = re.match(r"(#.*\n)+", shipped_sweeps()[name].read_text())
+    comment = re.match(r"(#.*\n)+", shipped_files("sweeps")[name].read_text())
     assert comment
     assert "Answers" in comment[0]
     for index in (1, sweep.size - 2):

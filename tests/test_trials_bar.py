@@ -33,7 +33,7 @@ def _bar():
 @pytest.fixture
 def terminal(monkeypatch):
     """Standard error is a terminal."""
-    monkeypatch.setattr(trials, "err", Screen(stderr=True, force_terminal=True))
+    monkeypatch.setattr(common, "err", Screen(stderr=True, force_terminal=True))
 
 
 @pytest.fixture
@@ -44,27 +44,33 @@ def clock(monkeypatch):
     return now
 
 
-def test_the_bar_tells_pace_and_losses_of_this_run(monkeypatch, terminal):
-    """Pace and time left count what this run did; what is not known yet is left out."""
+def test_the_bar_tells_what_is_done_and_lost(monkeypatch, terminal):
+    """How far this run is of what it has to do, and in words how many trials passed."""
     told = []
-    monkeypatch.setattr(Progress, "update", lambda self, task, **new: told.append(new["text"]))
-    pace = trials._pace
-    monkeypatch.setattr(trials, "_pace", lambda status, elapsed: pace(status, 4.0))
+    monkeypatch.setattr(
+        Progress,
+        "update",
+        lambda self, task, completed, description: told.append((completed, description)),
+    )
     with _bar() as tell:
         tell(_status(2, found=2))
         tell(_status(4, found=2, lost=1))
-    assert told == ["2 passed", "0.50 trials/s, 0:00:12 left, 4 passed, workers lost 1 time"]
+    title = "sweep \\[x]"
+    assert told == [
+        (0.0, f"{title} 10 trials, 2 of them done before"),
+        (0.25, f"{title} 4 of 10 trials, 4 passed, workers lost 1 time"),
+    ]
 
 
 def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
-    """At once how many trials there are; the pace with the first that are done; then a line each
-    5 s at most, when a tenth more is done or five minutes have passed; and the end."""
+    """At once how many trials there are; then a line each 5 s at most, when a tenth more is done
+    or five minutes have passed, at the pace of this run; and the end."""
     with _bar() as tell:
         for after, done, lost in (
             (0, 2, 0),
-            (4, 4, 0),
+            (8, 4, 0),
             (4, 6, 0),  # too soon
-            (10, 6, 1),
+            (6, 6, 1),
             (20, 6, 1),  # no headway
             (281, 6, 1),
             (20, 10, 1),
@@ -73,10 +79,10 @@ def test_without_a_terminal_lines_tell_size_pace_and_losses(clock, capfd):
             tell(_status(done, found=2, lost=lost))
     assert capfd.readouterr().err.splitlines() == [
         "sweep [x]: 10 trials, 2 of them done before",
-        "sweep [x]: 4 of 10 trials, 0.50 trials/s, 0:00:12 left, 4 passed",
-        "sweep [x]: 6 of 10 trials, 0.22 trials/s, 0:00:18 left, 6 passed, workers lost 1 time",
-        "sweep [x]: 6 of 10 trials, 0.01 trials/s, 0:05:19 left, 6 passed, workers lost 1 time",
-        "sweep [x]: 10 of 10 trials, 10 passed, workers lost 1 time",
+        "sweep [x]: 25 %, 4 of 10 trials, 4 passed, 0:00:24 left",
+        "sweep [x]: 50 %, 6 of 10 trials, 6 passed, workers lost 1 time, 0:00:18 left",
+        "sweep [x]: 50 %, 6 of 10 trials, 6 passed, workers lost 1 time, 0:05:19 left",
+        "sweep [x]: done in 0:05:39",
     ]
 
 
@@ -88,8 +94,9 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
             tell(_status(done, lost=lost, total=1))
     assert capfd.readouterr().err.splitlines() == [
         "sweep [x]: 1 trial",
-        "sweep [x]: 1 of 1 trial, 1 passed, workers lost 1 time",
+        "sweep [x]: done in 0:00:00",
     ]
+    assert trials._in_words(Status(1, 0, 1, 1, 1)) == "1 of 1 trial, 1 passed, workers lost 1 time"
     file = tmp_path / "one.toml"
     axis = '[[axes]]\npath = "world.friction"\nkind = "list"\nvalues = [0.8]\n'
     file.write_text(f'base = "straight"\n{axis}', encoding="utf-8")
@@ -161,7 +168,7 @@ def test_a_piped_sweep_tells_its_size_and_its_end_and_keeps_its_json_clean(tmp_p
     command += ["--set", "run.time_limit=0.1", "--workers", "1"]
     for first in ("2 trials", "2 trials, all of them done before"):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        told = [f"sweep two: {first}", "sweep two: 2 of 2 trials, 0 passed"]
         lines = done.stderr.splitlines()  # a slow machine tells its pace between the two
-        assert (done.returncode, lines[0], lines[-1]) == (0, *told)
+        assert (done.returncode, lines[0]) == (0, f"sweep two: {first}")
+        assert lines[-1].startswith("sweep two: done in 0:")
         assert json.loads(done.stdout)["trials"] == 2

@@ -17,8 +17,14 @@ from screens import at_window, needs_screen, screen
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.track_display import region_of
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
-from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MOST_OVERDUE, Pace
-from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
+from omnitrack_sim.show.viewer.player import (
+    FRAME,
+    LATE_FRAME,
+    MOST_OVERDUE,
+    LiveRun,
+    Pace,
+    SavedRun,
+)
 from omnitrack_sim.show.viewer.window import covers_robot
 from omnitrack_sim.walls.pipe_looks import add_pipe_insides
 

@@ -4,8 +4,7 @@ import numpy as np
 
 import omnitrack_sim as ot
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
-from omnitrack_sim.towns.passport import KindTrials
-from omnitrack_sim.towns.ways import FEATURES
+from omnitrack_sim.towns.passport import FEATURES, KindTrials
 
 WAYS = ("run to branch", "branch to run", "over the run", "across the run")
 KINDS = (

@@ -67,15 +67,12 @@ def tables(rows: list[Row], tried: list[Row], notes: list[str]) -> str:
     lines = []
     head = (
         "entry",
-        "outcome",
+        "settings",
+        "step, ms",
         "wall error, largest / 99 %, mm",
-        "simulated s a CPU s: stepping / with control",
-        "us a step",
-        "contacts a lug",
-        "tilt at the end, deg",
-        "simulated s",
+        "simulated s per CPU s: stepping / with control",
         "build, s",
-        "this package's speed / its",
+        "ratio",
     )
     for job in dict.fromkeys(row.job for row in rows):
         lines += [f"## {job}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
@@ -103,20 +100,20 @@ def tables(rows: list[Row], tried: list[Row], notes: list[str]) -> str:
 
 
 def _line(row: Row, rows: list[Row]) -> str:
-    name = f"{TITLES[row.peer]}: {settings_text(row)}"
-    if row.error is not None:
-        return f"| {name} | {row.error} |" + " |" * 8
+    result = row.error or ("" if row.finishes else f"{row.outcome} at {row.progress_m:.2f} m")
+    settings = ", ".join(
+        f"{key.removesuffix('_mm').replace('_', ' ')} {value:g}{' mm' * key.endswith('_mm')}"
+        for key, value in row.settings.items()
+        if isinstance(value, int | float) and not (isinstance(value, bool) or "step" in key)
+    )
     cells = (
-        name,
-        row.outcome if row.finishes else f"{row.outcome} at {row.progress_m:.2f} m",
+        f"{TITLES[row.peer]}: {result}" if result else TITLES[row.peer],
+        settings or "-",
+        f"{1e3 * row.timestep:g}",
         f"{_number(row.wall_error_max_mm, 3)} / {_number(row.wall_error_99_mm, 3)}",
         f"{_number(row.step_speed, 2)} / {_number(row.speed, 2)}",
-        _number(row.step_us, 0),
-        _number(row.contacts_per_lug, 2),
-        _number(row.tilt_deg, 1),
-        _number(row.duration_s, 2),
         _number(row.build_s, 2),
-        "" if row.peer in OWN else _number(ratio(row, rows), 1),
+        "-" if row.peer in OWN else _number(ratio(row, rows), 1),
     )
     return "| " + " | ".join(cells) + " |"
 

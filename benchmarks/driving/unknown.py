@@ -218,9 +218,8 @@ def runs(
 def table(tours: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
-        "| sensing | home, and the map the same as the network | 95 % interval | home | map "
-        "complete | called complete by the robot, and wrong | wrong in all lengths: median, 90 % "
-        "| lost on the way | processor time of one |",
+        "| sensing | home, map right | 95 % interval | home | map complete | called complete, "
+        "wrong | error of all lengths: median, 90 % | lost on the way | processor time |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for sense in dict.fromkeys(run.sense for run in tours):

@@ -77,10 +77,9 @@ def _bases(kind: str) -> tuple[tuple[str, bool], ...]:
 
 
 def _shipped(kind: str) -> dict[str, Path]:
-    from omnitrack_sim import shipped_networks, shipped_scenarios, shipped_sweeps
+    from omnitrack_sim import shipped_files
 
-    lists = {"scenario": shipped_scenarios, "sweep": shipped_sweeps, "network": shipped_networks}
-    return lists[kind]()
+    return shipped_files(f"{kind}s")
 
 
 @cache

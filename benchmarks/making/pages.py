@@ -91,9 +91,9 @@ def foot(names: list[str], records: Mapping[str, Record]) -> str:
         record = records.get(name)
         if record and not record.older:
             made = f"commit {record.commit[:7]} ({record.date[:10]})"
-            fresh.setdefault(made, []).append(f"`{name}` {minutes(record.cpu_s)}")
-    parts = "; ".join(f"{made} {', '.join(own)}" for made, own in fresh.items())
-    sentences = [f"Made by `make figures` (processor time): {parts}."] if fresh else []
+            fresh.setdefault(made, []).append(f"`{name}`")
+    parts = "; ".join(f"{', '.join(own)} at {made}" for made, own in fresh.items())
+    sentences = [f"Made by `make figures`: {parts}."] if fresh else []
     older = [name for name in names if name in records and records[name].older]
     if older:
         told = ", ".join(f"`{name}` (commit {records[name].commit[:7]})" for name in older)

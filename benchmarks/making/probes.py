@@ -2,7 +2,7 @@
 
 Each probe drives one robot for a few seconds through one thing that the package models: contacts on
 exact walls and on primitives, motors and the differential, every manoeuvre of the controllers,
-sensors, estimate and map. Two states that differ by 1e-9 at the start differ by less than 1e-6 at
+sensors, estimate and map. Two states that differ by 1e-9 at the start differ by less than 1e-5 at
 the end of a probe, so other processors give the same figures within ``TOLERANCE``, and a change of
 a law or of a constant does not. What only rare manoeuvres show (rolls tail first, a robot that has
 fallen past a branch) they do not notice: whole missions depend too much on rounding.

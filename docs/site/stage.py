@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 CONTENTS = DOCS / "README.md"
 """The list of pages; the site's navigation."""
-_LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)")
+_LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)(#[^)\s]+)?")
 _ENTRY = re.compile(r"^\* \[(.+?)\]\((.+?)\)$", re.MULTILINE)
 _HEADING = re.compile(r'^(?: *")?# (.+?)(?:\\n",)?$', re.MULTILINE)
 """The first heading of a page of Markdown, or of a notebook, in whose JSON it is a line."""
@@ -38,6 +38,11 @@ def navigation() -> dict[str, list[tuple[str, Path]]]:
         entries = [(name, (DOCS / target).resolve()) for name, target in _ENTRY.findall(body)]
         sections[title] = entries
     return sections
+
+
+def _sections() -> dict[str, Path]:
+    """The first page of each section of the list of pages, by the section's anchor."""
+    return {f"#{title.lower().replace(' ', '-')}": own[0][1] for title, own in navigation().items()}
 
 
 def misnamed() -> list[str]:
@@ -92,7 +97,9 @@ def _redirected(source: Path, target: Path, shown: set[Path], broken: list[str])
         if not path.exists():
             broken.append(f"{source.relative_to(ROOT)}: links to {match[1]}, which is not there")
             return match[1]
-        return _place_of(path, target, shown)
+        if path == CONTENTS and match[2]:  # the list of pages is the navigation of the site
+            return _place_of(_sections()[match[2]], target, shown)
+        return _place_of(path, target, shown) + (match[2] or "")
 
     lines, fenced = [], False
     for line in source.read_text(encoding="utf-8").split("\n"):

@@ -13,17 +13,16 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import get_args
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined, to_jsonable_python
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.reading import KINDS
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli.complete import comment
-from omnitrack_sim.gym.options import EnvOptions
-from omnitrack_sim.gym.reward import TERMS
+from omnitrack_sim.gym.options import TERMS, EnvOptions
 from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
@@ -35,54 +34,37 @@ from omnitrack_sim.robots.omnitrack.motors import Motor
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, PolicyTable
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS
 from omnitrack_sim.robots.tail import Tether
-from omnitrack_sim.scenario.tables import (
-    ControlTable,
-    MonitorTable,
-    PhysicsTable,
-    Pipe,
-    PullTable,
-    RecordTable,
-    RunTable,
-    StartTable,
-    WorldTable,
-)
+from omnitrack_sim.scenario.model import Scenario
+from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key
 from omnitrack_sim.trials import controllers, mobility
 from omnitrack_sim.trials.bench import Suite
-from omnitrack_sim.trials.study import StudyFile
-from omnitrack_sim.trials.study_tables import Final, Objective, Variable
+from omnitrack_sim.trials.study import Final, Objective, StudyFile, Variable
 from omnitrack_sim.trials.sweep import SweepFile
 
 MARK = re.compile(r"^\*Table: (.+)\*$", re.MULTILINE)
 Row = tuple[str, ...]
 
 
-def subtables(name: str, model: BaseModel) -> Iterator[tuple[str, type[BaseModel]]]:
-    """Yield the name and type of each table within a table."""
-    for key, value in model:
-        if isinstance(value, BaseModel):
-            yield f"{name}.{key}", type(value)
+def subtables(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the name and type of each table within a table, also of those that may be left out."""
+    for key, info in model.model_fields.items():
+        for kind in (info.annotation, *get_args(info.annotation)):
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                yield f"{prefix}{key}", kind
 
 
 MODELS: dict[str, type[BaseModel]] = {
-    "mission": Mission,
-    "start": StartTable,
-    "world": WorldTable,
-    "pull": PullTable,
+    # Keys of a robot stand on the page of its kind.
+    **{name: model for name, model in subtables(Scenario) if name != "robot"},
     "robot.tether": Tether,
     "robot.motor": Motor,
-    "control": ControlTable,
-    **dict(subtables("control.parameters", FeedbackTable())),
+    **dict(subtables(FeedbackTable, "control.parameters.")),
     "control.parameters.paper": PaperTable,
     "control.parameters.driven": DrivenTable,
     "control.parameters.policy": PolicyTable,
-    "sensing": SensingTable,
-    **dict(subtables("sensing", SensingTable())),
-    "monitor": MonitorTable,
-    "record": RecordTable,
-    "physics": PhysicsTable,
-    "run": RunTable,
+    **dict(subtables(SensingTable, "sensing.")),
     "sweep": SweepFile,
     "study": StudyFile,
     "study.variable": Variable,
@@ -99,6 +81,15 @@ MODELS: dict[str, type[BaseModel]] = {
 def table(head: Row, rows: Iterable[Row]) -> str:
     """Return a table of Markdown."""
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ("---",) * len(head), *rows))
+
+
+def rows_of_channels() -> Iterator[Row]:
+    """Yield a row for each channel of the omnidirectional robot."""
+    for one in channels.CHANNELS.values():
+        shape = " x ".join(map(str, one.shape)) or "-"
+        seen, kept = ("yes" if it else "-" for it in (one.source == "plant", one.recorded))
+        cells = (f"`{one.name}`", one.unit, shape, one.frame or "-")
+        yield (*cells, one.tail_first, seen, kept, one.meaning)
 
 
 def attributes_of(model: type[BaseModel]) -> dict[str, str]:
@@ -198,8 +189,17 @@ TABLES: dict[str, Callable[[], str]] = {
     "outcomes": lambda: table(
         ("outcome", "what it says"), ((f"`{one.value}`", one.advice) for one in Outcome)
     ),
-    "channels": lambda: channels.table().strip(),
-    "metrics": lambda: metrics.table().strip(),
+    "channels": lambda: table(
+        ("channel", "unit", "shape", "frame", "tail first", "seen", "recorded", "meaning"),
+        rows_of_channels(),
+    ),
+    "metrics": lambda: table(
+        ("metric", "unit", "modules", "meaning"),
+        (
+            (f"`{one.name}`", one.unit, "3" if one.per_module else "", one.meaning)
+            for one in metrics.METRICS
+        ),
+    ),
     "estimates": lambda: table(
         NAMED,
         (

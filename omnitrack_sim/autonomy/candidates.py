@@ -108,6 +108,8 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 _ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
+_ALONG = np.linspace(-0.5, 0.5, 5)
+"""Points of a track at which it may touch a wall, as parts of its length from its middle."""
 
 
 def of_arms(
@@ -116,13 +118,14 @@ def of_arms(
     which: NDArray[np.intp],
     position: Array,
     rotation: Array,
+    covariance: Array,
     slide: Array,
     std: float,
 ) -> tuple[Array, Array]:
     """Measurement that pressed modules touch the wall where their arms reach.
 
-    Where the wall is not along the robot's axis, one end of the track touches it, and the middle
-    may be off it by half of the track times the slope.
+    A track is straight, so it comes out until one point of it touches: in a bend an end, at the
+    mouth of a branch what lies on the rim.
 
     Args:
         robot: shared by all.
@@ -130,23 +133,33 @@ def of_arms(
         which: (n,) map of each robot.
         position: (n, 3) m, estimate.
         rotation: (n, 3, 3), estimate.
+        covariance: (n, 6, 6) of the estimate.
         slide: (n, 3) m, of the arms.
-        std: m, standard deviation where the wall is along the axis.
+        std: m, standard deviation of the place of a contact.
 
     Returns:
         Information and evidence, see ``normal``.
     """
+    n = len(slide)
     outermost = robot.slide_range[1] - CANDIDATES.stop_margin
     reach = robot.nominal_pipe_radius + slide  # (n, 3) m
-    lever = np.einsum("nij,nkj->nki", rotation, reach[..., None] * _ARMS)
+    points = np.outer(robot.contact_length * _ALONG, [0.0, 0.0, 1.0])
+    place = reach[:, :, None, None] * _ARMS[:, None] + points  # (n, 3, p, 3), robot frame
+    lever = np.einsum("nij,nmkj->nmki", rotation, place).reshape(n, -1, 3)
     distance, gradient, part = walls.nearest(which, position[:, None] + lever)
-    held = (slide < outermost) & (part >= 0)
-    slope = np.abs((gradient * rotation[:, None, :, 2]).sum(axis=-1))
-    std_sloped = std + robot.contact_length / 2 * slope
-    weight = held * huber(distance / std_sloped) / std_sloped**2
-    # Jacobian of the distances to the pose (n, 3, 6): of the position, then of the rotation.
+    distance, part = distance.reshape(place.shape[:3]), part.reshape(place.shape[:3])
+    # Jacobian of the distances to the pose: of the position, then of the rotation.
     slopes = np.concatenate([gradient, cross(lever, gradient)], axis=-1)
-    return normal(slopes, -distance, weight)
+    touching = distance.argmin(axis=-1)[..., None]
+    gap = np.take_along_axis(distance, touching, axis=-1)[..., 0]
+    slopes = slopes.reshape(*place.shape[:3], POSE)
+    slopes = np.take_along_axis(slopes, touching[..., None], axis=2)[:, :, 0]
+    # What neither the doubt of the contact nor that of the pose explains is an arm that swings out
+    # over an opening, and touches nothing.
+    doubt = np.einsum("nmi,nij,nmj->nm", slopes, covariance, slopes) + std**2
+    held = (slide < outermost) & np.all(part >= 0, axis=-1)
+    held &= gap**2 < CANDIDATES.most_error**2 * doubt
+    return normal(slopes, -gap, held * huber(gap / std) / std**2)
 
 
 def of_gravity(

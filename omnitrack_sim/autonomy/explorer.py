@@ -20,19 +20,13 @@ import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
-from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
-from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
-from omnitrack_sim.base.rotations import Array, Pose, angle_between, length
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Part, Reducer, Route
-from omnitrack_sim.pipes.map_difference import (
-    LEAST_LENGTH,
-    LENGTHS,
-    MapDifference,
-    compare_maps,
-)
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.base.errors import GeometryError
+from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route
+from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
@@ -93,6 +87,9 @@ class ExplorerSettings:
 
 
 EXPLORER = ExplorerSettings()
+
+SHALLOW = "a shallow reducer may be in it"
+"""Doubt about pipe that a lamp shows as free."""
 
 
 class Explorer(MapPilot):
@@ -167,6 +164,7 @@ class Explorer(MapPilot):
     def on_look(self, look: Look) -> Decision:
         """See ``Pilot``; the look goes back as well where the robot ``looks_back``."""
         distance = look.distance
+        self._compare_bore(look)
         if self.looks_back(distance):
             distance = self._back.located(self.route(), distance, look.behind)
             distance += self._measure_passed()
@@ -214,7 +212,7 @@ class Explorer(MapPilot):
             self.belief.note(_end_of(path), ahead.end)
         elif ahead.confidence < EXPLORER.sure:
             name = self.belief.network.fittings[_end_of(path)[0]].name
-            self._doubts[name] = "a shallow reducer may be in it"
+            self._doubts[name] = SHALLOW
         self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
         if ahead.end:
@@ -283,22 +281,32 @@ class Explorer(MapPilot):
         place: a bend that is not over looks like another one that begins at the lens."""
         out_of = self._out_of()
         if ahead.fitting is None or self.belief.fitting(out_of[0]).is_plain:
-            self._sighted = None
+            self._forget_sighted()
             return True
         if self._is_rest(ahead, look, out_of):
             return False
-        at = distance + ahead.distance
-        if self._sighted is None or self._sighted[0] != ahead.kind:
-            self._sighted = ahead.kind, at, distance
-            return False
-        _, before, since = self._sighted
-        # What begins at the lens moves with it. Other fittings are not seen where there are none.
-        bends = isinstance(ahead.fitting, Elbow)
-        near = (distance - since) / 2 if bends else BELIEF.least_straight
-        confirmed = abs(at - before) < near
-        if confirmed:
-            self._sighted = None
+        at, bends = distance + ahead.distance, isinstance(ahead.fitting, Elbow)
+        confirmed = False
+        if self._sighted is not None and self._sighted[0] == ahead.kind:
+            _, before, since = self._sighted
+            # What begins at the lens moves with it. Other fittings are not seen where there are
+            # none.
+            near = (distance - since) / 2 if bends else BELIEF.least_straight
+            confirmed = abs(at - before) < near
+            if bends and not confirmed:
+                return False
+        # The robot may have been elsewhere at the first sighting than it took itself to be, so the
+        # next one is compared with this.
+        self._sighted = None if confirmed else (ahead.kind, at, distance)
         return confirmed
+
+    def _forget_sighted(self) -> None:
+        """Forget what was sighted out of a fitting and not confirmed: the pipe there is in doubt,
+        but for bends, which are often the rest of the one before."""
+        if self._sighted is not None and self._sighted[0][0] != Elbow.kind:
+            name = self.belief.network.fittings[_end_of(self.leg.path)[0]].name
+            self._doubts[name] = f"a {self._sighted[0][0]} in it was not confirmed"
+        self._sighted = None
 
     def _out_of(self) -> Edge:
         """Return the last passage of the leg; of pipe that is assumed, the one before it."""
@@ -319,6 +327,20 @@ class Explorer(MapPilot):
         middle = self.belief.port((part, enter)).rotation[:, 2]
         middle = middle - on * (middle @ on)
         return float(angle_between(_side(ahead, look, on), middle)) < EXPLORER.same_side
+
+    def _compare_bore(self, look: Look) -> None:
+        """Doubt the pipe around the robot where its arms are not as far out as its bore on the map:
+        a reducer has been missed. Where they are, there was none that did not show."""
+        route = self.route()
+        here = route.passages[route.index_at(look.distance)]
+        within = here.s_enter + self._half < look.distance < here.s_leave - self._half
+        if not (here.part.fitting.is_plain and within):
+            return
+        bore, name = 2 * here.part.fitting.port_radius(here.enter), here.part.name
+        if abs(look.bore - bore) > LENGTHS * bore:
+            self._doubts[name] = f"its bore is {1000 * look.bore:.0f} mm by the arms"
+        elif abs(look.bore - bore) < LENGTHS / 2 * bore and self._doubts.get(name) == SHALLOW:
+            del self._doubts[name]
 
     def _provisional_name(self) -> str:
         """Return the name of the fitting at the end of the provisional straight, or of that end."""
@@ -686,101 +708,3 @@ def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:
         return replace(fitting, **{fitting.bore_key(enter): bore})  # type: ignore[type-var]
     except GeometryError:
         return fitting
-
-
-class Exploration:
-    """One mission with an unknown map.
-
-    Args:
-        network: the true one.
-        mission: start and what is to be found.
-        robot: see ``LegPlanner``.
-        distance: m, from the start port to the robot's centre as it begins.
-        arcs: of the centreline in tees.
-
-    Attributes:
-        ends: ports of the start and of the goals.
-        plates: ports closed by a plate.
-        path: the straight in which the robot begins.
-
-    Raises:
-        NetworkError: see ``Mission.ports_in``, or the robot does not begin in a straight.
-    """
-
-    def __init__(
-        self, network: Network, mission: Mission, robot: Robot, distance: float, arcs: Arcs
-    ) -> None:
-        self.network, self.mission, self.robot, self.arcs = network, mission, robot, arcs
-        self.ends, self.plates = mission.ports_in(network)
-        self._distance = distance
-        part, port = self.ends[0]
-        fitting = network.pipes.parts[part].fitting
-        if not fitting.is_plain:
-            problem = f"is in a {fitting.kind}; a robot begins to explore in a straight pipe"
-            raise NetworkError(Fault("start", problem))
-        self.path: tuple[Edge, ...] = tuple(
-            (part, port, leave) for leave in fitting.port_names if leave != port
-        )
-
-    def in_sight(self) -> tuple[list[Part], list[End]]:
-        """Return the parts that are visible from any position that the robot can reach, and those
-        of their ports that a plate closes: numbers are those of the parts returned."""
-        # A plate closes both ports of its joint, and hides all that lies behind it.
-        parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
-        plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
-        reachable, todo = {self.ends[0][0]}, [self.ends[0][0]]
-        while todo:
-            part = todo.pop()
-            ends = {(part, port) for port in parts[part].fitting.port_names} - plates
-            new = {joined[end][0] for end in ends if end in joined} - reachable
-            reachable |= new
-            todo += new
-        numbers = {part: i for i, part in enumerate(sorted(reachable))}
-        return (
-            [parts[part] for part in numbers],
-            [(numbers[part], port) for part, port in sorted(plates) if part in numbers],
-        )
-
-    def explorer(self, number: int, falls: int) -> Explorer:
-        """A robot that explores it, number ``number`` of its batch, which may fall off its way
-        ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
-        port = self._port(self.ends[0])
-        fitting = self.network.pipes.parts[self.ends[0][0]].fitting
-        # Ports point outward; the robot's map begins with the z axis into the pipe.
-        into = Pose(port.rotation * [1, -1, -1], port.position)
-        free = self._distance + self.robot.length / 2 + EXPLORER.creep
-        belief = Belief(into, fitting.inner_diameter, free)
-        goals = list(self.mission.goals)
-        return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)
-
-    def goal_at(self, nose: Array) -> str:
-        """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
-        goals = zip(self.mission.goals, self.ends[1:], strict=True)
-        return next((name for name, end in goals if self._is_at(end, nose)), "")
-
-    def holds(self, position: Array) -> bool:
-        """Return whether the centre of a robot, ``position`` (3,) m, world frame, is in a pipe."""
-        return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
-
-    def is_home(self, position: Array, axis: Array) -> bool:
-        """Return whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
-        start, with either end; ``axis`` (3,) is a unit vector to its nose."""
-        half = self.robot.length / 2 * axis
-        return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
-
-    def difference(self, believed: Network) -> MapDifference:
-        """Return the differences of a map from the reachable part of the network."""
-        plates = [self.network.port_name(end) for end in self.plates]
-        return compare_maps(believed, self.network, self.network.port_name(self.ends[0]), plates)
-
-    def points(self) -> Sequence[Array]:
-        """Return the positions (3,) m of the goals, or else of the start."""
-        return [self._port(end).position for end in self.ends[1:] or self.ends]
-
-    def _port(self, end: End) -> Pose:
-        return self.network.pipes.parts[end[0]].port(end[1])
-
-    def _is_at(self, end: End, tip: Array) -> bool:
-        """Return whether a tip of the robot is within a bore's radius of a port."""
-        radius = self.network.pipes.parts[end[0]].fitting.port_radius(end[1])
-        return float(length(self._port(end).position - tip)) < radius

@@ -205,6 +205,7 @@ class Localiser:
             self._which,
             pose.position,
             pose.rotation,
+            pose.covariance[:, :POSE, :POSE],
             self._slide,
             table.arm_std,
         )

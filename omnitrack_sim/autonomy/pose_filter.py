@@ -1,8 +1,9 @@
 """Error-state extended Kalman filter of n poses.
 
-State: position p in the world, rotation R of the robot, gyro bias b, slip k of the belts as a part
-of their travel. The errors of p (m, world frame), of R (rad, a rotation about world axes on the
-left of R), of b (rad/s) and of k are normal with one covariance (10, 10) a robot. Derivation:
+State: position p in the world, rotation R of the robot, gyro bias b, slip k of the belts in
+standard deviations of the motion at hand, so that what they slip by in a turn ends with it. The
+errors of p (m, world frame), of R (rad, a rotation about world axes on the left of R), of b (rad/s)
+and of k are normal with one covariance (10, 10) a robot. Derivation:
 docs/explanation/localisation.md.
 """
 
@@ -92,24 +93,24 @@ class PoseFilter:
         """
         table, imu, least = self._table, self._imu, POSE_FILTER.least_travel
         turned = turned - self.bias * period
+        way = np.abs(travel)
+        across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
+        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, least))
+        differ = np.minimum(1.0, skid / np.maximum(way, least))
+        slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
         # The belts drive along the axis that the robot has in the middle of the step.
         middle = self.rotation @ turned_by(turned / 2)
         ahead = middle[:, :, 2]
-        step = (travel * (1 - self.slip))[:, None] * ahead
+        step = (travel * (1 - slip_std * self.slip))[:, None] * ahead
         transition = np.tile(np.eye(SIZE), (len(travel), 1, 1))
         transition[:, PLACE, TURN] = -skew(step)
-        transition[:, PLACE, SLIP] = -travel[:, None] * ahead
+        transition[:, PLACE, SLIP] = -(travel * slip_std)[:, None] * ahead
         transition[:, TURN, BIAS] = -self.rotation * period
         kept = np.exp(-period / table.slip_time)
         transition[:, SLIP, SLIP] = kept
         self.position = self.position + step
         self.rotation = self.rotation @ turned_by(turned)
         self.slip = kept * self.slip
-        way = np.abs(travel)
-        across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
-        sharp = np.minimum(1.0, across * self._radius / np.maximum(way, least))
-        differ = np.minimum(1.0, skid / np.maximum(way, least))
-        slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
         noise = np.empty((len(way), SIZE))
         loose = np.maximum(sharp, differ)
         wander = (table.aside_std + table.aside_turning * loose) ** 2 * way
@@ -118,8 +119,8 @@ class PoseFilter:
         scale = (imu.gyro_scale * np.sqrt((turned**2).sum(axis=-1))) ** 2
         noise[:, TURN] = (gyro + scale)[:, None]
         noise[:, BIAS] = np.radians(imu.gyro_walk_deg) ** 2 * period
-        # Stationary: with this noise the slip keeps its standard deviation for ever.
-        noise[:, SLIP] = slip_std**2 * (1 - kept**2)
+        # Stationary: with this noise its standard deviation stays 1.
+        noise[:, SLIP] = 1 - kept**2
         self._transition = transition @ self._transition
         self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
         self._noise[:, range(SIZE), range(SIZE)] += noise
@@ -210,7 +211,7 @@ def initial_covariance(table: SensingTable, direction: Array) -> Array:
     covariance[:, :POSE, :POSE] = pose
     bias = np.radians(table.imu.gyro_bias_deg)
     covariance[:, BIAS, BIAS] = bias**2 * np.eye(3)
-    covariance[:, SLIP, SLIP] = table.filter.slip_std**2
+    covariance[:, SLIP, SLIP] = 1.0
     return covariance
 
 

@@ -44,7 +44,7 @@ class Ahead:
 
     "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. Its
     frame is that of the gear, which has z ahead and x towards module 1 in both
-    (``robots/omnitrack/control/gear.py``).
+    (``robots/omnitrack/control/command.py``).
 
     Attributes:
         fitting: the next one that the robot's centre has not come into and that is no plain
@@ -103,6 +103,7 @@ class Look(NamedTuple):
         behind: the same back; None also where the robot has not looked.
         frame: (3, 3) of the robot in its gear, world frame, estimate.
         turned: (3, 3) the same by the gyro alone, in any frame that stands still.
+        bore: m, of the pipe around it, by its arms; not a number where they were not read.
     """
 
     time: float
@@ -111,6 +112,7 @@ class Look(NamedTuple):
     behind: Ahead | None
     frame: Array
     turned: Array
+    bore: float = math.nan
 
 
 class TrueSight:

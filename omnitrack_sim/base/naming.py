@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, Literal, NoReturn, TypeVar
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import no_such
@@ -124,77 +124,29 @@ def _scenario_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
-def shipped_scenarios() -> ByName[Path]:
-    """Scenarios that come with the package, by name.
+ShippedKind = Literal[
+    "scenarios", "sweeps", "studies", "networks", "courses", "policies", "passports"
+]
 
-    The name is the file's path below ``scenarios/`` without its ending.
+
+def shipped_files(kind: ShippedKind) -> ByName[Path]:
+    """Return the files of a kind that come with the package, by name.
+
+    The name is the file's own without its ending; of a scenario, its path below ``scenarios/``.
+
+    Args:
+        kind: ``scenarios``, ``sweeps``, ``studies``, ``networks``, ``policies`` of networks,
+            ``courses`` of the benchmark of mobility, or ``passports`` of robots.
 
     Example:
-        >>> ot.shipped_scenarios()["tee_turn"].name
+        >>> ot.shipped_files("scenarios")["tee_turn"].name
         'tee_turn.toml'
+        >>> ot.shipped_files("policies")["tee_turn"].name
+        'tee_turn.npz'
     """
     folder = _scenario_folder()
+    if kind != "scenarios":
+        return ByName((path.stem, path) for path in sorted((folder / kind).glob("*.*")))
     groups = ("*.toml", "paper/*.toml", "missions/*.toml", "robots/*.toml")
     files = [path for group in groups for path in sorted(folder.glob(group))]
     return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)
-
-
-def _shipped_in(folder: str) -> ByName[Path]:
-    """Files of a folder beside the scenarios, by their names without ending."""
-    files = sorted((_scenario_folder() / folder).glob("*.*"))
-    return ByName((path.stem, path) for path in files)
-
-
-def shipped_sweeps() -> ByName[Path]:
-    """Sweep files that come with the package, by name.
-
-    Example:
-        >>> ot.shipped_sweeps()["tee_orientation"].name
-        'tee_orientation.toml'
-    """
-    return _shipped_in("sweeps")
-
-
-def shipped_studies() -> ByName[Path]:
-    """Study files that come with the package, by name.
-
-    Example:
-        >>> ot.shipped_studies()["robot_design"].name
-        'robot_design.toml'
-    """
-    return _shipped_in("studies")
-
-
-def shipped_networks() -> ByName[Path]:
-    """Network files that come with the package, by name.
-
-    Example:
-        >>> ot.shipped_networks()["fig14"].name
-        'fig14.toml'
-    """
-    return _shipped_in("networks")
-
-
-def shipped_courses() -> ByName[Path]:
-    """Courses of the benchmark of mobility that come with the package, by name."""
-    return _shipped_in("courses")
-
-
-def shipped_policies() -> ByName[Path]:
-    """Policy files that come with the package, by name.
-
-    Example:
-        >>> ot.shipped_policies()["tee_turn"].name
-        'tee_turn.npz'
-    """
-    return _shipped_in("policies")
-
-
-def shipped_passports() -> ByName[Path]:
-    """Passports of robots that come with the package, by name.
-
-    Example:
-        >>> ot.shipped_passports()["omnitrack"].name
-        'omnitrack.parquet'
-    """
-    return _shipped_in("passports")

@@ -18,14 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import (
-    look_beside,
-    shipped_courses,
-    shipped_networks,
-    shipped_scenarios,
-    shipped_studies,
-    shipped_sweeps,
-)
+from omnitrack_sim.base.naming import ShippedKind, look_beside, shipped_files
 from omnitrack_sim.base.table import keys_at
 from omnitrack_sim.base.text import nearest, shown
 
@@ -58,20 +51,24 @@ class Kind:
         noun: what messages call it.
         command: takes such a file, and the names of the shipped ones.
         keys: those that no other kind has at its top.
-        shipped: the files that come with the package, by name.
+        files: name of its files that come with the package.
     """
 
     noun: str
     command: str
     keys: frozenset[str]
-    shipped: Callable[[], Mapping[str, Path]]
+    files: ShippedKind
+
+    def shipped(self) -> Mapping[str, Path]:
+        """Return the files that come with the package, by name."""
+        return shipped_files(self.files)
 
 
-SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), shipped_scenarios)
-SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), shipped_sweeps)
-NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), shipped_networks)
-STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), shipped_studies)
-COURSE = Kind("course", "bench --course", frozenset({"words"}), shipped_courses)
+SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), "scenarios")
+SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), "sweeps")
+NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), "networks")
+STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), "studies")
+COURSE = Kind("course", "bench --course", frozenset({"words"}), "courses")
 KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE)
 _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "

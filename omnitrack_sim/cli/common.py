@@ -40,7 +40,7 @@ app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Simulate the Omnidirectional Tractable Three Module Robot in pipes.",
+    help="Simulate in-pipe robots: run, compare, film and measure them.",
 )
 _Loaded = TypeVar("_Loaded")
 WAIT = 5.0
@@ -101,7 +101,16 @@ ScenarioArgument = Annotated[
         autocompletion=complete.scenarios,
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+NetworkArgument = typer.Argument(
+    metavar="NETWORK",
+    help="A network file, or the name of a shipped one.",
+    autocompletion=complete.networks,
+)
+FolderOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Folder of the results; one below out/ by default."),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -193,7 +202,7 @@ def assignment(text: str) -> tuple[str, Any]:
 
 
 @contextmanager
-def progress(title: str, quiet: bool) -> Iterator[Any]:
+def progress(title: str, quiet: bool = False) -> Iterator[Any]:
     """Show progress on standard error: a bar, or occasional lines where that is no terminal.
 
     Yields the function to call with the fraction done and a text; None if ``quiet``. The text at
@@ -203,7 +212,7 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         yield None
         return
     if not err.is_terminal:
-        lines = Lines(title, err)
+        lines = _Lines(title)
         yield lines.report
         lines.end()
         return
@@ -221,50 +230,37 @@ def progress(title: str, quiet: bool) -> Iterator[Any]:
         )
 
 
-class Lines:
+class _Lines:
     """Progress in occasional lines, each of which begins with a title."""
 
-    def __init__(self, title: str, console: Console) -> None:
-        self.title, self.console = title, console
-        self.began = self._told_at = time.monotonic()
-        self._told = 0.0
-        self._first = True
-        self.told_any = False
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the beginning."""
-        return time.monotonic() - self.began
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._began = self._told_at = time.monotonic()
+        self._told: float | None = None  # part of the work at the last line, none before the first
+        self._told_any = False
 
     def report(self, part: float, text: str = "") -> None:
         """Tell part and text where a line is due, and the text at once as the work begins."""
         # The amount of work is worth a line of its own, and comes before there is any pace.
-        if part == 0 and text:
-            self.say(text)
-        pace = self.elapsed / part if part else 0.0
-        left = f"{clock(pace * (1 - part))} left" if part else ""
-        self.tell(part, ", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
-
-    def tell(self, part: float, words: str) -> None:
-        """Tell ``words`` if a line is due when this part of the work, 0 to 1, is done. The end is
-        told by ``end``."""
+        if part == 0 and text and not self._told_any:
+            self._say(text)
         since = time.monotonic() - self._told_at
-        far = part - self._told >= STEP
+        due = self._told is None or part - self._told >= STEP or since >= LONGEST
         # Logs of long runs stay short: a line a tenth of the work, or every five minutes.
-        if part < 1 and since >= WAIT and (self._first or far or since >= LONGEST):
-            self._told, self._first = part, False
-            self.say(words)
+        if part < 1 and since >= WAIT and due:
+            self._told = part
+            pace = (time.monotonic() - self._began) / part if part else 0.0
+            left = f"{clock(pace * (1 - part))} left" if part else ""
+            self._say(", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
 
     def end(self) -> None:
         """Tell how long the work took, if anything was told of it."""
-        if self.told_any:
-            self.say(f"done in {clock(self.elapsed)}")
+        if self._told_any:
+            self._say(f"done in {clock(time.monotonic() - self._began)}")
 
-    def say(self, words: str) -> None:
-        """Tell ``words`` at once."""
-        self.told_any = True
-        self._told_at = time.monotonic()
-        self.console.print(printable(f"{self.title}: {words}"), markup=False, soft_wrap=True)
+    def _say(self, words: str) -> None:
+        self._told_any, self._told_at = True, time.monotonic()
+        err.print(printable(f"{self._title}: {words}"), markup=False, soft_wrap=True)
 
 
 def clock(seconds: float) -> str:

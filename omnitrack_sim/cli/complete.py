@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnitrack_sim.base.naming import (
-    shipped_networks,
-    shipped_policies,
-    shipped_scenarios,
-    shipped_studies,
-    shipped_sweeps,
-)
+from omnitrack_sim.base.naming import ShippedKind, shipped_files
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -22,26 +16,26 @@ Choices = list[tuple[str, str]]
 """Completions, each with a help text that a shell may show beside it."""
 
 
-def _shipped(files: Callable[[], Mapping[str, Path]]) -> Callable[[str], Choices]:
+def _shipped(kind: ShippedKind) -> Callable[[str], Choices]:
     """Completion by the names of shipped files, each with the comment at its head, and by files."""
 
     def complete(incomplete: str) -> Choices:
-        names = [name for name in files() if name.startswith(incomplete)]
-        known = [(name, _short(comment(files()[name]))) for name in names]
+        files = {k: v for k, v in shipped_files(kind).items() if k.startswith(incomplete)}
+        known = [(name, _short(comment(path))) for name, path in files.items()]
         return known + [(path, "") for path in _files(incomplete)]
 
     return complete
 
 
-scenarios = _shipped(shipped_scenarios)
-sweeps = _shipped(shipped_sweeps)
-studies = _shipped(shipped_studies)
-networks = _shipped(shipped_networks)
+scenarios = _shipped("scenarios")
+sweeps = _shipped("sweeps")
+studies = _shipped("studies")
+networks = _shipped("networks")
 
 
 def policies(incomplete: str) -> Choices:
     """Shipped policies, and files."""
-    names = [(name, "") for name in shipped_policies() if name.startswith(incomplete)]
+    names = [(name, "") for name in shipped_files("policies") if name.startswith(incomplete)]
     return names + [(path, "") for path in _files(incomplete, (".npz",))]
 
 

@@ -9,9 +9,9 @@ import typer
 from rich.text import Text
 
 from omnitrack_sim.base.errors import Fault, NetworkError
-from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     JsonOption,
+    NetworkArgument,
     app,
     out,
     plain,
@@ -27,14 +27,7 @@ if TYPE_CHECKING:
 
 @app.command()
 def network(
-    source: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="NETWORK",
-            help="A network file, or the name of a shipped one.",
-            autocompletion=complete.networks,
-        ),
-    ] = None,
+    source: Annotated[str | None, NetworkArgument] = None,
     start: Annotated[
         str | None, typer.Option("--from", metavar="PORT", help="Open end a route starts at.")
     ] = None,
@@ -73,7 +66,7 @@ def network(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """A pipe network: its parts and open ends, the shortest route between two of these, figures and
+    """Show a pipe network: parts, open ends, the shortest route between two of these; figures and
     exports."""
     # A random network may take seconds: places that cannot be written are refused before.
     _check_outputs(to_file, plot, export)
@@ -127,9 +120,9 @@ def import_file(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """A network of another program's file; what was assumed, mended and left out is listed."""
+    """Import a network from another program's file; list what was assumed, mended and left out."""
     from omnitrack_sim.base.writing import check_file, write_file
-    from omnitrack_sim.pipes.importing.importer import import_network
+    from omnitrack_sim.pipes.importing import import_network
 
     if to_file is not None:
         check_file(to_file)
@@ -146,22 +139,13 @@ def import_file(
     imported = import_network(source, **asked)
     if to_file is not None:
         write_file(to_file, imported.network.to_toml().encode())
-    there, built = (sum(column) for column in zip(*imported.lengths.values(), strict=True))
     if as_json:
-        print_json(
-            {
-                "name": imported.network.name,
-                "fittings": len(imported.network.fittings),
-                "length_m": built,
-                "length_in_file_m": there,
-                "notes": [note._asdict() for note in imported.notes],
-            }
-        )
+        print_json(imported.summary())
         return
     print_table(("remedy", "where", "what"), [tuple(note) for note in imported.notes])
-    off = 100 * (built / there - 1)
     parts = f"{len(imported.network.fittings)} parts of {len(imported.lengths)} pipes"
-    out.print(f"{parts}, {built:.1f} m of {there:.1f} m ({off:+.3f} %)")
+    off = f"{100 * (imported.length_ratio - 1):+.3f} %"
+    out.print(f"{parts}, {imported.length:.1f} m of {imported.length_in_file:.1f} m ({off})")
     if to_file is not None:
         print_saved(to_file)
 
@@ -181,14 +165,14 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
 
 
 def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
-    from omnitrack_sim.base.naming import shipped_networks
+    from omnitrack_sim.base.naming import shipped_files
     from omnitrack_sim.pipes.network import load_network
     from omnitrack_sim.pipes.random import random_network
 
     # Exactly one of the two says where the network comes from.
     if (source is None) == (seed is None):
         raise NetworkError(
-            Fault("NETWORK", "give a file or name, or --random", tuple(shipped_networks()))
+            Fault("NETWORK", "give a file or name, or --random", tuple(shipped_files("networks")))
         )
     if seed is None:
         if fittings is not None:

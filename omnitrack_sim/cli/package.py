@@ -112,14 +112,14 @@ def models(
 @app.command()
 def new(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Of the scenario; NAME.toml is written.")
+        str, typer.Argument(metavar="NAME", help="Name of the scenario; NAME.toml is written.")
     ],
     source: Annotated[
         str,
         typer.Option(
             "--from",
             metavar="SCENARIO",
-            help="Whose values it has: a file or a name.",
+            help="Scenario whose values it takes: a file or a name.",
             autocompletion=complete.scenarios,
         ),
     ] = "tee_turn",
@@ -179,21 +179,23 @@ def policies(
     policy: Annotated[
         str | None,
         typer.Argument(
-            help="Check this policy, a file or a shipped one, and tell all that it says.",
+            help="Policy to check and describe: a file or a shipped one.",
             autocompletion=complete.policies,
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the policies of the package, or tell what one is; `control.parameters.policy` names
+    """List the policies of the package, or describe one; `control.parameters.policy` names
     them."""
-    from omnitrack_sim.base.naming import shipped_policies
+    from omnitrack_sim.base.naming import shipped_files
     from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 
     if policy is not None:
         _print_policy(load_policy(policy), as_json)
         return
-    shipped = {name: _contents(load_policy(path)) for name, path in shipped_policies().items()}
+    shipped = {
+        name: _contents(load_policy(path)) for name, path in shipped_files("policies").items()
+    }
     if as_json:
         print_json(shipped)
         return

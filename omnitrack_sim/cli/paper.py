@@ -13,6 +13,7 @@ import typer
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    FolderOption,
     JsonOption,
     app,
     err,
@@ -48,7 +49,7 @@ def singularity(
     turn_angle_deg: Annotated[float, typer.Option(help="Angle between run and branch.")] = 90.0,
     modules: Annotated[int, typer.Option(help="Number of equal modules.")] = 3,
     definition: Annotated[
-        str, typer.Option(help="Of the region: ellipse, crotch or strip.")
+        str, typer.Option(help="Definition of the region: ellipse, crotch or strip.")
     ] = "ellipse",
     contact_length: Annotated[
         float | None,
@@ -140,7 +141,7 @@ def _report(
     as_json: bool,
 ) -> None:
     """Write the figure if one is asked for, and print everything as a table or as JSON."""
-    from omnitrack_sim.paper.plots.region import plot_singularity
+    from omnitrack_sim.paper.region import plot_singularity
 
     summary = case.summary()
     if orientation is not None:
@@ -158,7 +159,7 @@ def _report(
 def _check_output(plot: Path | None, figure: str) -> None:
     """Refuse a figure that cannot be drawn or written, before anything is computed."""
     from omnitrack_sim.base.writing import check_file
-    from omnitrack_sim.paper.plots.region import FIGURES
+    from omnitrack_sim.paper.region import FIGURES
     from omnitrack_sim.show.plots.style import figure_format
 
     # The place of the figure may be valid and the figure not: both are asked before any work.
@@ -238,18 +239,9 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer orientations and trials: minutes.")
     ] = False,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            help="Where the page goes; out/reproduce if left out, out/reproduce_ROBOT of another.",
-        ),
-    ] = None,
-    format: Annotated[str, typer.Option(help="Of the files in figures/: svg, pdf or png.")] = "svg",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the claims instead of the table.")
-    ] = False,
+    folder: FolderOption = None,
+    format: Annotated[str, typer.Option(help="Format of figures/: svg, pdf or png.")] = "svg",
+    as_json: JsonOption = False,
 ) -> None:
     """Measure what was published of a robot: claims.json and report.html. Exit status 1 if a
     verdict has changed."""

@@ -14,6 +14,8 @@ from rich.table import Table
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    FolderOption,
+    JsonOption,
     ScenarioArgument,
     SetOption,
     app,
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.pipes.map_difference import MapDifference
     from omnitrack_sim.results.comparison import Comparison
     from omnitrack_sim.results.result import Result
+    from omnitrack_sim.scenario import Scenario
 
 PAGE = "replay.html"
 """Name of the page in the folder of its run."""
@@ -49,10 +52,7 @@ RunArgument = Annotated[
 def run(
     scenario: ScenarioArgument,
     assignments: SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where the results go; out/NAME when not given."),
-    ] = None,
+    folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: Annotated[
         str | None,
@@ -64,9 +64,7 @@ def run(
             autocompletion=complete.cameras,
         ),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print result.json instead of the table.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
     from omnitrack_sim.base.writing import check_folder
@@ -74,7 +72,7 @@ def run(
     from omnitrack_sim.sim.run import run as run_scenario
 
     loaded = load(scenario, assignments)
-    camera = camera or ("side" if loaded.mission is None else "follow")
+    camera = camera or usual_camera(loaded)
     if video:
         check_camera(camera)
     # Places and cameras are checked before the run, which may take minutes.
@@ -141,9 +139,9 @@ def print_result(result: Result, target: Path) -> None:
     )
     if result.scenario.sensing.kind == "onboard":
         out.say(
-            f"  onboard sensors: position known to {metrics['localisation_error_mean_m']:.4f} m on "
-            f"average, {metrics['localisation_error_max_m']:.4f} m at worst; theta5 to "
-            f"{metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time"
+            f"  onboard sensors: position error {metrics['localisation_error_mean_m']:.4f} m on "
+            f"average, {metrics['localisation_error_max_m']:.4f} m at worst; error of "
+            f"theta5 below {metrics['theta5_error_p95_deg']:.1f} deg in 95 % of the time"
         )
     difference = result.map_difference() if result.map is not None else None
     if difference is not None:
@@ -165,7 +163,8 @@ def _map_in_words(difference: MapDifference) -> str:
     lists |= {"missing": [*difference.missing], "not there": [*difference.extra]}
     faults = [f"{head}: {', '.join(names)}" for head, names in lists.items() if names]
     parts = f"its map has {difference.found} of {difference.parts} parts"
-    return "; ".join([f"{parts}, {difference.length_error:.3f} m wrong in all lengths", *faults])
+    lengths = f"errors of all lengths sum to {difference.length_error:.3f} m"
+    return "; ".join([parts, lengths, *faults])
 
 
 def _is_mission(result: Result) -> bool:
@@ -213,10 +212,9 @@ def _slip(result: Result) -> str:
     metrics = result.metrics
     if not result.scenario.robot.slips:
         return ""
-    return (
-        f"; slip without load {metrics['no_load_slip_m_s']:.1e} m/s, about "
-        f"{metrics['slip_excess']:.0%} too large by the time step"
-    )
+    excess = f"{metrics['slip_excess']:.0%}".replace("%", " %")
+    without_load = f"{metrics['no_load_slip_m_s']:.1e} m/s without load"
+    return f"; slip reads {excess} high by the time step, and {without_load}"
 
 
 _ROWS = {
@@ -263,6 +261,12 @@ def check_camera(camera: str) -> None:
         raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
+def usual_camera(scenario: Scenario) -> str:
+    """Return the camera that sees a robot all along: one that stands still would lose it in a
+    network, where pipes turn away from the plane of the first."""
+    return "side" if scenario.mission is None else "follow"
+
+
 def processes_for(duration: float, fps: int) -> int:
     """Return how many processes paint a film of this length, s, fastest on this machine."""
     spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
@@ -273,8 +277,12 @@ def processes_for(duration: float, fps: int) -> int:
 def render(
     run_dir: RunArgument,
     camera: Annotated[
-        str, typer.Option(help="side, follow or onboard.", autocompletion=complete.cameras)
-    ] = "side",
+        str | None,
+        typer.Option(
+            help="side, follow or onboard; when not given follow for a mission and side otherwise.",
+            autocompletion=complete.cameras,
+        ),
+    ] = None,
     file: Annotated[
         Path | None,
         typer.Option(
@@ -296,9 +304,7 @@ def render(
     ] = None,
     processes: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", help="Processes that paint; when not given as many as the machine is for."
-        ),
+        typer.Option(metavar="N", help="Processes that paint; by default half of the processors."),
     ] = None,
     strip: Annotated[
         int | None,
@@ -313,7 +319,8 @@ def render(
     ] = None,
 ) -> None:
     """Render a saved run from any camera: as a film, or as stills side by side."""
-    check_camera(camera)
+    if camera is not None:
+        check_camera(camera)
     pixels = {} if size is None else _size(size)
     if strip is None and at is None:
         _film(run_dir, camera, file, pixels, fps, processes)
@@ -322,21 +329,34 @@ def render(
     faults = [Fault(name, "is for films, not strips") for name, v in idle.items() if v is not None]
     if faults:
         raise InputError(faults)
-    times = None if at is None else _times(at)
-    if strip is not None and times is not None and strip != len(times):
-        raise InputError(Fault("--strip", f"is {strip}, but --at has {len(times)} times"))
+    _strip(run_dir, camera, file, pixels, strip, None if at is None else _times(at))
+
+
+def _strip(
+    run_dir: Path,
+    camera: str | None,
+    file: Path | None,
+    size: dict[str, int],
+    count: int | None,
+    times: list[float] | None,
+) -> None:
+    if count is not None and times is not None and count != len(times):
+        raise InputError(Fault("--strip", f"is {count}, but --at has {len(times)} times"))
     # Loaded this late, since faults of the options should not wait for a renderer.
+    from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.film.render import FRAMES, render_strip
 
     target = file or run_dir / "strip.png"
-    count = FRAMES if strip is None else strip
-    render_strip(run_dir, path=target, count=count, times=times, camera=camera, **pixels)
+    count = FRAMES if count is None else count
+    result = load_result(run_dir)
+    camera = camera or usual_camera(result.scenario)
+    render_strip(result, path=target, count=count, times=times, camera=camera, **size)
     print_saved(target)
 
 
 def _film(
     run_dir: Path,
-    camera: str,
+    camera: str | None,
     file: Path | None,
     size: dict[str, int],
     fps: int | None,
@@ -344,17 +364,20 @@ def _film(
 ) -> None:
     from omnitrack_sim.base.writing import check_file
     from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.film.render import check_request, film_format
+    from omnitrack_sim.show.film.render import CAMERAS, check_request, film_format
 
-    target = file or run_dir / f"{camera}.mp4"
-    format = film_format(target)
+    format = "mp4" if file is None else film_format(file)
     wanted = dict(GIF if format == "gif" else FILM)
     wanted |= size | ({} if fps is None else {"fps": fps})
     # Before the run is read, whose trajectory may take seconds.
-    check_request(camera, **wanted, format=format, processes=1 if processes is None else processes)
+    painters = 1 if processes is None else processes
+    check_request(camera or CAMERAS[0], **wanted, format=format, processes=painters)
     if file is not None:
         check_file(file)
-    filmed(load_result(run_dir), target, camera, False, processes, **wanted)
+    result = load_result(run_dir)
+    camera = camera or usual_camera(result.scenario)
+    target = file or run_dir / f"{camera}.mp4"
+    filmed(result, target, camera, False, processes, **wanted)
     print_saved(target)
 
 
@@ -444,9 +467,7 @@ def compare(
             help="A figure (.png, .pdf or .svg), or a folder for figure and table.",
         ),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print everything as JSON instead of tables.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
     from omnitrack_sim.results.comparison import compare as compare_runs

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    FolderOption,
     JsonOption,
+    NetworkArgument,
     SetOption,
     app,
     assignment,
@@ -23,7 +26,18 @@ from omnitrack_sim.cli.common import (
     progress,
     with_changes,
 )
-from omnitrack_sim.cli.trials import DaskOption, WorkersOption, trials_bar, worker_options
+from omnitrack_sim.cli.trials import (
+    CoursesOption,
+    DaskOption,
+    QuickOption,
+    TrialsOption,
+    WorkersOption,
+    trials_bar,
+    worker_options,
+)
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.tail import Tether
 
 
 @app.command()
@@ -40,25 +54,15 @@ def passport(
         str, typer.Option(metavar="KIND", help="Another controller than the robot's own.")
     ] = "",
     assignments: SetOption = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer trials of each course.")] = False,
-    trials: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="So many trials of each course.")
-    ] = None,
-    courses: Annotated[
-        list[str] | None,
-        typer.Option("--course", metavar="COURSE", help="Only this course. Repeat for several."),
-    ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where all goes; out/passport_ROBOT by default."),
-    ] = None,
+    quick: QuickOption = False,
+    trials: TrialsOption = None,
+    courses: CoursesOption = None,
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print passport.json instead of the table.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Measure what a robot passes, how surely, and at what cost; the same command goes on after an
+    """Measure what a robot passes, how surely, and at what cost; the same command resumes after an
     interruption."""
     from omnitrack_sim.towns.passport import FULL, PASSPORT_FILE, QUICK, run_passport
 
@@ -83,6 +87,12 @@ def passport(
     if as_json:
         print_json(summary)
         return
+    _print_ways(summary)
+    out.say(f"{plain(str(target / PASSPORT_FILE))}")
+
+
+def _print_ways(summary: dict[str, Any]) -> None:
+    """Print what a robot passes, and what it does not fit."""
     rows = []
     for row in summary["ways"]:
         low, high = row["success_95"]
@@ -90,25 +100,19 @@ def passport(
         stops = ", ".join(f"{n} {outcome}" for outcome, n in row["stopped_by"].items())
         rows.append([row["kind"], passes, f"{100 * low:.0f} to {100 * high:.0f} %", stops or "-"])
     print_table(["way", "passed", "95 %", "stopped"], rows)
-    for course, why in made.misfits.items():
+    for course, why in summary["misfits"].items():
         out.say(f"{plain(course)}: does not fit: {plain(why)}")
-    out.say(f"{plain(str(target / PASSPORT_FILE))}")
 
 
 @app.command()
 def reach(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="NETWORK",
-            help="A network file, or the name of a shipped one.",
-            autocompletion=complete.networks,
-        ),
-    ],
+    source: Annotated[str, NetworkArgument],
     passport_file: Annotated[
         str,
         typer.Option(
-            "--passport", metavar="FILE", help="Of the robot: a file, its folder, or a shipped one."
+            "--passport",
+            metavar="FILE",
+            help="Of the robot: a file, its folder, or a shipped name.",
         ),
     ] = "omnitrack",
     launches: Annotated[
@@ -125,42 +129,33 @@ def reach(
         str, typer.Option(metavar="LOW:HIGH", help="Range of the walls' friction.")
     ] = "0.6:0.9",
     battery: Annotated[
-        float | None, typer.Option("--battery-wh", min=0, help="Without limit when not given.")
+        float | None,
+        typer.Option("--battery-wh", min=0, help="Energy of the battery; unlimited by default."),
     ] = None,
     efficiency: Annotated[
-        float, typer.Option(min=0.01, max=1, help="From the battery to mechanical work.")
+        float, typer.Option(min=0.01, max=1, help="Mechanical work over energy of the battery.")
     ] = 0.3,
     base_power: Annotated[
         float, typer.Option("--base-w", min=0, help="Power of what runs all the time, W.")
     ] = 5.0,
     tether: Annotated[
-        float | None, typer.Option("--tether-m", min=0.001, help="Length; no tether without it.")
+        float | None,
+        typer.Option("--tether-m", min=0.001, help="Length of a tether; none by default."),
     ] = None,
     line: Annotated[
         list[str] | None,
         typer.Option("--tether", metavar="KEY=VALUE", help="weight, friction, stiffness, tension."),
     ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where all goes; out/reach_NAME by default."),
-    ] = None,
+    folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Map where a robot gets to in a network and back, how surely, at what cost, and what stops
     it."""
-    from omnitrack_sim.base.reading import checked
     from omnitrack_sim.pipes.network import load_network
-    from omnitrack_sim.robots.tail import Tether
     from omnitrack_sim.towns.passport import load_passport
     from omnitrack_sim.towns.reach import Supply, map_reach
     from omnitrack_sim.towns.reach_files import save_reach, summary_of
 
-    keys = dict(assignment(text) for text in line or ())
-    if keys and tether is None:
-        raise InputError(Fault("--tether", "is for a tether; give its length, --tether-m"))
-    drags = None
-    if tether is not None:
-        drags = checked(Tether, {"length": tether, **keys}, InputError)
     supply = Supply(math.inf if battery is None else battery, efficiency, base_power)
     measured, network = load_passport(passport_file), load_network(source)
     target = folder or Path("out") / f"reach_{Path(source).stem}"
@@ -171,7 +166,7 @@ def reach(
             launches or (),
             friction=_range(friction),
             supply=supply,
-            tether=drags,
+            tether=_tether(tether, line or ()),
             openings=openings,
             progress=report,
         )
@@ -180,17 +175,35 @@ def reach(
     if as_json:
         print_json(summary)
         return
-    rows = [[row["opening"], f"{row['adds_m']:.4g} m"] for row in summary["openings"]]
-    print_table(["opening", "adds there and back"], rows)
-    print_table(
-        ["stopped by", "length"], [[why, f"{length:.4g} m"] for why, length in summary["stops"]]
-    )
-    out.say(
-        f"{made.expected_length:.4g} of {made.length:.4g} m expected to be reached, "
-        f"{summary['expected_there_and_back_m']:.4g} m there and back"
-    )
+    _print_reach(summary)
     for path in paths:
         print_saved(path)
+
+
+def _tether(length: float | None, keys: Sequence[str]) -> Tether | None:
+    """Return the tether of the options; None without a length."""
+    from omnitrack_sim.base.reading import checked
+    from omnitrack_sim.robots.tail import Tether
+
+    if length is not None:
+        return checked(Tether, {"length": length, **dict(map(assignment, keys))}, InputError)
+    if keys:
+        raise InputError(Fault("--tether", "is for a tether; give its length, --tether-m"))
+    return None
+
+
+def _print_reach(summary: dict[str, Any]) -> None:
+    """Print what openings add, and what stops the robot."""
+    from omnitrack_sim.towns.reach_files import length_text
+
+    rows = [[row["opening"], length_text(row["adds_m"])] for row in summary["openings"]]
+    print_table(["opening", "adds there and back"], rows)
+    print_table(
+        ["stopped by", "length"], [[why, length_text(length)] for why, length in summary["stops"]]
+    )
+    keys = ("expected_m", "length_m", "expected_there_and_back_m")
+    expected, whole, back = (length_text(summary[key]) for key in keys)
+    out.say(f"{expected} of {whole} expected to be reached, {back} there and back")
 
 
 def _range(text: str) -> tuple[float, float]:

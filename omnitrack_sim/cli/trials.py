@@ -11,22 +11,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
-    WAIT,
-    Lines,
+    FolderOption,
+    JsonOption,
     SetOption,
     app,
-    clock,
     err,
     out,
     plain,
     print_json,
     print_table,
+    progress,
     table_of,
     with_changes,
 )
@@ -45,7 +44,7 @@ _LONGEST = 1000
 """Characters of the values of a trial that it shows."""
 WorkersOption = Annotated[
     int | None,
-    typer.Option(min=1, help="Processes on this machine; as many as cores when not given."),
+    typer.Option(min=1, help="Processes on this machine; one for each core by default."),
 ]
 DaskOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
@@ -53,8 +52,14 @@ DaskOption = Annotated[
 ListOption = Annotated[
     bool, typer.Option("--list", help="Show what would be run, and how much; run nothing.")
 ]
-SummaryOption = Annotated[
-    bool, typer.Option("--json", help="Print summary.json instead of the table.")
+CoursesOption = Annotated[
+    list[str] | None,
+    typer.Option("--course", metavar="COURSE", help="Only this course. Repeat for several."),
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="A few trials of each course.")]
+TrialsOption = Annotated[
+    int | None,
+    typer.Option("--trials", metavar="N", min=1, help="Number of trials of each course."),
 ]
 
 
@@ -69,12 +74,7 @@ def sweep(
         ),
     ],
     assignments: SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Where parts and table go; out/NAME when not given."
-        ),
-    ] = None,
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
     shard: Annotated[
@@ -84,9 +84,9 @@ def sweep(
         bool, typer.Option("--continue", help="DIR must hold this sweep already.")
     ] = False,
     only_list: ListOption = False,
-    as_json: SummaryOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Run a sweep; the same command goes on after an interruption."""
+    """Run a sweep; the same command resumes it after an interruption."""
     from omnitrack_sim.trials.sweep import load_sweep
     from omnitrack_sim.trials.sweep_run import SweepFolder, run_sweep
 
@@ -120,16 +120,13 @@ def optimise(
         ),
     ],
     assignments: SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where all files go; out/NAME when not given."),
-    ] = None,
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
     only_list: ListOption = False,
-    as_json: SummaryOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Search for the best values of a scenario; the same command goes on after an interruption."""
+    """Search for the best values of a scenario; the same command resumes an interrupted search."""
     from omnitrack_sim.trials.study import load_study
     from omnitrack_sim.trials.study_run import run_study
 
@@ -172,41 +169,23 @@ def bench(
         typer.Option(
             "--controller",
             metavar="CONTROLLER",
-            help="Of each --robot, in their order: module:Class or one of the robot's own. Without "
+            help="Of each --robot, in order: module:Class or one of the robot's own. Without "
             "--robot it drives the package's own, and may be a policy file.",
         ),
     ] = None,
     alone: Annotated[
         bool, typer.Option("--alone", help="Leave out what comes with the package.")
     ] = False,
-    courses: Annotated[
-        list[str] | None,
-        typer.Option("--course", metavar="COURSE", help="Only this course. Repeat for several."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A few trials of each, to see that all runs.")
-    ] = False,
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            "--trials",
-            metavar="N",
-            min=1,
-            help="So many trials of each course, for narrower intervals; drawn anew.",
-        ),
-    ] = None,
+    courses: CoursesOption = None,
+    quick: QuickOption = False,
+    trials: TrialsOption = None,
     assignments: SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Where all goes; out/bench_SUITE by default."),
-    ] = None,
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the rows as JSON instead of tables.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Put robots or controllers through the same courses; the same command goes on after an
+    """Put robots or controllers through the same courses; the same command resumes after an
     interruption."""
     from omnitrack_sim.trials.bench import Bench, suite_of
     from omnitrack_sim.trials.bench_run import run_bench
@@ -265,98 +244,39 @@ def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
     Raises:
         typer.Exit: with status 130, when Ctrl-C has been pressed.
     """
-    last: list[Status] = []
+    last: Status | None = None
     try:
-        with (_bar if err.is_terminal else _lines)(title) as show:
+        with progress(title) as tell:
 
             def report(status: Status) -> None:
-                last[:] = [status]
-                show(status)
+                nonlocal last
+                if last is None:
+                    many = "all" if status.found == status.total else str(status.found)
+                    earlier = f", {many} of them done before" if status.found else ""
+                    tell(0.0, f"{counted(status.total, 'trial')}{earlier}")
+                else:
+                    # Trials of an earlier run took no time now, and count for no pace.
+                    part = (status.done - status.found) / max(status.total - status.found, 1)
+                    tell(part, _in_words(status))
+                last = status
 
             yield report
     except KeyboardInterrupt:
         done = "nothing is done"
-        if last and last[0].stage:
-            done = f"{last[0].stage}, {counted(last[0].done, 'trial')} done"
-        elif last:
-            done = f"{last[0].done} of {counted(last[0].total, 'trial')} done"
+        if last is not None and last.stage:
+            done = f"{last.stage}, {counted(last.done, 'trial')} done"
+        elif last is not None:
+            done = f"{last.done} of {counted(last.total, 'trial')} done"
         err.say(f"interrupted: {done}; the same command goes on from there")
         raise typer.Exit(130) from None
 
 
-@contextmanager
-def _bar(title: str) -> Iterator[Callable[[Status], None]]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
-    )
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(plain(title), total=None, text="")
-
-        def show(status: Status) -> None:
-            text = _behind(status, bar.tasks[0].elapsed or 0.0)
-            bar.update(task, completed=status.done, total=status.total, text=text)
-
-        yield show
-
-
-@contextmanager
-def _lines(title: str) -> Iterator[Callable[[Status], None]]:
-    """Print the number of trials, then the pace when the first are done, and the end."""
-    lines = Lines(title, err)
-    last: list[Status] = []
-    pace_is_known = False
-
-    def show(status: Status) -> None:
-        nonlocal pace_is_known
-        is_first = not last
-        last[:] = [status]
-        if is_first:
-            many = "all" if status.found == status.total else str(status.found)
-            earlier = f", {many} of them done before" if status.found else ""
-            lines.say(f"{counted(status.total, 'trial')}{earlier}")
-            return
-        text = _line(status, _behind(status, lines.elapsed))
-        if not pace_is_known and status.done > status.found:
-            pace_is_known = True
-            # Work that is over soon needs no forecast.
-            if _seconds_left(status, lines.elapsed) > WAIT:
-                lines.say(text)
-        lines.tell(status.done / max(status.total, 1), text)
-
-    yield show
-    if last:
-        lines.say(_line(last[0], _behind(last[0], 0.0)))
-
-
-def _line(status: Status, text: str) -> str:
-    """Line with the number of trials done, and a further text."""
-    return ", ".join(filter(None, (f"{status.done} of {counted(status.total, 'trial')}", text)))
-
-
-def _behind(status: Status, elapsed: float) -> str:
-    """Text after a bar or in a line; without a pace after 0 s."""
+def _in_words(status: Status) -> str:
     # The trials of a study that pass say little: it tells its stage.
-    passed = "" if status.stage else f"{status.successes} passed"
+    what = status.stage or f"{status.successes} passed"
     lost = f"workers lost {counted(status.lost, 'time')}" if status.lost else ""
-    return ", ".join(filter(None, (status.stage, _pace(status, elapsed), passed, lost)))
-
-
-def _pace(status: Status, elapsed: float) -> str:
-    """Trials in a second, and the time that the others take; empty before the first trial."""
-    # Trials of an earlier run took no time now and would make the pace look better than it is.
-    ran = status.done - status.found
-    if not ran or not elapsed:
-        return ""
-    left = clock(_seconds_left(status, elapsed))
-    return f"{ran / elapsed:.2f} trials/s, {left} left"
-
-
-def _seconds_left(status: Status, elapsed: float) -> float:
-    """The time that the others take at the pace of those that ran."""
-    return max(status.total - status.done, 0) * elapsed / (status.done - status.found)
+    count = f"{status.done} of {counted(status.total, 'trial')}"
+    return ", ".join(filter(None, (count, what, lost)))
 
 
 def _share(text: str | None) -> tuple[int, int] | None:

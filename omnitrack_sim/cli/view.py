@@ -10,6 +10,7 @@ import typer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
+    FolderOption,
     ScenarioArgument,
     SetOption,
     app,
@@ -77,11 +78,11 @@ def view(
 
 def _is_folder(source: str) -> bool:
     """Return whether a source is a folder, and not the name of a shipped scenario."""
-    from omnitrack_sim.base.naming import shipped_scenarios
+    from omnitrack_sim.base.naming import shipped_files
 
     try:
         # Otherwise a folder that happens to have the name of a shipped scenario would hide it.
-        return Path(source).is_dir() and source not in shipped_scenarios()
+        return Path(source).is_dir() and source not in shipped_files("scenarios")
     except OSError:  # too long, no permission; told by whoever reads it
         return False
 
@@ -90,12 +91,7 @@ def _is_folder(source: str) -> bool:
 def drive(
     scenario: ScenarioArgument,
     assignments: SetOption = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Where the run goes; out/NAME_driven when not given."
-        ),
-    ] = None,
+    folder: FolderOption = None,
     speed: SpeedOption = "1",
 ) -> None:
     """Drive a scenario's robot by keyboard, in a window (needs a screen), and save the run."""

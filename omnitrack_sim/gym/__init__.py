@@ -13,7 +13,7 @@ except ImportError as error:
     raise ImportError(f"{text} ({error})") from error
 
 from omnitrack_sim.gym.env import RobotEnv, RobotVectorEnv
-from omnitrack_sim.gym.reward import TERMS
+from omnitrack_sim.gym.options import TERMS
 
 __all__ = ["IDS", "TERMS", "RobotEnv", "RobotVectorEnv"]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.gym.options import EnvOptions, check_for
-from omnitrack_sim.gym.reward import Tally
+from omnitrack_sim.gym.options import EnvOptions, Tally, check_for
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.feature import DECISION_PERIOD, bounds, entry_slices, steps_of

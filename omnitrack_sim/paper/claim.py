@@ -1,9 +1,10 @@
-"""One statement of a paper, what the simulation says about it, and what it is expected to say."""
+"""One statement of a paper, what the simulation says about it, and what it is expected to say; and
+the runs that claims on robots are measured on."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -12,6 +13,9 @@ import numpy as np
 
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.scenario import load_scenario, override
+from omnitrack_sim.sim.run import run_batch
 
 
 class ClaimVerdict(StrEnum):
@@ -73,7 +77,8 @@ class Claim:
         verdict: result of the measurement.
         how: scenarios and number of runs, or the function.
         uncertainty: of the measurement: interval, number of trials, or "exact".
-        expected: verdict of the full form of the package as it stands; another one is a change.
+        expected: verdict of the full form of the package as it stands; another one is a change. Of
+            a study it is a study.
         why: the reason of the expected verdict, as far as it is known, where the claim is not
             expected to hold.
         note: further observations.
@@ -103,7 +108,9 @@ class Claim:
     def __post_init__(self) -> None:
         if self.expected in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS) and not self.why:
             raise ValueError(f"{self.id} gives no reason why it is expected not to hold")
-        if (self.verdict is ClaimVerdict.STUDY) != (self.expected is ClaimVerdict.STUDY):
+        if self.verdict is ClaimVerdict.STUDY:
+            object.__setattr__(self, "expected", ClaimVerdict.STUDY)  # the dataclass is frozen
+        elif self.expected is ClaimVerdict.STUDY:
             raise ValueError(f"{self.id} is a study and is judged")
 
     @property
@@ -158,9 +165,14 @@ def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:
 def rate(results: Sequence[Result]) -> tuple[int, int, str]:
     """Return passed, total, and both as text with the Wilson 95 % interval."""
     passed, total = sum(r.success for r in results), len(results)
-    low, high = (100 * end for end in wilson_interval(passed, total))
-    percent = f"{100 * passed / total:.1f} %, 95 % interval {low:.1f} to {high:.1f}"
-    return passed, total, f"{passed} of {total} ({percent})"
+    return passed, total, rate_text(passed, total)
+
+
+def rate_text(count: int, total: int) -> str:
+    """Return a count as text, with its rate and Wilson's 95 % interval."""
+    low, high = (100 * end for end in wilson_interval(count, total))
+    percent = f"{100 * count / total:.1f} %, 95 % interval {low:.1f} to {high:.1f}"
+    return f"{count} of {total} ({percent})"
 
 
 def slip_of(result: Result) -> float:
@@ -171,3 +183,26 @@ def slip_of(result: Result) -> float:
 def largest(result: Result, name: str) -> float:
     """Return a metric of a run, or the largest of its modules' values, in the metric's unit."""
     return float(np.max(result.metrics[name]))  # type: ignore[arg-type]
+
+
+def runs_of(scenario: str, changes: Iterable[Mapping[str, Any]]) -> list[Result]:
+    """Return the results of a shipped scenario with each of the ``changes``, whatever it expects.
+
+    Args:
+        scenario: its name.
+        changes: new values by dotted key, for each run.
+    """
+    base = load_scenario(scenario, {"run.expected_outcome": None})
+    return list(run_batch([override(base, change) for change in changes]))
+
+
+FACTORS = 0.7, 1.4
+"""By which assumed sizes are varied, one at a time."""
+
+
+def varied(robot: Robot, names: Iterable[str]) -> list[dict[str, Any]]:
+    """Return changes of a scenario by which each named parameter of its robot is smaller and
+    larger."""
+    return [
+        {f"robot.{name}": factor * getattr(robot, name)} for name in names for factor in FACTORS
+    ]

@@ -21,22 +21,23 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
-from omnitrack_sim.paper import driving, elbows, tees
-from omnitrack_sim.paper import formulas as theory
+from omnitrack_sim.paper import driving, turns
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, tally
-from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
-from omnitrack_sim.paper.plots.groups import elbow_figure, rates_figure
-from omnitrack_sim.paper.plots.over_time import (
+from omnitrack_sim.paper.claim_figures import (
     along_figure,
     angular_velocity_figure,
     contact_map_figure,
+    elbow_figure,
+    rates_figure,
 )
-from omnitrack_sim.paper.plots.region import plot_singularity
+from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
+from omnitrack_sim.paper.region import plot_singularity
 from omnitrack_sim.results.provenance import environment, provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
+from omnitrack_sim.trials.sweep_run import singular_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,10 +47,10 @@ if TYPE_CHECKING:
 
 CLAIMS_FILE = "claims.json"
 MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
-    theory.mean_speed,
-    theory.unequal_arms,
-    theory.jacobian,
-    theory.region,
+    driving.mean_speed,
+    driving.unequal_arms,
+    driving.jacobian,
+    driving.region,
     driving.climb,
     driving.holonomic,
     driving.sign_change,
@@ -57,22 +58,22 @@ MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
     driving.no_motion_line,
     driving.preload,
     driving.motors,
-    elbows.eq20,
-    elbows.straight_exit,
-    elbows.short_elbow,
-    elbows.preferred,
-    tees.compression,
-    tees.as_written,
-    tees.inner_slip,
-    tees.unaligned,
-    tees.towards_worst,
-    tees.falls_into_place,
-    tees.aligned,
-    tees.slippery,
-    tees.few_lugs,
-    tees.climb_then_turn,
-    tees.straight_over,
-    elbows.differential,
+    turns.eq20,
+    turns.straight_exit,
+    turns.short_elbow,
+    turns.preferred,
+    turns.compression,
+    turns.as_written,
+    turns.inner_slip,
+    turns.unaligned,
+    turns.towards_worst,
+    turns.falls_into_place,
+    turns.aligned,
+    turns.slippery,
+    turns.few_lugs,
+    turns.climb_then_turn,
+    turns.straight_over,
+    turns.differential,
 )
 """Functions that measure the claims, in the order of the page."""
 STRIPS = {
@@ -217,14 +218,10 @@ def _draw(runs: Runs, folder: Path, format: str) -> dict[str, ReportFigure | Non
 
 def _success_map(runs: Runs) -> Figure:
     """Tee turns that pass, over the start orientation."""
-    case = TurnCase()
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
     kinds = ("jacobian", "paper")
     passed = {kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in kinds}
-    # Safe on either side in the exact geometry, as ``safe_margin`` is by the formula.
-    margin = float(np.degrees((2 * np.pi / 3 - case.real_sector) / 2))
-    sector = float(np.degrees(case.sector))
-    return success_figure(theta5, passed, sector, real_margin_deg=margin)
+    return success_figure(theta5, passed, *singular_range(TurnCase()))
 
 
 def _success_rates(runs: Runs) -> Figure:

@@ -86,6 +86,8 @@ def beyond_an_end(a: Array, b: Array, reach: Array, square: NDArray[np.bool_]) -
     return (before <= 0) | (after >= 0)
 
 
+DRAWN_TURN = np.radians(5)
+"""Turn of an axis between points by which it is drawn, rad."""
 SAMPLE_SPACING = 0.02
 """Spacing of the samples along the axis that overlaps are looked for with, m."""
 STRETCH = 0.5
@@ -152,6 +154,15 @@ class Part:
             (self._placed(axis.curve), axis.start_radius, axis.end_radius)
             for axis in self.fitting.axes
         )
+
+    def polylines(self) -> list[Array]:
+        """Its axes as points (k, 3) m, world frame: a straight one by its ends, an arc by points at
+        most ``DRAWN_TURN`` apart."""
+        turns = [sum(s * k for s, k in axis.curve.segments) for axis in self.fitting.axes]
+        return [
+            line.at(np.linspace(0, line.length, 2 + int(turn / DRAWN_TURN)))[0]
+            for (line, _, _), turn in zip(self.axes, turns, strict=True)
+        ]
 
     def _placed(self, curve: AxisCurve) -> Centreline:
         segments = self.segments(curve)

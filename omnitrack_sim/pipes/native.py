@@ -3,26 +3,128 @@
 MuJoCo, and compiled code that meets fittings of any kind, call functions through pointers. Nothing
 that changes from process to process stands in such a function, so that its code is kept on disk
 and serves every process: the first one compiles it, which takes some tenths of a second to
-seconds and loads numba; later ones load the code alone.
+seconds and loads numba; later ones load the code by LLVM alone, as numba takes half a second.
 """
 
 from __future__ import annotations
 
+import builtins
 import ctypes
+import gc
 import hashlib
+import json
+import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 from functools import cache, cached_property, update_wrapper, wraps
+from importlib.metadata import distribution, version
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import binding, ir
 
+from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import machine_code
+from omnitrack_sim.base.writing import write_file
+
+_CHECKSUM = hashlib.sha256().digest_size
+_HELPERS = {"_helperlib": "numba_", "core.runtime._nrt_python": "NRT_"}
+"""Modules of numba, written in C, whose functions compiled code calls where it raises, and what
+their names begin with there."""
+_NUMBA = distribution("numba")
+_engines: list[Any] = []
+"""Those that hold what has been loaded, for good."""
+
+
+@cache
+def machine() -> str:
+    """Return what machine code depends on beside its source: compilers' versions, processor."""
+    features = binding.get_host_cpu_features().flatten()
+    versions = _NUMBA.version, version("llvmlite")
+    return repr((*versions, binding.get_process_triple(), binding.get_host_cpu_name(), features))
+
+
+def code_file(source: str, name: str, digest: str) -> Path:
+    """Return the file of a function's code: beside the source, as Python keeps bytecode, or where
+    that may not be written, with the user's caches.
+
+    Args:
+        source: file that defines it.
+        name: of the function.
+        digest: of all that its code depends on.
+    """
+    # The variable by which users of numba move its files.
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(source).parent / "__pycache__")
+    if not os.access(folder if folder.is_dir() else folder.parent, os.W_OK):
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "omnitrack_sim"
+    return folder / f"{name}-{digest}.o"
+
+
+def load_code(file: Path) -> int | None:
+    """Return the address of the function in a file; None where there is none, it is damaged, or it
+    needs something that this process lacks."""
+    octets = file.read_bytes() if file.is_file() else b""
+    body = octets[_CHECKSUM:]
+    # LLVM ends the process where code is damaged or refers to what there is not.
+    if hashlib.sha256(body).digest() != octets[:_CHECKSUM]:
+        return None
+    head, _, code = body.partition(b"\n")
+    symbol, externals = json.loads(head)
+    _prepare()
+    process = ctypes.CDLL(None)
+    if not all(binding.address_of_symbol(each) or hasattr(process, each) for each in externals):
+        return None
+    target = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
+    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    return engine.get_function_address(symbol)
+
+
+def store_code(file: Path, function: Any) -> None:
+    """Keep the code of a numba ``CFunc`` in a file, if it can be kept."""
+    # Not numba's public names: another version may lack them, and then compiles in each process.
+    with suppress(AttributeError, OSError, OutputError):
+        library = function._library
+        module, code = library._final_module, library._get_compiled_object()
+        names = [
+            each.name
+            for each in (*module.functions, *module.global_variables)
+            if each.is_declaration and not each.name.startswith("llvm.")
+        ]
+        body = json.dumps([function.native_name, names]).encode() + b"\n" + code
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_file(file, hashlib.sha256(body).digest() + body)
+
+
+@cache
+def _prepare() -> None:
+    """Ready LLVM, and give it what compiled functions may refer to, as numba does."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    for module, prefix in _HELPERS.items():
+        for name, address in _extension(module).c_helpers.items():
+            binding.add_symbol(name if name.startswith("_") else prefix + name, address)
+    for name, value in vars(builtins).items():
+        if isinstance(value, type) and issubclass(value, BaseException):
+            binding.add_symbol(f"PyExc_{name}", id(value))
+
+
+def _extension(name: str) -> Any:
+    """Load a module of numba that is written in C, without the package around it."""
+    (path,) = Path(str(_NUMBA.locate_file("numba"))).glob(f"{name.replace('.', '/')}.*.so")
+    spec = spec_from_file_location(f"numba.{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 class CompilationError(Exception):
@@ -76,7 +178,7 @@ class Marked:
         return context.resolve_value_type(made)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._made(*arguments)
+        return self.py_func(*arguments)
 
 
 def compiled(python: Callable[..., Any]) -> Marked:
@@ -88,8 +190,10 @@ def _dispatcher(python: Callable[..., Any]) -> Any:
     from numba import njit
 
     # A division by zero gives an infinite number, as in NumPy: checks for it would cost time in the
-    # innermost loops, and a raised error has no way out of a C function.
-    return njit(error_model="numpy")(python)
+    # innermost loops, and a raised error has no way out of a C function. Only compiled code calls
+    # these functions: the wrappers for other callers are 30 % of the time to compile.
+    bare: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(error_model="numpy", **bare)(python)
 
 
 def intrinsic(definition: Callable[..., Any]) -> Any:
@@ -148,16 +252,16 @@ def c_function(function: Callable[..., Any], signature: Any, is_long: bool = Fal
     """
     python = getattr(function, "py_func", function)
     code, name = python.__code__, python.__qualname__.rpartition(".")[2]
-    file = machine_code.file_of(code.co_filename, name, _digest(python, signature))
+    file = code_file(code.co_filename, name, _digest(python, signature))
     try:
-        address = machine_code.load(file)
+        address = load_code(file)
     except Exception:  # numba or LLVM are not as they are known: every process compiles
         address = None
     if address is None:
         if is_long:
             announce()
         made = _made(python, signature)
-        machine_code.store(file, made)
+        store_code(file, made)
         _kept.append(made)
         address = made.address
     return CFunction(address, signature(address))
@@ -168,10 +272,16 @@ def _made(python: Callable[..., Any], signature: Any) -> Any:
     from numba import cfunc
     from numba.core.errors import NumbaError
 
+    # Numba keeps nearly all objects that it makes: searching them takes 15 % of its time.
+    was_enabled = gc.isenabled()
+    gc.disable()
     try:
         return cfunc(in_numba(signature), error_model="numpy")(python)
     except NumbaError as error:
         raise CompilationError(str(error)) from error
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def _digest(function: Any, signature: Any) -> str:
@@ -188,7 +298,7 @@ def _digest(function: Any, signature: Any) -> str:
             pending += [value for value in below if isinstance(value, FunctionType)]
     # By name alone: the module of a pointer's type is that which has made the first such type.
     types = [each.__name__ for each in (signature._restype_, *signature._argtypes_)]
-    parts = [Path(__file__).read_bytes(), repr(types).encode(), machine_code.machine().encode()]
+    parts = [Path(__file__).read_bytes(), repr(types).encode(), machine().encode()]
     for python in reached:
         code = python.__code__
         # The first constant is the docstring, which does not change the code.

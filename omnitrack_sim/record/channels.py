@@ -346,21 +346,3 @@ DISPLAYS: Mapping[str, Display] = {
 def recorded(channels: Iterable[Channel]) -> dict[str, Channel]:
     """Channels of a trajectory, by name."""
     return {channel.name: channel for channel in channels if channel.recorded}
-
-
-def table(channels: Iterable[Channel] = tuple(CHANNELS.values())) -> str:
-    """Markdown table of channels, as docs/reference/channels.md shows it."""
-    rows = ["| channel | unit | shape | frame | tail first | seen | recorded | meaning |"]
-    rows.append("|---" * 8 + "|")
-    for channel in channels:
-        shape = " x ".join(map(str, channel.shape)) or "-"
-        observed = "yes" if channel.source == "plant" else "-"
-        kept = "yes" if channel.recorded else "-"
-        cells = (f"`{channel.name}`", channel.unit, shape, channel.frame or "-")
-        cells = (*cells, channel.tail_first, observed, kept, channel.meaning)
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows) + "\n"
-
-
-if __name__ == "__main__":
-    print(table(), end="")

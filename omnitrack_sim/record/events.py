@@ -189,7 +189,7 @@ class Rolled(Event):
     theta5_to_deg: float
     sentence = (
         "before {fitting}: rolls the modules by {roll_deg:.1f} deg, theta5 from "
-        "{theta5_from_deg:.1f} to {theta5_to_deg:.1f} deg"
+        "{theta5_from_deg:z.1f} to {theta5_to_deg:z.1f} deg"
     )
 
 

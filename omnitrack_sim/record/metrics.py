@@ -341,7 +341,7 @@ COMMON_METRICS: tuple[Metric, ...] = (
         "J",
         "mechanical work of all actuators: the positive part of each one's power, integrated; "
         "braking gives nothing back",
-        lambda r: _work(r),
+        _work,
     ),
     Metric(
         "cost_of_transport",
@@ -367,20 +367,11 @@ COMMON_METRICS: tuple[Metric, ...] = (
         "m",
         "speed over the wall of each body's surface where it touches, integrated; mean of the "
         "bodies that touch at all",
-        lambda r: _slip_distance(r),
+        _slip_distance,
     ),
     _PHASES,
 )
 """Metrics of every other robot, in the order of ``result.json``."""
-
-
-def table(metrics: Iterable[Metric] = METRICS) -> str:
-    """Markdown table of metrics, as docs/reference/metrics.md shows it."""
-    rows = ["| metric | unit | modules | meaning |", "|---" * 4 + "|"]
-    for metric in metrics:
-        modules = "3" if metric.per_module else ""
-        rows.append(f"| `{metric.name}` | {metric.unit} | {modules} | {metric.meaning} |")
-    return "\n".join(rows) + "\n"
 
 
 def summarise(run: Run, metrics: Iterable[Metric] = METRICS) -> Metrics:
@@ -404,10 +395,6 @@ def _figure(metric: Metric, run: Run) -> Figure:
         kind, wanted = type(value).__name__, metric.per_module
         raise ValueError(f"metric {metric.name!r} gives a {kind}, and per_module is {wanted}")
     return value
-
-
-if __name__ == "__main__":
-    print(table(), end="")
 
 
 def _estimate(name: str, unit: str, meaning: str) -> Channel:

@@ -107,7 +107,11 @@ class Result:
         table = table_html(("figure", "unit", "value"), figures)
         picture = sketch(self.trajectory)
         beside = f"<div style='display:flex;gap:2em;flex-wrap:wrap'>{table}{picture}</div>"
-        return f"<div>{head}{beside}{_events(self)}</div>"
+        lines = [str(event) for event in self.events[:_MOST_EVENTS]]
+        rest = len(self.events) - len(lines)
+        lines += [f"and {rest} more events"] if rest else []
+        items = "".join(f"<li>{safe(line)}</li>" for line in lines)
+        return f"<div>{head}{beside}{f'<ul>{items}</ul>' if lines else ''}</div>"
 
     @property
     def success(self) -> bool:
@@ -421,10 +425,3 @@ def _headline(result: Result, key: str, name: str, unit: str, digits: int) -> tu
     value = result.metrics[key]
     numbers: Sequence[Any] = value if isinstance(value, list) else [value]
     return name, unit, " / ".join("-" if n is None else f"{n:.{digits}f}" for n in numbers)
-
-
-def _events(result: Result) -> str:
-    lines = [str(event) for event in result.events[:_MOST_EVENTS]]
-    rest = len(result.events) - len(lines)
-    lines += [f"and {rest} more events"] if rest else []
-    return f"<ul>{''.join(f'<li>{safe(line)}</li>' for line in lines)}</ul>" if lines else ""

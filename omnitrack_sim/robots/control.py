@@ -228,15 +228,15 @@ class Controller(Protocol):
 
 
 class OwnController:
-    """The controller that a robot brings along, ``Robot.controller``: it has a method ``command``
-    that takes an observation and returns the control inputs (n, nu)."""
+    """The controller that a robot brings along: its ``Robot.gait``."""
 
     def __init__(self, setup: ControlSetup) -> None:
-        self._own, self._start = setup.robot.controller(), setup.command
+        self._robot, self._start = setup.robot, setup.command
 
     def step(self, observation: Observation) -> Any:
-        """Return the inputs of the robot's own controller, or those of the start."""
-        return self._start if self._own is None else Actuation(self._own.command(observation))
+        """Return the inputs of the robot's own gait, or those of the start."""
+        inputs = self._robot.gait(observation)
+        return self._start if inputs is None else Actuation(inputs)
 
 
 class NoParameters(Table):

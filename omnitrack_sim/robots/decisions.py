@@ -83,12 +83,6 @@ class InputDecisions:
         shipped = {**sets, **{feature.name: feature for feature in sets["route"]}}
         return select_features("joints" if names is None else names, "observation", shipped)
 
-    @classmethod
-    def senses_for(cls, names: str | Sequence[str] | None) -> str:
-        """Return the ``sensing.kind`` that observations need: robots without sensors of their own
-        in the simulation have the truth."""
-        return "truth"
-
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
         self.setup = setup

@@ -1,5 +1,5 @@
-"""The plant: n robots of one model in exact pipes, in one batch. The only door to MuJoCo's
-state."""
+"""The plant: n robots of one model in exact pipes, in one batch, and the causes for which they make
+no headway. The only door to MuJoCo's state."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ from omnitrack_sim.base.rotations import (
     set_rows,
 )
 from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.robots.sensor import Sensor, State
@@ -610,3 +612,51 @@ def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
     shape = () if len(at) == 1 else (len(at),)
     channel = Channel(name, shape, "", f"sensor of the model: {kind}")
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
+
+
+class Diagnosis:
+    """Finds the cause for which each of n robots makes no headway.
+
+    A robot with more to tell than its tilt keeps averages of its readings.
+
+    Args:
+        robot: parameters.
+        limits: ``[monitor]`` of the scenario.
+        period: s, between two samples of the averages.
+        n: number of robots.
+    """
+
+    def __init__(self, robot: Any, limits: Any, period: float, n: int) -> None:
+        self.limits, self.n = limits, n
+
+    def reset(self, rows: NDArray[np.intp]) -> None:
+        """Begin anew for robots ``rows`` (k,)."""
+
+    def average(
+        self,
+        readings: Mapping[str, Array],
+        command: Any,
+        saturated: NDArray[np.bool_],
+        due: NDArray[np.bool_],
+    ) -> None:
+        """Add a sample to the averages of the robots ``due`` (n,).
+
+        Args:
+            readings: of the sensors.
+            command: that the robots carry out.
+            saturated: (n, m) motors at their limit.
+            due: (n,) robots of which a sample is taken.
+        """
+
+    def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
+        """Return the cause for which a robot makes no headway."""
+        return Outcome.WEDGED if self.lies_across(robot, location) else Outcome.STUCK
+
+    def lies_across(self, robot: int, location: Location) -> bool:
+        """Return whether a robot lies across its pipe."""
+        return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
+
+    def words(self, robot: int, time: float) -> str:
+        """Return measurements at the end of a run of ``time`` s, after the robot's tilt; "" for
+        none."""
+        return ""

@@ -147,7 +147,7 @@ class Robot(QuantityModel):
     understands: ClassVar[tuple[str, ...]] = ()
     scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
-    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.diagnosis:Diagnosis"
+    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.plant:Diagnosis"
     display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
     decisions_class: ClassVar[str] = "omnitrack_sim.robots.decisions:InputDecisions"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
@@ -224,8 +224,8 @@ class Robot(QuantityModel):
         """Class from a learner's actions to commands of this robot; see ``InputDecisions``."""
         return named(self.decisions_class, "decisions_class", {})
 
-    def controller(self) -> Any:
-        """Return the robot's own controller, see ``OwnController``; None: it has none, and its
+    def gait(self, observation: Any) -> Array | None:
+        """Return the control inputs (n, nu) of the robot's own gait; None: it has none, and its
         actuators stay as they are at the start."""
         return None
 
@@ -263,8 +263,11 @@ class Robot(QuantityModel):
 
     @property
     def nominal_bore(self) -> float:
-        """Inner diameter of the pipe that the robot is made for, m."""
-        raise NotImplementedError
+        """Inner diameter of the pipe that the robot is made for, m; here its field ``bore``."""
+        try:
+            return vars(self)["bore"]
+        except KeyError:
+            raise NotImplementedError("nominal_bore") from None
 
     @property
     def length(self) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, model_validator
 
-from omnitrack_sim.autonomy.explorer import Exploration
+from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
@@ -25,7 +25,7 @@ from omnitrack_sim.base.errors import (
     ScenarioError,
     gathered,
 )
-from omnitrack_sim.base.naming import name_of, named, shipped_networks
+from omnitrack_sim.base.naming import name_of, named, shipped_files
 from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table, symbol_of
@@ -407,7 +407,11 @@ def faults_of(scenario: Scenario) -> list[Fault]:
         scenario.robot.check()
     faults += _meaningless(scenario)
     # What follows lays out pipes and plans, which needs tables that are valid by themselves.
-    faults += [*_uneven_samples(scenario), *_impossible_cameras(scenario)]
+    period, step = scenario.record.period, scenario.physics.control_period
+    if not is_multiple(period, step):
+        problem = f"is {period} s, not a whole multiple of physics.control_period ({step} s)"
+        faults.append(Fault("record.period", problem))
+    faults += _impossible_cameras(scenario)
     if scenario.record.pictures and scenario.sensing.kind != "onboard":
         problem = 'is true, for which the robot needs cameras: sensing.kind = "onboard"'
         faults.append(Fault("record.pictures", problem))
@@ -460,7 +464,7 @@ def _missing(scenario: Scenario) -> Iterator[Fault]:
         yield Fault("pipes", "are given as well as a network; give one of them")
     if scenario.network is None:
         problem = "is missing: a file, a shipped network or a table"
-        yield Fault("network", problem, tuple(shipped_networks()))
+        yield Fault("network", problem, tuple(shipped_files("networks")))
     if scenario.mission is None:
         yield Fault("mission", "is missing: a table with start and goals")
     for key in ("axis", "turn_deg"):
@@ -478,14 +482,6 @@ def _meaningless(scenario: Scenario) -> Iterator[Fault]:
         if path not in robot.understands and given != value:
             problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
             yield Fault(path, f"{problem}; leave it at {value!r}")
-
-
-def _uneven_samples(scenario: Scenario) -> Iterator[Fault]:
-    """A record period that is no whole number of control periods."""
-    period, step = scenario.record.period, scenario.physics.control_period
-    if not is_multiple(period, step):
-        problem = f"is {period} s, not a whole multiple of physics.control_period ({step} s)"
-        yield Fault("record.period", problem)
 
 
 def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:

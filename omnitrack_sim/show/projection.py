@@ -99,7 +99,11 @@ def clearest(pipes: Assembly) -> Projection:
     width = 2 * max(part.fitting.radius for part in pipes.parts)
     best, least = Projection(np.eye(3)), np.inf
     for azimuth, elevation in np.radians(_OBLIQUE):
-        view = _oblique(azimuth, elevation)
+        # Of a viewer who goes from -y to the right, and up.
+        level = np.cos(elevation)
+        back = np.array([np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)])
+        right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        view = Projection(np.stack([right, np.cross(back, right), back], axis=-1))
         # Points of one pipe are near each other in any view: only those apart in space count.
         over = (_distances(view.flat(points)) < width) & (apart > 1.5 * width)
         shown = np.linalg.norm(view.flat(steps), axis=1) / length
@@ -109,14 +113,6 @@ def clearest(pipes: Assembly) -> Projection:
         if cost < least - 1e-9:  # of equals the first, whatever the last digits are
             best, least = view, cost
     return best
-
-
-def _oblique(azimuth: float, elevation: float) -> Projection:
-    """Of a viewer at ``azimuth`` and ``elevation``, rad: from -y, and to the right of that."""
-    level = np.cos(elevation)
-    back = np.array([np.sin(azimuth) * level, -np.cos(azimuth) * level, np.sin(elevation)])
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    return Projection(np.stack([right, np.cross(back, right), back], axis=-1))
 
 
 def _distances(points: Array) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from itertools import pairwise
@@ -28,25 +27,12 @@ from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, Statu
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.show.film.overlay import LEFT, ForceArrows, MapPanel, StatusPanel
-from omnitrack_sim.show.film.render import (
-    FRAMES,
-    Image,
-    Progress,
-    check_amount,
-    check_request,
-    check_strip,
-    film_format,
-    within,
-    write_film,
-    write_strip,
-)
 from omnitrack_sim.show.film.stage import STANDARD, Stage
 from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
 from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
-from omnitrack_sim.show.replay.contents import Pack, PageRun, map_table
-from omnitrack_sim.show.replay.document import ReplayPage, check_page, page_data, write_page
+from omnitrack_sim.show.replay.contents import Pack, PageRun, map_table, page_data
 from omnitrack_sim.show.surfaces import DRAWN
 from omnitrack_sim.walls.around import InPipe, Pipes
 
@@ -160,7 +146,10 @@ class Recording:
         if not isinstance(model, mujoco.MjModel):
             raise TypeError(f"model: is a {type(model).__name__}; it must be a mujoco.MjModel")
         self.model, self.pipes = model, check_is(Pipes, "pipes", pipes)
-        self.period = _checked_period(period)
+        check_time("period", period)
+        if not 0 <= period < np.inf:
+            raise InputError(Fault("period", f"is {period!r}; a number from 0 on, s, is needed"))
+        self.period = float(period)
         self._is_wall = np.zeros(model.ngeom, bool)
         self._is_wall[pipes.geoms(model)] = True
         if model.geom_bodyid[self._is_wall].any():
@@ -350,7 +339,7 @@ class Recording:
         part, parts = self.places.part, self.pipes.assembly.parts
         return [(parts[part[a]], a, b) for a, b in spans(part) if part[a] >= 0]
 
-    # Films, stills, pages and figures
+    # What pictures and pages show
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -369,13 +358,14 @@ class Recording:
             )
         return {name: mount for name, mount in mounts.items() if name}
 
-    def _check_samples(self) -> None:
+    def require_samples(self) -> None:
+        """Raise an ``InputError`` for a recording without samples."""
         if not len(self):
             raise InputError(Fault("recording", "has no samples; append states first"))
 
     def playback(self) -> Playback:
         """Return what films and pages show."""
-        self._check_samples()
+        self.require_samples()
         model = self.model
         mocap = np.concatenate([self["mocap_pos"], self["mocap_quat"]], axis=-1)
         rows = sound_rows([self.qpos, mocap])
@@ -426,15 +416,25 @@ class Recording:
         away = self.bodies[rows][:, moving[moving > 0], :3] - position[rows][:, None]
         return max(bore / _BORE, float(np.linalg.norm(away, axis=-1).max()) / _REACH)
 
-    def _stage(
-        self, playback: Playback, size: tuple[int, int], camera: str, panels: bool, fine: bool
+    def stage(
+        self, size: tuple[int, int], camera: str, *, inset: bool, fine: bool, overlay: bool
     ) -> Stage:
-        """Return the stage of a film; with ``panels`` it has status and map."""
+        """Return the stage of films, with the pipes cut away and the walls' forces drawn.
+
+        Args:
+            size: width and height of the pictures, pixels.
+            camera: ``side`` shows the pipes on the way, ``follow`` stays with the robot, and a
+                camera of the model looks from its body, by its own lamp.
+            inset: pictures that do not show all pipes have a map of them.
+            fine: paint with twice the width and height, and reduce.
+            overlay: pictures have a panel of status.
+        """
+        playback = self.playback()
         drawn: list[Panel] = []
-        if panels:
+        if overlay:
             drawn.append(StatusPanel(self._status(), *size, full=_STATUS))
-            if camera != "side" and len(self.pipes.assembly.parts) > 1:
-                drawn.append(MapPanel(playback, Landmarks.none(playback.network), size))
+        if inset and camera != "side" and len(self.pipes.assembly.parts) > 1:
+            drawn.append(MapPanel(playback, Landmarks.none(playback.network), size))
         contacts = self.contacts
         begins = np.searchsorted(contacts.sample, np.arange(len(self) + 1))
 
@@ -443,7 +443,7 @@ class Recording:
             return contacts.position[these], contacts.force[these]
 
         arrows = ForceArrows(forces, self.force_scale())
-        covered = (LEFT + _STATUS) / 720 if panels else 0.0
+        covered = (LEFT + _STATUS) / 720 if overlay else 0.0
         return Stage(
             playback, size, camera, panels=drawn, forces=arrows, covered=covered, fine=fine
         )
@@ -472,94 +472,6 @@ class Recording:
 
         return text
 
-    def film(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        camera: str = "side",
-        width: int = 1280,
-        height: int = 720,
-        fps: int = 25,
-        progress: Progress | None = None,
-        panels: bool = True,
-    ) -> Path:
-        """Film the recording in real time, with the pipes cut away and the walls' forces drawn.
-
-        Args:
-            path: file to write: ``.mp4``, ``.webm`` or ``.gif``. Nothing half-written stays.
-            camera: ``side`` shows the pipes on the way, ``follow`` stays with the robot, and a
-                camera of the model looks from its body, by its own lamp.
-            width, height: pixels; odd numbers grow by one.
-            fps: frames a second, at most 50 of a GIF.
-            progress: called with the fraction done (0 to 1) and a text.
-            panels: draw the state, and in pictures that do not show all pipes a map of them.
-
-        Raises:
-            InputError: unknown camera or format, a size, frame rate or length that is out of range,
-                or a recording without samples.
-            RenderError: no offscreen OpenGL on this machine; the message says what to install.
-            OutputError: the film cannot be written.
-        """
-        check_request(camera, width, height, fps, film_format(Path(path)), cameras=self.cameras)
-        check_file(Path(path))
-        playback = self.playback()
-
-        def frames(times: Sequence[float], size: tuple[int, int]) -> Iterator[Image]:
-            check_amount(len(times), size)
-            with self._stage(playback, size, camera, panels, fine=False) as stage:
-                yield from map(stage.picture, times)
-
-        return write_film(path, frames, playback.time, (width, height), fps, progress)
-
-    def frame(
-        self,
-        time: float,
-        *,
-        camera: str = "side",
-        width: int = 1280,
-        height: int = 720,
-        panels: bool = True,
-    ) -> Image:
-        """Return one picture (height, width, 3) at ``time`` s, uint8, as of ``film``."""
-        check_time("time", time)
-        check_request(camera, width, height, cameras=self.cameras)
-        with self._stage(self.playback(), (width, height), camera, panels, fine=True) as stage:
-            return stage.picture(time)
-
-    def strip(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        count: int = FRAMES,
-        times: Sequence[float] | None = None,
-        camera: str = "side",
-        width: int = 640,
-        height: int = 480,
-    ) -> Path:
-        """Write stills side by side in one picture, each with its letter and time.
-
-        Args:
-            path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
-            count: how many stills, at most 26, evenly in time, if ``times`` are not given.
-            times: of the stills, s.
-            camera: as of ``film``.
-            width, height: of each still, pixels.
-
-        Raises:
-            InputError: unknown camera or format, a size or number that is out of range, or a time
-                outside of the recording.
-            RenderError: no offscreen OpenGL on this machine; the message says what to install.
-            OutputError: the picture cannot be written.
-        """
-        check_request(camera, width, height, cameras=self.cameras)
-        check_strip(path, count, times)
-        playback = self.playback()
-        first, last = playback.time[[0, -1]]
-        even = np.linspace(first, last, count).tolist()
-        times = even if times is None else within(playback.time, times)
-        with self._stage(playback, (width, height), camera, panels=False, fine=True) as stage:
-            return write_strip(path, [stage.picture(time) for time in times], times)
-
     def plot(self, path: str | os.PathLike[str] | None = None) -> Figure:
         """Draw a figure as wide as a page (7.16 inches): the way in elevation and plan, and over
         time way, speed and clearance of the body, forces on the walls, power and joints.
@@ -572,9 +484,9 @@ class Recording:
             InputError: no such format, or a recording without samples.
             OutputError: the file cannot be written.
         """
-        from omnitrack_sim.show.plots.recording_figure import plot_recording
+        from omnitrack_sim.show.plots.run_figures import plot_recording
 
-        self._check_samples()
+        self.require_samples()
         return plot_recording(
             path=None if path is None else Path(path),
             title=self._title(),
@@ -584,18 +496,8 @@ class Recording:
             stays=self.stays(),
         )
 
-    def page(self, path: str | os.PathLike[str] | None = None) -> ReplayPage:
-        """Return a page that plays the recording in a browser: one file, which needs no network.
-
-        Args:
-            path: ``.html`` file to write; none: nothing is written, and a notebook shows the page.
-
-        Raises:
-            InputError: another ending, or a recording without samples.
-            OutputError: the file cannot be written.
-        """
-        if path is not None:
-            check_page(path)
+    def replay_data(self) -> dict[str, Any]:
+        """Return the data of a page that plays the recording."""
         pack, playback = Pack(), self.playback()
         mounts = [mount for mount in self._mounts().values() if mount.body]
         run = PageRun(
@@ -620,14 +522,14 @@ class Recording:
             "headline": {row["name"]: row["name"] for row in run.heading["figures"]},
             "differences": [],
         }
-        return write_page(data | {"data": pack.text()}, path)
+        return data | {"data": pack.text()}
 
     def _title(self) -> str:
         return f"recording of {self.model.body(self.body).name or 'a robot'}"
 
     def _heading(self) -> dict[str, Any]:
         """Return name and figures for the head of a page."""
-        self._check_samples()
+        self.require_samples()
         curves, duration = self.curves(), float(np.ptp(self.time))
         rows = [
             ("way", "m", curves["distance"].values[-1], "along the pipes' axes"),
@@ -782,13 +684,6 @@ def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assem
         parts.append(Part(name, fitting, Pose(rotation, position)))
     joints = [tuple((int(part), str(port)) for part, port in joint) for joint in head["joints"]]
     return Assembly.unchecked(tuple(parts), tuple(joints))  # type: ignore[arg-type]
-
-
-def _checked_period(period: Any) -> float:
-    check_time("period", period)
-    if not 0 <= period < np.inf:
-        raise InputError(Fault("period", f"is {period!r}; a number from 0 on, s, is needed"))
-    return float(period)
 
 
 def _panel(channel: str, curve: Curve) -> dict[str, Any]:

@@ -30,8 +30,7 @@ from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Album, Pictures, coding_of
 from omnitrack_sim.robots.omnitrack import as_omnitrack
 from omnitrack_sim.robots.omnitrack.body import lug_pitch
-from omnitrack_sim.robots.omnitrack.control.command import Command
-from omnitrack_sim.robots.omnitrack.control.gear import seen
+from omnitrack_sim.robots.omnitrack.control.command import Command, seen
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
@@ -318,6 +317,7 @@ class Onboard:
             self._judged(robot, -gear) if back else None,
             at.rotation,
             frame_ahead(self.turned[robot], gear),
+            2 * (self._robot.nominal_pipe_radius + float(self.readings["slide"][robot].mean())),
         )
 
     def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:

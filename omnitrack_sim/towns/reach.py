@@ -19,13 +19,12 @@ from omnitrack_sim.base.errors import Fault, InputError, NetworkError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.pipes.centreline import Segment
-from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes.network import End, Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.tail import Tether
-from omnitrack_sim.towns.passport import SETTINGS, Passport
-from omnitrack_sim.towns.ways import FEATURES, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.passport import FEATURES, SETTINGS, Passport, kind_of, shape_of, slopes_of
 
 NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
@@ -186,39 +185,28 @@ class _Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """Estimates of all passages, (ways, frictions, pulls) each.
+    """Estimates of all passages.
 
     Attributes:
-        logs: logarithm of the probability; minus infinity where nothing is known.
-        spread: (ways, frictions, pulls) standard deviation of that logarithm.
-        seconds, joules: of a pass. seconds_std, joules_std: of one. seconds_error: of the mean.
+        values: (7, ways, frictions, pulls): logarithm of the probability, minus infinity where
+            nothing is known, and its standard deviation; seconds and joules of a pass, their
+            standard deviations, and the standard error of the mean seconds.
         pulls: (pulls,) robot weights.
         reasons: why a way is unknown, by its row; "" where it is known.
     """
 
-    logs: Array
-    spread: Array
-    seconds: Array
-    joules: Array
-    seconds_std: Array
-    joules_std: Array
-    seconds_error: Array
+    values: Array
     pulls: Array
     reasons: list[str]
 
-    def at(self, row: int, pull: float) -> list[Array]:
-        """Values (frictions,) of a way at a pull: logs, spread, seconds, joules, their standard
-        deviations, and the error of the mean seconds."""
+    def at(self, row: int, pull: float) -> Array:
+        """Values (7, frictions) of a way at a pull."""
         place = np.interp(pull, self.pulls, np.arange(len(self.pulls)))
         low = min(int(place), max(len(self.pulls) - 2, 0))
         high, part = min(low + 1, len(self.pulls) - 1), place - low
-        tables = (self.logs, self.spread, self.seconds, self.joules)
-        return [
-            table[row, :, low]
-            if part == 0
-            else (1 - part) * table[row, :, low] + part * table[row, :, high]
-            for table in (*tables, self.seconds_std, self.joules_std, self.seconds_error)
-        ]
+        own = self.values[:, row]
+        # Between an infinite value and itself there is no number.
+        return own[..., low] if part == 0 else (1 - part) * own[..., low] + part * own[..., high]
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,12 +214,11 @@ class _Label:
     """Robot at the end of a way, by the surest path.
 
     Attributes:
-        fittings, straights: logarithms (frictions,) of the probabilities there: of all fittings
-            together, and of the worst straight, as all straights pass or fail alike.
-        spread: by kind, of the logarithm.
-        back_fittings, back_straights: of the way back.
-        costs: (2, frictions) s and J there. back_costs: of the way back. variances: (2, frictions)
-            of what differs from pass to pass.
+        fittings, straights: logarithms (2, frictions) of the probabilities, there and back: of all
+            fittings together, and of the worst straight, as all straights pass or fail alike.
+        spread: by kind, of the logarithm there.
+        costs: (2, 2, frictions) s and J, there and back.
+        variances: (2, frictions) of what differs from pass to pass, there.
         errors: (frictions,) s, by kind, of the means, alike in all passes of a kind.
         drag, slack: N, of the tether. out: m of it.
         worst: largest loss of one way on the path, and what it was.
@@ -241,10 +228,7 @@ class _Label:
     fittings: Array
     straights: Array
     spread: Mapping[str, float]
-    back_fittings: Array
-    back_straights: Array
     costs: Array
-    back_costs: Array
     variances: Array
     errors: Mapping[str, Array]
     drag: float
@@ -256,7 +240,7 @@ class _Label:
     @property
     def logs(self) -> Array:
         """Logarithm (frictions,) of the probability of getting there."""
-        return self.fittings + self.straights
+        return self.fittings[0] + self.straights[0]
 
 
 def map_reach(
@@ -374,9 +358,7 @@ class _Planner:
         # Middles of equal parts of the range.
         count = 1 if low == high else NUMERICS.frictions
         self.friction = low + (high - low) * (np.arange(count) + 0.5) / count
-        self.joined: dict[End, End] = {}
-        for a, b in network.pipes.joints:
-            self.joined[a], self.joined[b] = b, a
+        self.joined = both_ways(network.pipes.joints)
         self.ways: dict[End, list[_Way]] = {}
         self.rows: dict[Edge, int] = {}
 
@@ -387,7 +369,7 @@ class _Planner:
         bore = self.passport.robot.nominal_bore
         parts = self.network.pipes.parts
         for i, part in enumerate(parts):
-            for enter, leave in _pairs(part.fitting):
+            for enter, leave in itertools.permutations(part.fitting.port_names, 2):
                 passage = Passage.of(self.network.pipes, (i, enter, leave))
                 kind, row = kind_of(passage), len(self.rows)
                 climb, lift, _ = slopes_of(passage, self.gravity)
@@ -439,7 +421,7 @@ class _Planner:
                         reasons[row] = self._unknown(kind, ways[k])
                 done += len(rows)
                 progress(0.5 + done / len(self.rows) / 2)
-        return _Tables(*tables, pulls=pulls, reasons=reasons)
+        return _Tables(tables, pulls, reasons)
 
     def _unknown(self, kind: str, point: Array) -> str:
         """Reason why nothing is known of a way."""
@@ -480,18 +462,14 @@ class _Planner:
 
     def spread(self, launch: str) -> tuple[list[PipeReach], dict[str, tuple[Edge, ...]]]:
         """Return the reach of all parts from an opening, and the paths to those reached."""
-        nothing = np.zeros(len(self.friction))
+        count = len(self.friction)
         pull = 0.0 if self.tether is None else self.tether.tension
-        free = np.zeros((2, len(self.friction)))
         begin = _Label(
-            fittings=nothing,
-            straights=nothing,
+            fittings=np.zeros((2, count)),
+            straights=np.zeros((2, count)),
             spread={},
-            back_fittings=nothing,
-            back_straights=nothing,
-            costs=free,
-            back_costs=free,
-            variances=free,
+            costs=np.zeros((2, 2, count)),
+            variances=np.zeros((2, count)),
             errors={},
             drag=pull,
             slack=pull,
@@ -539,37 +517,34 @@ class _Planner:
                 return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
         if tables.reasons[way.row]:
             return f"{tables.reasons[way.row]} ({name})"
-        log, spread, seconds, joules, *stds, error = tables.at(way.row, drag / self.weight)
-        if not np.isfinite(log).any():
+        there = tables.at(way.row, drag / self.weight)
+        if not np.isfinite(there[0]).any():
             return f"unknown: {way.kind} at a pull of {drag:.0f} N ({name})"
         i, enter, leave = way.edge
-        back = tables.at(self.rows[i, leave, enter], 0.0)
+        # (7, 2, frictions), there and back, without a tether on the way back.
+        both = np.stack([there, tables.at(self.rows[i, leave, enter], 0.0)], axis=1)
+        logs = both[0]
         straight = way.kind == "straight"
         amount = way.length if straight else 1.0
-        loss = -_log_mean(log)
+        loss = -_log_mean(logs[0])
         if straight:
-            loss = max(loss + _log_mean(label.straights), 0.0)
+            loss = max(loss + _log_mean(label.straights[0]), 0.0)
         reason = f"{way.kind} ({name}): {math.exp(-loss):.2f}"
         if self.tether is not None and drag > self.weight:
             reason += f", tether pulls {drag:.0f} N"
         spreads = dict(label.spread)
-        own = float(np.mean(spread))
-        spreads[way.kind] = (
-            max(spreads.get(way.kind, 0.0), own) if straight else spreads.get(way.kind, 0.0) + own
-        )
+        own = float(np.mean(there[1]))
+        before = spreads.get(way.kind, 0.0)
+        spreads[way.kind] = max(before, own) if straight else before + own
+        error = label.errors.get(way.kind, 0.0) + amount * there[6]
         return replace(
             label,
-            fittings=label.fittings + (0.0 if straight else log),
-            straights=np.minimum(label.straights, log) if straight else label.straights,
+            fittings=label.fittings if straight else label.fittings + logs,
+            straights=np.minimum(label.straights, logs) if straight else label.straights,
             spread=spreads,
-            back_fittings=label.back_fittings + (0.0 if straight else back[0]),
-            back_straights=np.minimum(label.back_straights, back[0])
-            if straight
-            else label.back_straights,
-            costs=label.costs + amount * np.stack([seconds, joules]),
-            back_costs=label.back_costs + amount * np.stack([back[2], back[3]]),
-            variances=label.variances + amount * np.stack(stds) ** 2,
-            errors={**label.errors, way.kind: label.errors.get(way.kind, 0.0) + amount * error},
+            costs=label.costs + amount * both[2:4].swapaxes(0, 1),
+            variances=label.variances + amount * there[4:6] ** 2,
+            errors={**label.errors, way.kind: error},
             drag=drag,
             slack=slack,
             out=out,
@@ -618,13 +593,13 @@ class _Planner:
     def _row(self, row: PipeReach, label: _Label, launch: str) -> PipeReach:
         """The reach of a part by the label at its far end."""
         supply = self.supply
-        energy, back = (supply.energy(*costs) for costs in (label.costs, label.back_costs))
+        energy, back = (supply.energy(*costs) for costs in label.costs)
         spread = np.sqrt(supply.energy(*np.sqrt(label.variances)) ** 2 + (0.01 * energy) ** 2)
         enough = _normal((supply.battery_wh - energy) / spread)
         enough_back = _normal((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
         there = np.exp(label.logs)
         probability = float(np.mean(there * enough))
-        returned = there * np.exp(label.back_fittings + label.back_straights) * enough_back
+        returned = there * np.exp(label.fittings[1] + label.straights[1]) * enough_back
         weights = there / max(there.sum(), 1e-300)
         deviation = Z95 * math.sqrt(sum(each**2 for each in label.spread.values()))
         reason = label.worst[1] if label.worst[0] > 0.005 else ""
@@ -633,8 +608,8 @@ class _Planner:
             used = float(weights @ (energy + back))
             reason = f"battery: {used:.3g} Wh there and back, too little {lost}"
         # Mean over frictions, weighted by how often the robot gets there at each.
-        seconds = weights @ label.costs[0]
-        between = weights @ (label.costs[0] - seconds) ** 2
+        seconds = weights @ label.costs[0, 0]
+        between = weights @ (label.costs[0, 0] - seconds) ** 2
         shared = sum(float(weights @ error) ** 2 for error in label.errors.values())
         return row._replace(
             probability=probability,
@@ -649,11 +624,6 @@ class _Planner:
             launch=launch,
             stopped_by=reason,
         )
-
-
-def _pairs(fitting: Any) -> Iterator[tuple[str, str]]:
-    """Ports by which a fitting is entered and left."""
-    return itertools.permutations(fitting.port_names, 2)
 
 
 def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:

@@ -31,8 +31,6 @@ COLOURS, UNREACHED = "viridis", "#c9cdd2"
 """Colours of probabilities, which any colour vision tells apart, and of what is not reached."""
 MOST_NAMES, MOST_METRES = 6, 5000.0
 """Openings that a picture names, and length in m from which on it counts in kilometres."""
-BEND_STEP = math.radians(10)
-"""Angle between two drawn points of a bend."""
 FILES = (
     *(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json")),
     "reach_parts.parquet",
@@ -97,8 +95,9 @@ def plot_reach(
         for k, place in enumerate(_openings(reach, lines)):
             axes.plot(*place, "v", color=INK, markersize=6)
             if len(reach.openings) <= MOST_NAMES:
-                label = f" {reach.openings[k]}"
-                axes.annotate(label, (place[0], place[1]), color=INK, fontsize=7, va="bottom")
+                beside = {"xytext": (5, 2), "textcoords": "offset points"}
+                x, y = place[:2].tolist()
+                axes.annotate(reach.openings[k], (x, y), color=INK, fontsize=7, **beside)
         axes.set(aspect="equal", xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
         axes.margins(0.03)
         axes.autoscale_view()
@@ -181,14 +180,8 @@ def _cause(reason: str) -> str:
 @lru_cache(1)  # all files of a map are made of them
 def _lines(reach: ReachMap) -> Sequence[tuple[int, Array]]:
     """Polylines (k, 3) m of all axes, with the number of the part."""
-    lines = []
-    for i, part in enumerate(reach.network.pipes.parts):
-        for line, _, _ in part.axes:
-            turn = line.tangents(np.array([0.0, line.length]))
-            angle = math.acos(float(np.clip(turn[0] @ turn[1], -1, 1)))
-            count = 2 if line.is_straight else 2 + math.ceil(angle / BEND_STEP)
-            lines.append((i, line.at(np.linspace(0.0, line.length, count))[0]))
-    return lines
+    parts = enumerate(reach.network.pipes.parts)
+    return [(i, line) for i, part in parts for line in part.polylines()]
 
 
 def _view(reach: ReachMap) -> tuple[list[int], str]:
@@ -217,9 +210,13 @@ def _headline(reach: ReachMap) -> str:
     names = ", ".join(reach.openings)
     if len(reach.openings) > MOST_NAMES:
         names = f"{len(reach.openings)} openings"
-    scale, unit = (1000, "km") if reach.length > MOST_METRES else (1, "m")
-    done, whole = reach.expected_length / scale, reach.length / scale
-    return f"{done:.3g} of {whole:.3g} {unit} expected to be reached from {names}"
+    whole, done = length_text(reach.length), length_text(reach.expected_length)
+    return f"{done} of {whole} expected to be reached from {names}"
+
+
+def length_text(length: float) -> str:
+    """Return a length, m, with its unit, from some kilometres on in kilometres."""
+    return f"{length / 1000:.3g} km" if length > MOST_METRES else f"{length:.3g} m"
 
 
 def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:

@@ -79,17 +79,13 @@ def matches(data: Mapping[str, Any], path: str) -> list[str]:
         longer = []
         for place in places:
             inside = value_at(data, place)
-            items = range(len(inside)) if isinstance(inside, list) else ()
-            keys = map(str, items) if key == "*" and items else [key]
-            longer += [f"{place}.{k}".lstrip(".") for k in keys if _has(inside, k)]
+            is_list = isinstance(inside, list)
+            there = [str(i) for i in range(len(inside))] if is_list else inside
+            keys = there if key == "*" and is_list else [key]
+            known = there if isinstance(there, list | dict) else ()
+            longer += [f"{place}.{k}".lstrip(".") for k in keys if k in known]
         places = longer
     return places
-
-
-def _has(inside: Any, key: str) -> bool:
-    if isinstance(inside, dict):
-        return key in inside
-    return isinstance(inside, list) and key in map(str, range(len(inside)))
 
 
 def value_at(data: Any, path: str) -> Any:

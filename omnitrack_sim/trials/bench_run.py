@@ -117,23 +117,8 @@ def run_bench(
         # killed.
         write_file(folder / BENCH_FILE, (strict_json(_plan(bench)) + "\n").encode())
     sweeps = {key: sweep for key, sweep in planned.items() if isinstance(sweep, Sweep)}
-    jobs = []
-    stores = {}
-    for (course, entry), sweep in sweeps.items():
-        place = None if folder is None else folder / TRIALS / course / entry
-        stores[course, entry] = store = sweep_store(sweep, place)
-        jobs.append([(store, batch) for batch in sweep.batches()])
     with Engine(workers, executor, progress) as engine:
-        engine.begin(sum(sweep.size for sweep in sweeps.values()))
-        # All sweeps as one list, so that workers stay busy from one course to the next.
-        parts = iter(engine.run([job for own in jobs for job in own]))
-    tables: dict[tuple[str, str], pa.Table | str] = {}
-    for (key, sweep), own in zip(sweeps.items(), jobs, strict=True):
-        made = [next(parts) for _ in own]
-        tables[key] = table = stores[key].columns.merged(made)
-        makers = {made_by(part) for part in made}
-        # The benchmark has a figure of its own: one for each of hundreds of sweeps would take long.
-        finish_sweep(sweep, stores[key], table, makers, draws=False)
+        tables = _tables(sweeps, folder, engine)
     # A sweep all of whose trials are invalid is no error here: the table says so.
     rows = rows_of(bench.suite, {key: tables.get(key, misfit) for key, misfit in planned.items()})
     result = BenchResult(
@@ -142,6 +127,30 @@ def run_bench(
     if folder is not None:
         _write(result, folder)
     return result
+
+
+def _tables(
+    sweeps: Mapping[tuple[str, str], Sweep], folder: Path | None, engine: Engine
+) -> dict[tuple[str, str], pa.Table]:
+    """Run what is not done yet of sweeps, and return the table of each."""
+    stores = {
+        key: sweep_store(sweep, None if folder is None else folder.joinpath(TRIALS, *key))
+        for key, sweep in sweeps.items()
+    }
+    jobs = {
+        key: [(stores[key], batch) for batch in sweep.batches()] for key, sweep in sweeps.items()
+    }
+    engine.begin(sum(sweep.size for sweep in sweeps.values()))
+    # All sweeps as one list, so that workers stay busy from one course to the next.
+    parts = iter(engine.run([job for own in jobs.values() for job in own]))
+    tables = {}
+    for key, sweep in sweeps.items():
+        made = [next(parts) for _ in jobs[key]]
+        tables[key] = stores[key].columns.merged(made)
+        makers = {made_by(part) for part in made}
+        # The benchmark has a figure of its own: one for each of hundreds of sweeps would take long.
+        finish_sweep(sweep, stores[key], tables[key], makers, draws=False)
+    return tables
 
 
 def _plan(bench: Bench) -> dict[str, Any]:
@@ -395,13 +404,12 @@ def figures_of(figures: Iterable[BenchMeasure | BenchScore], row: Mapping[str, A
     """Return the trials passed, their rate's interval, and the ``figures`` of a row, as texts."""
     interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f}"
     values = [row.get(one.name) for one in figures]
-    texts = ["-" if value is None else three_digits(value) for value in values]
+    # Three digits, and more only before the point.
+    texts = [
+        "-" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        for value in values
+    ]
     return [rate_of(row), "-" if row["success"] is None else interval, *texts]
-
-
-def three_digits(value: float) -> str:
-    """Return a number with three digits, and more only before the point."""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _more(row: Mapping[str, Any], name: str, factor: float) -> str:

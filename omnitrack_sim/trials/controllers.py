@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import shipped_policies
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.omnitrack import GRAVITY, MODULES
@@ -31,6 +31,9 @@ _BEFORE = {
     "robot.motor.speed_bandwidth": 50.0,
     "robot.motor.speed_droop": 0.0,
     "control.parameters.tracking.turn_speed": 1.0,
+    "control.parameters.tracking.upward_lead": 0.0,
+    "control.parameters.tracking.upward_gain": 40.0,
+    "control.parameters.tracking.upward_rotation_limit": 15.0,
     "control.parameters.damping.tee_turn": 5.0,
     "control.parameters.damping.tee_straight": 2.5,
     "control.parameters.sway.lean_deg": 0.0,
@@ -57,7 +60,7 @@ _SHIPPED = (
 def shipped_entries() -> dict[str, Entry]:
     """Return the shipped entries and policies by name, the default one first."""
     entries = {entry.name: entry for entry in _SHIPPED}
-    return entries | {name: _of_policy(name, name) for name in shipped_policies()}
+    return entries | {name: _of_policy(name, name) for name in shipped_files("policies")}
 
 
 def entry_of(robot: str, source: str) -> Entry:

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
-from omnitrack_sim.base.naming import shipped_courses
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
 from omnitrack_sim.base.table import Angle, NotNegative, Table, symbol_of
 from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
@@ -397,7 +397,7 @@ def least_friction(table: Any) -> float:
 def _courses() -> dict[str, Course]:
     courses = {}
     for i, name in enumerate(ORDER):
-        file = load_course(shipped_courses()[name])
+        file = load_course(shipped_files("courses")[name])
         counts = (NETWORKS, QUICK_NETWORKS) if file.network is not None else (TRIALS, QUICK)
         sweep, is_passed = partial(file.sweep, SEED + i), not file.pull_rate
         courses[name] = Course(name, file.words, *counts, sweep, is_passed)

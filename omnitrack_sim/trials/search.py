@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.trials.study_tables import SearchPlan
+from omnitrack_sim.trials.study import SearchPlan
 
 if TYPE_CHECKING:
     from cmaes import CMA

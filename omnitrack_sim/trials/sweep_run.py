@@ -290,7 +290,9 @@ def plot_sweep(
 
 
 def _figure(sweep: Sweep, passed: Array) -> Figure:
-    return sweep_figure(spreads(sweep), passed, singular_range(turn_case(sweep)), sweep.name)
+    case = turn_case(sweep)
+    singular = None if case is None else singular_range(case)
+    return sweep_figure(spreads(sweep), passed, singular, sweep.name)
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
@@ -337,10 +339,8 @@ def spreads(sweep: Sweep) -> list[Spread]:
     return axes
 
 
-def singular_range(case: TurnCase | None) -> SingularRange | None:
+def singular_range(case: TurnCase) -> SingularRange:
     """Return the range of orientations in which the robot of a case cannot turn."""
-    if case is None:
-        return None
     real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
     return SingularRange(float(np.degrees(case.sector)), real if real > 0 else None)
 

@@ -1,9 +1,11 @@
-"""Exact pipes around any robot: ``add_pipes`` and the handle that it returns."""
+"""Exact pipes around any robot: ``add_pipes`` and the handle that it returns, which knows
+where points lie along the pipes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from ctypes import CFUNCTYPE
 from typing import Any, NamedTuple
 
 import mujoco
@@ -15,8 +17,10 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.assembly import Stretch, touching
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import INTEGER, NUMBERS, WORD, c_function, pointers
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.walls.arc_lengths import Axes
+from omnitrack_sim.walls.collider import FIRM_TIME
 from omnitrack_sim.walls.geoms import (
     LEAST_ROOM,
     WALL_COLOUR,
@@ -27,7 +31,95 @@ from omnitrack_sim.walls.geoms import (
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.pipe_looks import PIPE_GROUP, add_pipe_insides
 from omnitrack_sim.walls.rays import RayWalls
-from omnitrack_sim.walls.record import kinds
+from omnitrack_sim.walls.record import DEPTH_IN_BORE, kinds
+
+LINE, BEGIN, LENGTH, CURVATURE, POINT, TANGENT, NORMAL, ROW = 0, 1, 2, 3, 4, 7, 10, 13
+"""Indices in the row of a segment, and its size: number of the line among those of its part, arc
+length at which it begins, m, length, m, curvature, 1/m, and first point (3), tangent (3) and normal
+(3), world frame."""
+ANSWER = 5
+"""Numbers of an answer: arc length, m, tangent (3), number of the line."""
+_ALONG = CFUNCTYPE(INTEGER, NUMBERS, NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS)
+
+
+class Axes:
+    """Axes of placed parts, to look points up on.
+
+    Args:
+        parts: of an assembly.
+    """
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        rows, ends = [], [0]
+        for part in parts:
+            for number, axis in enumerate(part.fitting.axes):
+                begin = 0.0
+                for segment in part.segments(axis.curve):
+                    along = [number, begin, segment.length, segment.curvature]
+                    rows.append([*along, *segment.point, *segment.tangent, *segment.normal])
+                    begin += segment.length
+            ends.append(len(rows))
+        self._rows, self._ends = np.array(rows), np.array(ends, float)
+
+    def along(self, points: Array, parts: Array) -> tuple[Array, Array, Array]:
+        """Look up the nearest place on the axes of the part that each point lies in.
+
+        Args:
+            points: (n, 3) m, world frame.
+            parts: (n,) number of the part, negative for none.
+
+        Returns:
+            Arc lengths (n,) m and unit tangents (n, 3), NaN for points in no part; and which of the
+            part's lines it is (n,), -1 for none.
+        """
+        answers = np.empty((len(points), ANSWER))
+        arrays = self._rows, self._ends, np.ascontiguousarray(points), np.ascontiguousarray(parts)
+        along = c_function(_along, _ALONG).ctypes
+        along(*pointers(*arrays), len(points), *pointers(answers))
+        return answers[:, 0], answers[:, 1:4], answers[:, 4]
+
+
+@compiled
+def _on_segment(rows, r, x, y, z):
+    """Arc length from the beginning of a segment to the place on it nearest to a point, and the
+    squared distance."""
+    dx, dy, dz = x - rows[r + POINT], y - rows[r + POINT + 1], z - rows[r + POINT + 2]
+    t, n = r + TANGENT, r + NORMAL
+    ahead = dx * rows[t] + dy * rows[t + 1] + dz * rows[t + 2]
+    aside = dx * rows[n] + dy * rows[n + 1] + dz * rows[n + 2]
+    square, k, length = dx * dx + dy * dy + dz * dz, rows[r + CURVATURE], rows[r + LENGTH]
+    if k == 0.0:
+        s = min(max(ahead, 0.0), length)
+        return s, square - ahead * ahead + (ahead - s) * (ahead - s)
+    # Behind the start by less than half of what the arc leaves of the circle counts as the start.
+    angle = math.atan2(ahead * k, 1.0 - aside * k)
+    if angle < 0.5 * length * k - math.pi:
+        angle += 2.0 * math.pi
+    s = min(max(angle / k, 0.0), length)
+    a, b = ahead - math.sin(s * k) / k, aside - (1.0 - math.cos(s * k)) / k
+    return s, square - ahead * ahead - aside * aside + a * a + b * b
+
+
+def _along(rows, ends, points, parts, count, answers):
+    """Write the answers (count, ANSWER) of points (count, 3) in parts (count,), see ``Axes``."""
+    for i in range(count):
+        a, best = ANSWER * i, math.inf
+        for j in range(4):
+            answers[a + j] = math.nan
+        answers[a + 4] = -1.0
+        if parts[i] < 0.0:
+            continue
+        for row in range(int(ends[int(parts[i])]), int(ends[int(parts[i]) + 1])):
+            r = ROW * row
+            s, square = _on_segment(rows, r, points[3 * i], points[3 * i + 1], points[3 * i + 2])
+            if square < best:
+                best, k = square, rows[r + CURVATURE]
+                answers[a], answers[a + 4] = rows[r + BEGIN] + s, rows[r + LINE]
+                for j in range(3):
+                    tangent, normal = rows[r + TANGENT + j], rows[r + NORMAL + j]
+                    answers[a + 1 + j] = math.cos(s * k) * tangent + math.sin(s * k) * normal
+    return 0
+
 
 YIELDING = {
     "contype": 1,
@@ -42,12 +134,12 @@ YIELDING = {
 friction and dimension, and mixes the rest by ``solmix``. Without opacity a wall's box is neither
 drawn nor met by MuJoCo's own rays."""
 
-DEPTH_IN_BORE = 2.0
-"""Largest depth to which a wall is solid, in radii of its bore: 160 mm at 80 mm. With MuJoCo's own
-contact time constant, 20 ms, a body at 12 m/s comes to rest 84 mm deep."""
-DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0, "solref": [0.005, 1.0]}
+FIRM = {"solmix": 1e9, "solref": [FIRM_TIME, 1.0]}
+"""Attributes of plates that close an end. They are boxes of MuJoCo's, which do not get stiffer with
+depth as exact walls do, so their contact time outweighs that of the robot's geom."""
+DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0, "solref": [FIRM_TIME, 1.0]}
 """Attributes of walls that state a friction: these outrank those of the robot's geoms. With
-MuJoCo's own contact time, 20 ms, wheels sink in and run 2 % slower, and fast bodies get through."""
+MuJoCo's own contact time, 20 ms, wheels sink in and run 2 % slower."""
 ATTRIBUTES = (
     "conaffinity",
     "condim",
@@ -115,18 +207,23 @@ def add_pipes(
     pipes = Pipes(network)
     _check_arguments(spec, pipes.assembly, friction, body, attributes)
     # A wall with a friction of its own has to outrank the robot's: MuJoCo's default is 1.
-    deciding = {} if friction is None else DECIDING | {"friction": [friction, 0.005, 0.0001]}
-    walls: dict[str, Any] = YIELDING | deciding | attributes
+    deciding: dict[str, Any] = {}
+    if friction is not None:
+        deciding = DECIDING | {"friction": [friction, 0.005, 0.0001]}
+    # MuJoCo divides by the friction of a contact that has one.
+    deciding |= {"condim": 1} if friction == 0 else {}
+    walls = YIELDING | deciding | attributes
+    plates = YIELDING | FIRM | deciding | attributes
     depths = solid_depths(pipes.assembly)
     add_exact_walls(spec, pipes.assembly, depths, body, **walls)
     add_rims(spec, pipes.assembly, depths, body, **walls)
     for end in pipes.assembly.closed_ends:
         # What has sunk into the wall beside a plate must not slip past it.
         depth = depths[end[0]]
-        add_plates(spec, pipes.assembly, [end], thickness=depth, overlap=depth, body=body, **walls)
+        add_plates(spec, pipes.assembly, [end], thickness=depth, overlap=depth, body=body, **plates)
     if visible:
         add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
-    add_guard(spec)
+    add_guard(spec, body)
     return pipes
 
 

@@ -23,7 +23,7 @@ from omnitrack_sim.walls.curves import (
     minimum,
     slope_at,
 )
-from omnitrack_sim.walls.record import BOX, DEPTH, ENDS, SIZE, SIZES
+from omnitrack_sim.walls.record import BOX, ENDS, SIZE, SIZES
 
 SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
 """Contacts nearer to each other than this part of the bore's radius (3 mm at 80 mm), and of that of
@@ -45,13 +45,14 @@ square: 1e-9 m."""
 
 
 @compiled
-def wall_of(surface, span, records, w, margin, reach):
+def wall_of(surface, span, records, w, depth, margin, reach):
     """Return what all contacts of a pair need: addresses of ``surface`` and ``span``, sizes, ends,
     depth of the wall, margin, distance up to which two contacts are one, and spacing of samples, m.
 
     Args:
         surface, span: addresses.
         records: user data of all geoms; that of the wall begins at ``w``.
+        depth: m, to which the wall is solid.
         margin: m, up to which contacts count.
         reach: m, radius of a ball around the geom.
     """
@@ -62,7 +63,7 @@ def wall_of(surface, span, records, w, margin, reach):
         span,
         at(records, w + SIZES),
         at(records, w + ENDS),
-        records[w + DEPTH],
+        depth,
         margin,
         same,
         SPACING_IN_BORE * size,

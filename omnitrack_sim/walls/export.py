@@ -17,8 +17,6 @@ from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.walls.geoms import add_plates, add_walls, new_spec
 from omnitrack_sim.walls.meshes import network_mesh, stl_bytes
 
-ARC = math.radians(5)
-"""Between points of an arc in GeoJSON, rad."""
 SPACING = 0.01
 """Greatest distance of neighbouring points of the centreline table, m."""
 COLUMNS = (
@@ -80,17 +78,13 @@ def network_geojson(pipes: Assembly) -> str:
     points at most 5 degrees apart; with name, kind and bore, m."""
     features = []
     for part in pipes.parts:
-        axes = zip(part.axes, part.fitting.axes, strict=True)
-        for (line, start_radius, end_radius), axis in axes:
-            turn = sum(s * k for s, k in axis.curve.segments)
-            s = np.linspace(0, line.length, 2 + math.floor(turn / ARC))
-            points = (line.at(s)[0].round(6) + 0.0).tolist()
+        for points, axis in zip(part.polylines(), part.fitting.axes, strict=True):
             properties = {
                 "name": part.name,
                 "kind": part.fitting.kind,
-                "bore_m": [round(2 * radius, 9) for radius in (start_radius, end_radius)],
+                "bore_m": [round(2 * radius, 9) for radius in axis[1:]],
             }
-            geometry = {"type": "LineString", "coordinates": points}
+            geometry = {"type": "LineString", "coordinates": (points.round(6) + 0.0).tolist()}
             features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
 

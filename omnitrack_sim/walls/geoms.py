@@ -146,9 +146,11 @@ def add_exact_walls(
             for port in part.fitting.ports
         ]
         depth = LEAST_ROOM if depths is None else depths[index]
-        centre, half = bounding_box(part.fitting, depth)
+        # A body that sinks into a plate must not leave the wall beside it.
+        fitting = part.fitting if depths is None else part.fitting.extended(depth)
+        centre, half = bounding_box(fitting, depth)
         pose = part.pose @ Pose(np.eye(3), centre)
-        record = np.append(before, wall_record(part.fitting, tuple(ends), depth))
+        record = np.append(before, wall_record(fitting, tuple(ends), depth))
         _add_field(spec, body, f"wall_{part.name}", half, pose, record, attributes)
     return len(network.parts)
 

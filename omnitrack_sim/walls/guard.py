@@ -121,15 +121,21 @@ def register() -> None:
     block[MESSAGES : MESSAGES + len(_TEXTS)] = [ctypes.addressof(text) for text in _TEXTS]
     mujoco_.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()
+    # The kind of plugin that a body may have.
+    plugin.capabilityflags = int(mujoco.mjtPluginCapabilityBit.mjPLUGIN_PASSIVE)
     plugin.nstate = c_function(nothing, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
     plugin.reset = plugin.compute = plugin.nstate
     plugin.init = c_function(check_walls, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
     mujoco_.mjp_registerPlugin(ctypes.byref(plugin))
 
 
-def add_guard(spec: mujoco.MjSpec) -> None:
-    """Have a model ask for the plugin."""
+def add_guard(spec: mujoco.MjSpec, body: mujoco.MjsBody | None = None) -> None:
+    """Have a model ask for the plugin, and a body that carries the walls, with which it goes where
+    they go: ``MjSpec.attach`` takes along what a body refers to."""
     register()
     if not any(plugin.plugin_name == PLUGIN for plugin in spec.plugins):
         spec.activate_plugin(PLUGIN)
         spec.add_plugin(name=PLUGIN, plugin_name=PLUGIN, active=True)
+    if body is not None and not body.plugin.active:
+        body.plugin.name = body.plugin.plugin_name = PLUGIN
+        body.plugin.active = True

@@ -183,7 +183,7 @@ class ManifoldKit:
     def loft(self, rings: Array, hub: int | None) -> Manifold:
         """See ``Kit``."""
         # The order of the rings decides which way the faces look; the kernel needs them outward.
-        vertices, faces = TriangleMesh(*_loft(rings, hub)).outward()
+        vertices, faces = TriangleMesh(*loft(rings, hub)).outward()
         return Manifold(Mesh(vertices.astype(np.float32), faces.astype(np.uint32)))
 
     def moved(self, solid: Manifold, pose: Pose) -> Manifold:
@@ -223,7 +223,7 @@ def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections:
     )
 
 
-def _loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
+def loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
     """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends
     about their corner ``hub``; without a hub the last ring is joined to the first."""
     count, corners, _ = rings.shape

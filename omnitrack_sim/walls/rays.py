@@ -1,7 +1,15 @@
-"""Ray casting on exact walls: parts of networks as records for the compiled functions."""
+"""Rays against the exact walls, and distances of points from them, compiled.
+
+A ray is followed as far as a fitting knows that the bore is clear along it (``Wall.clear``), from
+there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
+of a network counts between its port planes. A ray that leaves through an open end meets nothing;
+one that leaves through a plate meets that; of one that leaves through a port beyond which nothing
+is known, nothing is returned.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from ctypes import CFUNCTYPE
 
@@ -10,9 +18,472 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.pipes.native import INTEGER, NUMBER, NUMBERS, WORD, c_function, pointers
-from omnitrack_sim.walls import tracing
-from omnitrack_sim.walls.tracing import nearest, trace
+from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBER,
+    NUMBERS,
+    WORD,
+    at,
+    c_function,
+    call_clear,
+    call_span,
+    call_surface,
+    pointers,
+    scratch,
+)
+
+SURFACE, SPAN, CLEAR, CENTRE, REACH, POSITION, ROTATION = 0, 1, 2, 3, 6, 7, 10
+PORTS, PLANES, SIZES = 19, 20, 48
+"""Indices in the record of a part: addresses of its compiled functions; a ball around it (3 and its
+radius, m); its pose (3 m, and 9 row by row); the number of its ports, and for each port its place
+(3 m), its direction outward (3), world frame, and what is there; sizes."""
+OPEN, PLATE, UNKNOWN, UNSEEN = 0.0, 1.0, 2.0, 3.0
+"""Nothing, a plate; what nothing is known of, behind a fitting's port, at which there is a joint,
+and at the end of so much of a straight as has been seen, where there may be none."""
+PORT_SIZE, PART_SIZE = 7, 58
+RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
+"""Indices in what a ray has met: distance, m, infinite for nothing, NaN where it leaves through a
+port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
+number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
+cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
+of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
+lamp."""
+SHORT = 1e-7
+"""A step at least, m, which crosses port planes in spite of rounding."""
+TOLERANCE = 1e-6
+"""Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
+MOST_NEAR, NEAR, PORTS_ROOM = 32, 9, 8
+"""Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame; and
+room for one number a port."""
+
+
+@compiled
+def in_part(parts, p, x, y, z, row):
+    """A coordinate of the world vector (x, y, z) in the frame of the part at ``p``: rotation
+    transposed."""
+    r = p + ROTATION
+    return parts[r + row] * x + parts[r + 3 + row] * y + parts[r + 6 + row] * z
+
+
+@compiled
+def enter(parts, p, x, y, z, ux, uy, uz, line):
+    """Write the ray x + s u, world frame, to ``line`` in the frame of the part at ``p``: 6
+    numbers."""
+    dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
+    for row in range(3):
+        line[row] = in_part(parts, p, dx, dy, dz, row)
+        line[3 + row] = in_part(parts, p, ux, uy, uz, row)
+
+
+@compiled
+def surface_at(parts, p, line, s, out):
+    """Distance from the wall of the part at ``p`` at s on a line in its frame; gradient in
+    ``out``."""
+    return call_surface(
+        int(parts[p + SURFACE]),
+        at(parts, p + SIZES),
+        line[0] + s * line[3],
+        line[1] + s * line[4],
+        line[2] + s * line[5],
+        out,
+    )
+
+
+@compiled
+def clear_from(parts, near, k, s):
+    """Return the length, m, by which the ray leads through the bore of the k-th part in ``near``
+    for certain, from s on."""
+    p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
+    return call_clear(
+        int(parts[p + CLEAR]),
+        at(parts, p + SIZES),
+        line[0] + s * line[3],
+        line[1] + s * line[4],
+        line[2] + s * line[5],
+        line[3],
+        line[4],
+        line[5],
+    )
+
+
+@compiled
+def span_in(parts, p, line, ends, out):
+    """Have ``out`` hold the part of a line, from LOW to HIGH in it, that lies between the port
+    planes of the part at ``p``."""
+    call_span(
+        int(parts[p + SPAN]),
+        at(parts, p + SIZES),
+        ends,
+        line[0],
+        line[1],
+        line[2],
+        line[3],
+        line[4],
+        line[5],
+        out,
+    )
+
+
+@compiled
+def parts_around(parts, first, last, x, y, z, far, around):
+    """Write the parts that are nearer to a place than ``far`` to ``around``; returns their
+    number."""
+    count = 0
+    for part in range(first, last):
+        p = part * PART_SIZE
+        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
+        within = far + parts[p + REACH]
+        if cx * cx + cy * cy + cz * cz <= within * within:
+            around[count] = part
+            count += 1
+    return count
+
+
+@compiled
+def parts_along(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out):
+    """Write those of the parts in ``around`` that the ray may meet to ``near``, each with its span
+    and the ray in its frame, NEAR numbers each; returns their number."""
+    count = 0
+    for i in range(number):
+        p = int(around[i]) * PART_SIZE
+        cx, cy, cz = parts[p + CENTRE] - x, parts[p + CENTRE + 1] - y, parts[p + CENTRE + 2] - z
+        along = cx * ux + cy * uy + cz * uz
+        reach = parts[p + REACH]
+        # Pythagoras gives the squared distance of the ball's centre from the ray without a root.
+        beside = cx * cx + cy * cy + cz * cz - along * along
+        if beside > reach * reach or along < -reach or along > far + reach or count >= MOST_NEAR:
+            continue
+        k = NEAR * count
+        line = at(near, k + 3)
+        enter(parts, p, x, y, z, ux, uy, uz, line)
+        # A little behind the start, since a camera may stand in a port plane.
+        out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -TOLERANCE, far, 0.0, 0.0
+        span_in(parts, p, line, ends, out)
+        if out[HIGH] >= out[LOW]:
+            near[k] = around[i]
+            near[k + 1], near[k + 2] = out[LOW] - TOLERANCE, out[HIGH] + TOLERANCE
+            count += 1
+    return count
+
+
+@compiled
+def nearest_port(parts, p, x, y, z):
+    """Place of the port of the part at ``p`` whose plane a world point is nearest to, and the
+    distance from it, m."""
+    best, where = 1e30, p + PLANES
+    for port in range(int(parts[p + PORTS])):
+        q = p + PLANES + port * PORT_SIZE
+        beyond = abs(
+            (x - parts[q]) * parts[q + 3]
+            + (y - parts[q + 1]) * parts[q + 4]
+            + (z - parts[q + 2]) * parts[q + 5]
+        )
+        if beyond < best:
+            best, where = beyond, q
+    return where, best
+
+
+HIT, CLOSE = 5e-4, 0.01
+"""Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
+them may be, m."""
+EXACT = 1e-10
+"""Distance from the wall, m, at which a ray is on it."""
+APART = 3e-3
+"""Beyond the wall of a part that a ray has not been in, m, it is outside: it has left through an
+open end before which another pipe passes. Walls are thicker than that, and joints of maps fit
+better."""
+LONGER = 1.6
+"""A step over the distance from the wall; see ``_follow``."""
+MOST_STEPS = 300
+DIM = 0.03
+"""Before the end of what has been seen of a straight, m, a ray returns nothing: the end may be
+there, and a ring, or a little before."""
+GRAIN_SIZE = 0.012
+"""Of the patches of the surface's grain, m."""
+
+
+@compiled
+def _only(near, count, s):
+    """Index in ``near`` of the one part that the ray is in at s; -1 for none or several."""
+    which = -1
+    for k in range(count):
+        if near[NEAR * k + 1] <= s <= near[NEAR * k + 2]:
+            # Where parts overlap at a joint, either's clear length may end in the other's bore.
+            if which >= 0:
+                return -1
+            which = k
+    return which
+
+
+@compiled
+def _widest(parts, near, count, s, out):
+    """Index in ``near`` of the part that the ray is in at s, and the distance from its wall.
+
+    Of several parts it is the widest one; -1 outside all. The gradient goes to ``out``.
+    """
+    best, which, latest = -1e30, -1, -1
+    for k in range(count):
+        n = NEAR * k
+        if near[n + 1] <= s <= near[n + 2]:
+            d, latest = surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out), k
+            if d > best:
+                best, which = d, k
+    # `out` holds the gradient of the part that was evaluated last, which need not be the widest.
+    if which != latest:
+        n = NEAR * which
+        surface_at(parts, int(near[n]) * PART_SIZE, at(near, n + 3), s, out)
+    return which, best
+
+
+@compiled
+def _follow(parts, near, count, far, out):
+    """Follow a ray to the wall; the gradient there goes to ``out``.
+
+    Returns the distance along the ray, m; the index in ``near`` of the part that it ends in; and 1
+    on a wall, 0 where the ray leaves through a port, -1 where it gets as far as ``far``.
+
+    It goes on as far as the bore is clear for certain, else by a step that is longer than the
+    distance from the wall, which halves the number of steps along a pipe. Where the ball at the
+    next place does not reach the one at the last, there may be a wall between: then the step is
+    taken back.
+    """
+    s, last, stretch = 0.0, -1, LONGER
+    from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
+    for _ in range(MOST_STEPS):
+        k = -1 if stretched or at_end else _only(near, count, s)
+        d, clear = 0.0, clear_from(parts, near, k, s) if k >= 0 else 0.0
+        if clear <= 0.0:
+            was_alone = k >= 0
+            k, d = _widest(parts, near, count, s, out)
+            # The two balls do not touch: go back and take the step that is safe.
+            if stretched and (k < 0 or from_d + d < s - from_s):
+                s, stretch, stretched = from_s + from_d, 1.0, False
+                continue
+            if k < 0 or (0 <= last != k and d < -APART):
+                return s, last, 0
+            if d < HIT:
+                return _onto_wall(parts, near, k, s, d, out), k, 1
+            clear = 0.0 if was_alone else clear_from(parts, near, k, s)
+        last, stretched, at_end = k, False, False
+        left = max(min(near[NEAR * k + 2], far) - s, 0.0)
+        if clear > d:
+            at_end = clear < left
+            # Where it is clear up to the port, step across its plane into the next part.
+            s += clear if at_end else left + SHORT
+        else:
+            from_s, from_d = s, d
+            # Across a port plane the next part's wall may be narrower: no longer step there.
+            stretched = stretch > 1.0 and stretch * d < left
+            s += stretch * d if stretched else max(min(d, left), SHORT)
+        if s >= far:
+            return far, k, -1
+    _widest(parts, near, count, s, out)
+    return s, last, 1
+
+
+@compiled
+def _onto_wall(parts, near, k, s, d, out):
+    """From a place close to the wall, onto it by its slope; its gradient in ``out``."""
+    n = NEAR * k
+    p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
+    for _ in range(3):
+        # Newton's method for the distance along the ray; at grazing incidence it would run away.
+        slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
+        if abs(d) < EXACT or slope > -1e-2:
+            break
+        there = s + max(-CLOSE, min(d / -slope, CLOSE))
+        beyond = surface_at(parts, p, line, there, out)
+        # A step that does not help is dropped, and the gradient is that of the place kept.
+        if abs(beyond) >= abs(d) or there > near[n + 2]:
+            surface_at(parts, p, line, s, out)
+            break
+        s, d = there, beyond
+    return s
+
+
+@compiled
+def _grain(x, y, z):
+    """A smooth pattern of the place (fitting frame, m), -1 to 1: dirt and the like."""
+    # Sines of sines do not repeat along a pipe, so that pictures of two places differ.
+    a, b, c = x / GRAIN_SIZE, y / GRAIN_SIZE, z / GRAIN_SIZE
+    first = math.sin(a + 1.7 * math.sin(0.83 * b + 0.4)) * math.sin(b + 1.3 * math.sin(0.71 * c))
+    second = math.sin(2.3 * c + 1.1 * math.sin(1.9 * a)) * math.sin(1.7 * a + 2.9 * b)
+    return 0.6 * first + 0.4 * second
+
+
+@compiled
+def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out):
+    """Write a ray's hit to ``hits`` from ``h`` on; return whether it met a wall or plate.
+
+    ``out`` holds the gradient of the wall's distance there.
+    """
+    hits[h + RANGE], hits[h + PART], hits[h + LIT] = math.inf, -1.0, 0.0
+    hits[h + NORMAL] = hits[h + NORMAL + 1] = hits[h + NORMAL + 2] = 0.0
+    hits[h + JOINT], hits[h + GRAIN] = math.inf, 0.0
+    if met < 0 or k < 0:
+        return False
+    p = int(near[NEAR * k]) * PART_SIZE
+    wx, wy, wz = x + s * ux, y + s * uy, z + s * uz
+    q, beyond = p, math.inf
+    if met == 0 or lamp[3] > 0.0:
+        q, beyond = nearest_port(parts, p, wx, wy, wz)
+    if met == 0:
+        if parts[q + 6] != PLATE:
+            if parts[q + 6] >= UNKNOWN:
+                hits[h + RANGE] = math.nan
+            return False
+        hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
+        hits[h + NORMAL + 2] = -parts[q + 5]
+    else:
+        if q != p and parts[q + 6] == UNSEEN:
+            if beyond < DIM:
+                hits[h + RANGE] = math.nan
+                return False
+            beyond = math.inf
+        r = p + ROTATION
+        for row in range(3):
+            hits[h + NORMAL + row] = (
+                parts[r + 3 * row] * out[0]
+                + parts[r + 3 * row + 1] * out[1]
+                + parts[r + 3 * row + 2] * out[2]
+            )
+    hits[h + RANGE], hits[h + PART], hits[h + JOINT] = s, near[NEAR * k] - first, beyond
+    if lamp[3] > 0.0 and lamp[4] > 0.0:
+        line = at(near, NEAR * k + 3)
+        hits[h + GRAIN] = _grain(
+            line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5]
+        )
+    return True
+
+
+@compiled
+def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
+    """Cosine of the angle at which the lamp at l shines on the wall at a point with normal n; 0
+    where something stands between them. The way to the lamp begins a little off the wall."""
+    lift = 5.0 * HIT
+    # Without the lift the wall itself would shade the point by its rounding errors.
+    x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
+    dx, dy, dz = lx - x, ly - y, lz - z
+    far = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if far < 1e-9:
+        return 1.0
+    ux, uy, uz = dx / far, dy / far, dz / far
+    facing = ux * nx + uy * ny + uz * nz
+    if facing <= 0.0:
+        return 0.0
+    count = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+    _, _, met = _follow(parts, work, count, far, out)
+    return facing if met < 0 else 0.0
+
+
+def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
+    """Trace the rays of cameras to the walls.
+
+    Args:
+        parts: records of PART_SIZE numbers.
+        maps: (cameras, 2) first and last + 1 of the parts that are a camera's world.
+        poses: (cameras, 12) m place, and rotation row by row, of each camera in the world.
+        cameras: their number.
+        rays: (count, 3) unit vectors, camera frame.
+        count: of rays a camera.
+        lamp: (3,) m, camera frame, then 1 where there is one, then 1 where walls have a grain.
+        far: m, beyond which nothing is seen.
+        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, PORTS_ROOM zeros
+            for ports, and a number for each part of a map.
+        hits: (cameras, count, HIT_SIZE), written to.
+    """
+    out = scratch()
+    to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
+    around = at(work, 2 * NEAR * MOST_NEAR + PORTS_ROOM)
+    # The way to the lamp may leave the camera's ball by the lamp's offset.
+    aside = math.sqrt(lamp[0] * lamp[0] + lamp[1] * lamp[1] + lamp[2] * lamp[2])
+    for camera in range(cameras):
+        first, last, c = int(maps[2 * camera]), int(maps[2 * camera + 1]), 12 * camera
+        x, y, z = poses[c], poses[c + 1], poses[c + 2]
+        lx = x + poses[c + 3] * lamp[0] + poses[c + 4] * lamp[1] + poses[c + 5] * lamp[2]
+        ly = y + poses[c + 6] * lamp[0] + poses[c + 7] * lamp[1] + poses[c + 8] * lamp[2]
+        lz = z + poses[c + 9] * lamp[0] + poses[c + 10] * lamp[1] + poses[c + 11] * lamp[2]
+        number = parts_around(parts, first, last, x, y, z, far + aside, around)
+        for ray in range(count):
+            rx, ry, rz = rays[3 * ray], rays[3 * ray + 1], rays[3 * ray + 2]
+            ux = poses[c + 3] * rx + poses[c + 4] * ry + poses[c + 5] * rz
+            uy = poses[c + 6] * rx + poses[c + 7] * ry + poses[c + 8] * rz
+            uz = poses[c + 9] * rx + poses[c + 10] * ry + poses[c + 11] * rz
+            near = parts_along(parts, around, number, x, y, z, ux, uy, uz, far, work, ends, out)
+            s, k, met = _follow(parts, work, near, far, out)
+            h = (camera * count + ray) * HIT_SIZE
+            met_wall = _write(
+                parts, first, work, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, out
+            )
+            if met_wall and lamp[3] > 0.0:
+                hits[h + LIT] = _lit(
+                    parts,
+                    around,
+                    number,
+                    x + s * ux,
+                    y + s * uy,
+                    z + s * uz,
+                    hits[h + NORMAL],
+                    hits[h + NORMAL + 1],
+                    hits[h + NORMAL + 2],
+                    lx,
+                    ly,
+                    lz,
+                    to_lamp,
+                    ends,
+                    out,
+                )
+    return 0
+
+
+def nearest(parts, maps, points, robots, count, work, rows):
+    """Distances of points from the walls, positive in the bore, with gradients.
+
+    Args:
+        parts, maps: as of ``trace``, a map for each robot.
+        points: (robots, count, 3) m, world frame.
+        work: room for 6 numbers, and zeros for ports.
+        rows: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
+            of the part, from the first of the map, -1 where the point lies between the port planes
+            of none, and then the distance counts for nothing.
+    """
+    out = scratch()
+    for robot in range(robots):
+        first, last = int(maps[2 * robot]), int(maps[2 * robot + 1])
+        for point in range(count):
+            i = robot * count + point
+            x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
+            best = -1e30
+            rows[5 * i], rows[5 * i + 4] = 0.0, -1.0
+            rows[5 * i + 1] = rows[5 * i + 2] = rows[5 * i + 3] = 0.0
+            for part in range(first, last):
+                p = part * PART_SIZE
+                cx, cy, cz = (
+                    x - parts[p + CENTRE],
+                    y - parts[p + CENTRE + 1],
+                    z - parts[p + CENTRE + 2],
+                )
+                if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
+                    continue
+                out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
+                # A line through the point in an oblique direction (1, 1, 1)/sqrt(3), which is
+                # hardly ever parallel to a port plane.
+                enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
+                span_in(parts, p, work, at(work, 6), out)
+                if out[HIGH] < out[LOW]:
+                    continue
+                d = surface_at(parts, p, work, 0.0, out)
+                if d > best:
+                    best = d
+                    rows[5 * i], rows[5 * i + 4] = d, float(part - first)
+                    for row in range(3):
+                        r = p + ROTATION + 3 * row
+                        rows[5 * i + 1 + row] = (
+                            parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
+                        )
+    return 0
+
 
 Port = tuple[int, str]
 """A part's index in its map, and the name of a port of it."""
@@ -21,7 +492,7 @@ _TRACE = CFUNCTYPE(
 )
 _NEAREST = CFUNCTYPE(INTEGER, NUMBERS, NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS)
 """C types of the compiled functions, in the order of their arguments."""
-_WORK = 2 * tracing.NEAR * tracing.MOST_NEAR + tracing.PORTS_ROOM
+_WORK = 2 * NEAR * MOST_NEAR + PORTS_ROOM
 
 
 class RayWalls:
@@ -100,7 +571,7 @@ class RayWalls:
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
         light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
-        hits = np.empty((n, k, tracing.HIT_SIZE))
+        hits = np.empty((n, k, HIT_SIZE))
         c_function(trace, _TRACE).ctypes(
             *pointers(self._parts, self._spans[which], poses),
             n,
@@ -141,7 +612,7 @@ def _records(parts: Sequence[Part], closed: Collection[Port], unknown: Collectio
         part_record(part, *([port for i, port in ends if i == index] for ends in (closed, unknown)))
         for index, part in enumerate(parts)
     ]
-    return np.array(records).reshape(-1, tracing.PART_SIZE)
+    return np.array(records).reshape(-1, PART_SIZE)
 
 
 def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[str] = ()) -> Array:
@@ -153,24 +624,22 @@ def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[st
         unknown: its ports behind which the map ends.
     """
     fitting, pose = part.fitting, part.pose
-    record = np.zeros(tracing.PART_SIZE)
+    record = np.zeros(PART_SIZE)
     low, high = fitting.bounds
-    record[tracing.SURFACE] = fitting.wall_address("surface")
-    record[tracing.SPAN] = fitting.wall_address("span")
-    record[tracing.CLEAR] = fitting.wall_address("clear")
-    record[tracing.CENTRE : tracing.CENTRE + 3] = pose.apply((low + high) / 2)
+    record[SURFACE] = fitting.wall_address("surface")
+    record[SPAN] = fitting.wall_address("span")
+    record[CLEAR] = fitting.wall_address("clear")
+    record[CENTRE : CENTRE + 3] = pose.apply((low + high) / 2)
     # Points that are measured a little outside the wall still belong to it.
-    record[tracing.REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
-    record[tracing.POSITION : tracing.POSITION + 3] = pose.position
-    record[tracing.ROTATION : tracing.ROTATION + 9] = pose.rotation.ravel()
-    record[tracing.PORTS] = len(fitting.port_names)
+    record[REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[POSITION : POSITION + 3] = pose.position
+    record[ROTATION : ROTATION + 9] = pose.rotation.ravel()
+    record[PORTS] = len(fitting.port_names)
     for i, name in enumerate(fitting.ports):
-        port, place = part.port(name), tracing.PLANES + tracing.PORT_SIZE * i
+        port, place = part.port(name), PLANES + PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]
-        dark = tracing.UNSEEN if fitting.is_plain else tracing.UNKNOWN
-        record[place + 6] = (
-            tracing.PLATE if name in closed else dark if name in unknown else tracing.OPEN
-        )
-    record[tracing.SIZES : tracing.SIZES + len(fitting.sizes)] = fitting.sizes
+        dark = UNSEEN if fitting.is_plain else UNKNOWN
+        record[place + 6] = PLATE if name in closed else dark if name in unknown else OPEN
+    record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
     return record

@@ -26,6 +26,10 @@ RECORD_SIZE = SIZES + MOST_SIZES
 depth to which the wall is solid, m, centre of the bounding box (3), whether contact ends at each
 port, the fitting's ``sizes``."""
 
+DEPTH_IN_BORE = 2.0
+"""Largest depth to which a wall is solid, in radii of its bore: 160 mm at 80 mm. The middle of a
+body that is thrown at it at 12 m/s sinks in by some 50 mm."""
+
 
 def kind_number(kind: str) -> int:
     """Return the number, of six digits, of a kind of fitting by its name in files."""

@@ -14,10 +14,11 @@ from omnitrack_sim.paper.claim import (
     Measure,
     Sample,
     rate,
+    runs_of,
     slip_of,
+    varied,
     verdict_of,
 )
-from omnitrack_sim.paper.robots.measuring import runs_of, varied
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.climber import Climber
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_radii
@@ -169,7 +170,6 @@ def tee(quick: bool) -> Claim:
         measured="; ".join(parts),
         uncertainty="one run an orientation",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         how="climber, tee in a riser, friction 0.8",
         sample=Sample.AVERAGE,
         note="A module over the opening takes no force, so that by equal forces the others get "
@@ -192,7 +192,6 @@ def assumed(quick: bool) -> Claim:
         measured=f"{words} of the way",
         uncertainty="theta5 = 40 degrees, one run each",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         how="climber, friction 0.8",
         sample=Sample.AVERAGE,
     )

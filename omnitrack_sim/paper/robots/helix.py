@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots.measuring import runs_of
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, runs_of, verdict_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.helix import JOINTS
 
@@ -142,7 +141,6 @@ def fittings(quick: bool) -> Claim:
         measured="; ".join(rates),
         uncertainty="Wilson, 95 %",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         sample=Sample.AVERAGE,
         how="helix_elbow and helix_tee, random rolls and directions of gravity",
     )

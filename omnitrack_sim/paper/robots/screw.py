@@ -9,8 +9,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, Sample, rate, verdict_of
-from omnitrack_sim.paper.robots.measuring import runs_of, varied
+from omnitrack_sim.paper.claim import (
+    Claim,
+    ClaimVerdict,
+    Measure,
+    Sample,
+    rate,
+    runs_of,
+    varied,
+    verdict_of,
+)
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.robot import GRAVITY
@@ -187,7 +195,6 @@ def elbows(quick: bool) -> Claim:
         f"{robot.mass * GRAVITY * robot.lever:.2f} climb a straight",
         uncertainty="one run each",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
         sample=Sample.AVERAGE,
     )
@@ -210,7 +217,6 @@ def tee(quick: bool) -> Claim:
         measured=f"{passed} of {total} ({', '.join(sorted({r.outcome.value for r in runs}))})",
         uncertainty="one run each",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
         sample=Sample.AVERAGE,
         note="Wheels of the rotor run across the opening, drop over its rim and meet the far one "
@@ -237,7 +243,6 @@ def assumed(quick: bool) -> Claim:
         f"{max(torques):.2f} N m",
         uncertainty="one run each",
         verdict=ClaimVerdict.STUDY,
-        expected=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
         sample=Sample.AVERAGE,
     )

@@ -1,1 +1,1 @@
-"""Kinds of fittings, one a module. A module put into this folder is found by itself."""
+"""Kinds of fittings. A module put into this folder is found by itself."""

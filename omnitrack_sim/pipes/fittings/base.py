@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import permutations
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
@@ -195,6 +195,11 @@ class Fitting(ABC):
         return "inner_diameter"
 
     # Ports and axes
+
+    def extended(self, length: float) -> Fitting:
+        """Return the fitting with bores that go on by ``length`` m behind its closed ports: the
+        walls of bodies that sink into the end."""
+        return self
 
     @property
     def radius(self) -> float:
@@ -382,13 +387,32 @@ def in_bores(count: float) -> Any:
     return Bores(count)
 
 
-def fill_in(fitting: Fitting) -> None:
+def fill_in(fitting: Fitting) -> list[str]:
     """Give every size of a fitting that was left out, which has ``in_bores`` as default, its
-    value."""
-    for name, value in list(vars(fitting).items()):
-        if isinstance(value, Bores):
-            # Its class is a frozen dataclass, which is still being made here.
-            object.__setattr__(fitting, name, value.count * fitting.inner_diameter)
+    value; returns their names."""
+    left_out = [name for name, value in vars(fitting).items() if isinstance(value, Bores)]
+    for name in left_out:
+        # Its class is a frozen dataclass, which is still being made here.
+        size = getattr(fitting, name).count * fitting.inner_diameter
+        object.__setattr__(fitting, name, size)
+    return left_out
+
+
+def lengthen(fitting: Fitting, left_out: Collection[str], **least: float) -> None:
+    """Raise lengths, m, that were left out to the least that a rim asks for; refuse others that are
+    shorter."""
+    for name in least.keys() & left_out:
+        object.__setattr__(fitting, name, max(getattr(fitting, name), least[name]))
+    problem = "is {0} m; the rim asks for at least {1:.5f} m"
+    lengths = {name: (getattr(fitting, name), size) for name, size in least.items()}
+    check(
+        fitting.kind,
+        **{
+            # Rounded up, so that the advised length passes.
+            name: (own >= size - 2e-12, problem.format(own, math.ceil(1e5 * size) / 1e5))
+            for name, (own, size) in lengths.items()
+        },
+    )
 
 
 @dataclass(frozen=True)

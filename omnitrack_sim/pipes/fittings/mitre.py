@@ -32,7 +32,6 @@ from omnitrack_sim.pipes.fittings.base import (
     Arcs,
     Axis,
     AxisCurve,
-    Bores,
     Description,
     Fitting,
     FittingTable,
@@ -42,6 +41,7 @@ from omnitrack_sim.pipes.fittings.base import (
     check,
     fill_in,
     in_bores,
+    lengthen,
     port_pose,
     positive,
 )
@@ -174,8 +174,7 @@ class Mitre(Fitting):
         """Of the rim inside the corner. Left out: 1/64 of `inner_diameter`, 2.5 mm at 160 mm."""
 
     def __post_init__(self) -> None:
-        free = isinstance(self.leg_length, Bores)
-        fill_in(self)
+        left_out = fill_in(self)
         degrees, fillet = math.degrees(self.angle), self.fillet_radius
         check(
             self.kind,
@@ -190,12 +189,7 @@ class Mitre(Fitting):
             ),
         )
         least = self.least_leg(self.angle, self.inner_diameter, fillet)
-        if free and self.leg_length < least:
-            # A frozen dataclass that is still being made.
-            object.__setattr__(self, "leg_length", least)
-        shown = math.ceil(1e5 * least) / 1e5
-        problem = f"is {self.leg_length} m; the rim asks for at least {shown:.5f} m"
-        check(self.kind, leg_length=(self.leg_length >= least - 1e-12, problem))
+        lengthen(self, left_out, leg_length=least)
 
     @staticmethod
     def least_leg(angle: float, bore: float, fillet: float) -> float:

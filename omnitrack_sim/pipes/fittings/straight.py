@@ -1,9 +1,9 @@
-"""A straight pipe along +z from the origin."""
+"""A straight pipe along +z from the origin, and a cap, which is one with a closed end."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -82,3 +82,26 @@ class Straight(Axial):
     def fill(self, kit: Kit, more: float) -> Solid:
         """See ``Fitting``: a cylinder."""
         return kit.cylinder(self.length, self.radius + more)
+
+
+@dataclass(frozen=True)
+class Cap(Straight):
+    """A straight pipe of ``length`` m whose port ``end`` is closed by a flat wall.
+
+    Nothing is joined to that port; a route may start or end there.
+
+    Example:
+        >>> ot.Cap(0.2).closed_ports
+        ('end',)
+    """
+
+    kind: ClassVar[str] = "cap"
+    closed_ports: ClassVar[tuple[str, ...]] = ("end",)
+
+    def extended(self, length: float) -> Cap:
+        """See ``Fitting``: a longer cap."""
+        return replace(self, length=self.length + length)
+
+    def fill(self, kit: Kit, more: float) -> Solid:
+        """See ``Fitting``: a cylinder that closes the bore with ``more`` m of wall."""
+        return kit.cylinder(self.length + more, self.radius + more)

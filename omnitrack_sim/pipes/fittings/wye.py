@@ -19,13 +19,13 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
-    Bores,
     Branched,
     FittingTable,
     Y,
     check,
     fill_in,
     in_bores,
+    lengthen,
     positive,
 )
 from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
@@ -101,8 +101,7 @@ class Wye(Branched):
         `inner_diameter`."""
 
     def __post_init__(self) -> None:
-        free = [k for k in ("run_length", "branch_length") if isinstance(getattr(self, k), Bores)]
-        fill_in(self)
+        left_out = fill_in(self)
         run, branch, fillet = self.inner_diameter, self.branch_diameter, self.fillet_radius
         apart = run - branch
         check(
@@ -125,23 +124,7 @@ class Wye(Branched):
         )
         # In a second check, since the lengths follow from an angle and radii that are valid by now.
         half, far = self.least_lengths
-        for key, least in (("run_length", 2 * half), ("branch_length", far)):
-            if key in free and getattr(self, key) < least:
-                # A frozen dataclass that is still being made.
-                object.__setattr__(self, key, least)
-        check(
-            self.kind,
-            run_length=(
-                self.run_length / 2 >= half - 1e-12,
-                f"is {self.run_length} m; the rim asks for at least "
-                f"{math.ceil(2e5 * half) / 1e5:.5f} m",
-            ),
-            branch_length=(
-                self.branch_length >= far - 1e-12,
-                f"is {self.branch_length} m; the rim asks for at least "
-                f"{math.ceil(1e5 * far) / 1e5:.5f} m",
-            ),
-        )
+        lengthen(self, left_out, run_length=2 * half, branch_length=far)
 
     @property
     def least_lengths(self) -> tuple[float, float]:

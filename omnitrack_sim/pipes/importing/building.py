@@ -11,18 +11,16 @@ from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Pose, length
 from omnitrack_sim.pipes.assembly import Assembly, Part
 from omnitrack_sim.pipes.fittings.base import Fitting
-from omnitrack_sim.pipes.fittings.cap import Cap
-from omnitrack_sim.pipes.fittings.straight import Straight
-from omnitrack_sim.pipes.importing.chains import Chain, Outlet, TooShortError, chain
-from omnitrack_sim.pipes.importing.drawing import (
-    Drawing,
+from omnitrack_sim.pipes.fittings.straight import Cap, Straight
+from omnitrack_sim.pipes.importing.assumptions import (
+    Import,
+    ImportNote,
     ImportSettings,
-    lowered,
-    under,
-    without_straight,
+    listed_once,
 )
+from omnitrack_sim.pipes.importing.chains import Chain, Outlet, TooShortError, chain
+from omnitrack_sim.pipes.importing.drawing import Drawing, lowered, under, without_straight
 from omnitrack_sim.pipes.importing.junctions import CannotBuildError, Junction, junction
-from omnitrack_sim.pipes.importing.notes import Import, ImportNote, listed_once
 from omnitrack_sim.pipes.network import Network, connected, origin_of
 
 ROUNDS = 12
@@ -122,7 +120,7 @@ def build(name: str, drawing: Drawing, settings: ImportSettings) -> Import:
     for pipe, (there, made) in lengths.items():
         if made and abs(made / there - 1) > NOTABLE:
             notes.append(
-                ImportNote("mended", f"pipe {pipe}", f"is {made:.1f} m long, not {there:.1f} m")
+                ImportNote("mended", f"pipe {pipe}", f"is {made:.2f} m long, not {there:.2f} m")
             )
     return Import(parts.network(name), listed_once(notes), lengths)
 
@@ -252,10 +250,10 @@ class _Parts:
             part = self._names.new(f"{leg.name}:{number + 1}" if len(links) > 1 else leg.name)
             self.fittings[part], self.of[part] = link.fitting, leg.name
             if before is None:
-                self.ports[self._names.port(leg.ends[0])] = f"{part}.{link.enter}"
+                self.ports[self._names.port(leg.ends[0])] = f"{part}.start"
             else:
-                self.joints.append((before, f"{part}.{link.enter}", link.turn))
-            before = f"{part}.{link.leave}"
+                self.joints.append((before, f"{part}.start", link.turn))
+            before = f"{part}.end"
         assert before is not None  # a chain between free ends has a part
         if free[1]:
             self.ports[self._names.port(leg.ends[1])] = before

@@ -14,7 +14,7 @@ from omnitrack_sim.pipes.assembly import BORE_TOLERANCE, attached
 from omnitrack_sim.pipes.fittings.base import Fitting
 from omnitrack_sim.pipes.fittings.reducer import Reducer
 from omnitrack_sim.pipes.fittings.straight import Straight
-from omnitrack_sim.pipes.importing.drawing import ImportSettings
+from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.junctions import STRAIGHT_ON, bends
 
 CONE, STEEP_CONE = math.tan(math.radians(10)), math.tan(math.radians(19.9))
@@ -48,15 +48,13 @@ class Outlet(NamedTuple):
 
 
 class Link(NamedTuple):
-    """A part of a chain.
+    """A part of a chain, from its port ``start`` to ``end``.
 
     Attributes:
-        fitting: it. enter, leave: ports. turn: rad, at the joint before it.
+        fitting: it. turn: rad, at the joint before it.
     """
 
     fitting: Fitting
-    enter: str
-    leave: str
     turn: float
 
 
@@ -104,6 +102,22 @@ class _Plan:
             rooms[1:] -= cuts
         return rooms
 
+    def choose(self) -> tuple[int, float] | None:
+        """Choose bends that leave room for all straights; else return the side that is too short,
+        and by how much, m."""
+        while True:
+            rooms = self.rooms()
+            side = int(rooms.argmin())
+            if rooms[side] >= -ROUNDING:
+                return None
+            beside = [k for k in (side - 1, side) if 0 <= k < len(self.options)]
+            smaller = [k for k in beside if self.chosen[k] + 1 < len(self.options[k])]
+            if not smaller:
+                return side, float(-rooms[side])
+            # The one that takes more gives way.
+            k = max(smaller, key=lambda k: self.options[k][self.chosen[k]][1])
+            self.chosen[k] += 1
+
 
 def chain(
     line: Array,
@@ -123,169 +137,138 @@ def chain(
     Raises:
         TooShortError: parts do not fit on it.
     """
-    short = TooShortError(math.inf)
-    for tight in (False, True):
-        try:
-            plan = _fitted(line, start, end, bore, settings, tight)
-        except TooShortError as error:
-            short = error
-            continue
-        return _links(plan, start, end, bore, tight)
-    raise short
+    try:
+        return _Line(line, (start, end), bore, settings, tight=False).chain()
+    except TooShortError:
+        return _Line(line, (start, end), bore, settings, tight=True).chain()
 
 
-def _reducer(first: float, second: float, tight: bool) -> Reducer | None:
-    """Return the reducer from one bore to another, m; None where they may be joined."""
-    if abs(first - second) <= BORE_TOLERANCE:
-        return None
-    return Reducer(abs(first - second) / 2 / (STEEP_CONE if tight else CONE), second, first)
+@dataclass(frozen=True)
+class _Line:
+    """A line that parts are laid along; arguments as of ``chain``.
 
+    Attributes:
+        tight: parts are as short as can be.
+    """
 
-def _fitted(
-    line: Array,
-    start: Outlet | None,
-    end: Outlet | None,
-    bore: float,
-    settings: ImportSettings,
-    tight: bool,
-) -> _Plan:
-    """Return corners and bends that fit; points of the line that leave no room are left out."""
-    inner = [np.asarray(point) for point in line[1:-1]]
-    while True:
-        plan = _plan(inner, line, start, end, bore, settings, tight)
-        worst = _choose(plan)
-        if worst is None:
-            return plan
-        side, short = worst
-        # The line's own points beside the side that is too short, as indices in ``inner``.
-        beside = [k for k in (side - plan.lead, side + 1 - plan.lead) if 0 <= k < len(inner)]
-        if not beside:
-            raise TooShortError(short)
-        inner.pop(beside[0])
+    line: Array
+    outlets: tuple[Outlet | None, Outlet | None]
+    bore: float
+    settings: ImportSettings
+    tight: bool
 
+    def chain(self) -> Chain:
+        """Return the parts; points of the line that leave no room are left out."""
+        inner = [np.asarray(point) for point in self.line[1:-1]]
+        while True:
+            plan = self._plan(inner)
+            worst = plan.choose()
+            if worst is None:
+                return self._links(plan)
+            side, short = worst
+            # The line's own points beside the side that is too short, as indices in ``inner``.
+            beside = [k for k in (side - plan.lead, side + 1 - plan.lead) if 0 <= k < len(inner)]
+            if not beside:
+                raise TooShortError(short)
+            inner.pop(beside[0])
 
-def _plan(
-    inner: list[Array],
-    line: Array,
-    start: Outlet | None,
-    end: Outlet | None,
-    bore: float,
-    settings: ImportSettings,
-    tight: bool,
-) -> _Plan:
-    """Return the corners of a line with bends behind ports that do not look along it, and the bends
-    that each may have."""
-    reserved, points = [0.0, 0.0], list(inner)
-    for which, outlet in enumerate((start, end)):
-        if outlet is None:
-            points.insert(0 if which == 0 else len(points), line[0 if which == 0 else -1])
-            continue
-        reducer = _reducer(outlet.bore, bore, tight)
-        reserved[which] = reducer.length if reducer else 0.0
-    # The place of a bend behind a port depends on where the other end's is; once again settles it.
-    ends = [None if o is None else o.pose.position for o in (start, end)]
-    beyond: list[Array | None] = [None, None]
-    for _ in range(2):
-        for which, outlet in enumerate((start, end)):
+    def _reducer(self, first: float, second: float) -> list[Reducer]:
+        """Return the reducer from one bore to another, m; none where they may be joined."""
+        if abs(first - second) <= BORE_TOLERANCE:
+            return []
+        slope = STEEP_CONE if self.tight else CONE
+        return [Reducer(abs(first - second) / 2 / slope, second, first)]
+
+    def _bends(self, angle: float) -> list[tuple[Fitting, float]]:
+        """Return the bends of an angle, rad, that are tried, see ``bends``."""
+        options = bends(angle, self.bore, self.settings)
+        return options[-1:] if self.tight else options
+
+    def _plan(self, inner: list[Array]) -> _Plan:
+        """Return the corners of the line with bends behind ports that do not look along it, and the
+        bends that each may have."""
+        ends = [None if o is None else o.pose.position for o in self.outlets]
+        points = [
+            *(self.line[:1] if ends[0] is None else ()),
+            *inner,
+            *(self.line[-1:] if ends[1] is None else ()),
+        ]
+        reserved = [
+            sum(cone.length for cone in self._reducer(outlet.bore, self.bore)) if outlet else 0.0
+            for outlet in self.outlets
+        ]
+        beyond: list[Array | None] = [None, None]
+        # The place of a bend behind a port depends on where the other end's is; once again settles
+        # it.
+        for which in (0, 1, 0, 1):
+            outlet = self.outlets[which]
             if outlet is None:
                 continue
             there = beyond[1 - which] if beyond[1 - which] is not None else ends[1 - which]
             aims = [*points, there] if which == 0 else [*points[::-1], there]
             aim = next(place for place in aims if place is not None)
-            beyond[which] = _behind(outlet, aim, reserved[which], bore, settings, tight)
-    for which in (0, 1):
-        if ends[which] is not None:
-            both = [p for p in (ends[which], beyond[which]) if p is not None]
-            points = [*both, *points] if which == 0 else [*points, *both[::-1]]
-    places = np.array(points)
-    ways = unit(np.diff(places, axis=0))
-    angles = angle_between(ways[:-1], ways[1:])
-    options = []
-    for angle in angles.tolist():
-        found = bends(angle, bore, settings) if angle > STRAIGHT_ON else [(None, 0.0)]
-        if not found:
-            found = [(None, math.inf)]
-        options.append(found[-1:] if tight else found)
-    lead = 1 if beyond[0] is None else 2
-    return _Plan(places, (reserved[0], reserved[1]), options, [0] * len(options), lead)
+            beyond[which] = self._behind(outlet, aim, reserved[which])
+        before, after = (
+            [p for p in both if p is not None] for both in zip(ends, beyond, strict=True)
+        )
+        places = np.array([*before, *points, *after[::-1]])
+        ways = unit(np.diff(places, axis=0))
+        options: list[list[tuple[Fitting | None, float]]] = []
+        for angle in angle_between(ways[:-1], ways[1:]).tolist():
+            found = self._bends(angle) if angle > STRAIGHT_ON else [(None, 0.0)]
+            options.append([*found] or [(None, math.inf)])
+        lead = 1 if beyond[0] is None else 2
+        return _Plan(places, (reserved[0], reserved[1]), options, [0] * len(options), lead)
 
+    def _behind(self, outlet: Outlet, aim: Array, reserved: float) -> Array | None:
+        """Return where behind a port a bend turns towards a place; None where the port looks
+        there."""
+        way, place = outlet.pose.rotation[:, 2], outlet.pose.position
+        cut = 0.0
+        for _ in range(6):
+            corner = place + (reserved + cut) * way
+            angle = float(angle_between(way, unit(aim - corner)))
+            if angle <= STRAIGHT_ON:
+                return None
+            options = self._bends(angle)
+            if not options:
+                short = float(length(aim - corner)) + self.bore
+                problem = "turns back behind a fitting" if short > 4 * self.bore else ""
+                raise TooShortError(short, problem)
+            wanted = options[0][1]
+            if 0 < wanted <= cut:
+                break
+            cut = wanted * STEP_ASIDE
+        return place + (reserved + cut) * way
 
-def _behind(
-    outlet: Outlet, aim: Array, reserved: float, bore: float, settings: ImportSettings, tight: bool
-) -> Array | None:
-    """Return where behind a port a bend turns towards a place; None where the port looks there."""
-    way, place = outlet.pose.rotation[:, 2], outlet.pose.position
-    cut = 0.0
-    for _ in range(6):
-        corner = place + (reserved + cut) * way
-        angle = float(angle_between(way, unit(aim - corner)))
-        if angle <= STRAIGHT_ON:
-            return None
-        options = bends(angle, bore, settings)
-        if not options:
-            short = float(length(aim - corner)) + bore
-            raise TooShortError(short, "turns back behind a fitting" if short > 4 * bore else "")
-        wanted = options[-1 if tight else 0][1]
-        if 0 < wanted <= cut:
-            break
-        cut = wanted * STEP_ASIDE
-    return place + (reserved + cut) * way
+    def _links(self, plan: _Plan) -> Chain:
+        """Return the parts of a plan."""
+        links: list[Link] = []
+        (start, end), ways = self.outlets, unit(np.diff(plan.points, axis=0))
+        port = Pose(frame_along(ways[0], 0.0), plan.points[0]) if start is None else start.pose
+        for fitting, inward in self._fittings(plan, ways):
+            turn = 0.0 if inward is None else _turn(port, inward)
+            port = attached(port, fitting, "start", turn) @ fitting.ports["end"]
+            links.append(Link(fitting, turn))
+        return Chain(links, 0.0 if end is None else _turn(port, end.pose.rotation[:, 0]))
 
-
-def _choose(plan: _Plan) -> tuple[int, float] | None:
-    """Choose bends that leave room for all straights; else return the side that is too short, and
-    by how much, m."""
-    while True:
-        rooms = plan.rooms()
-        side = int(rooms.argmin())
-        if rooms[side] >= -ROUNDING:
-            return None
-        beside = [k for k in (side - 1, side) if 0 <= k < len(plan.options)]
-        smaller = [k for k in beside if plan.chosen[k] + 1 < len(plan.options[k])]
-        if not smaller:
-            return side, float(-rooms[side])
-        # The one that takes more gives way.
-        k = max(smaller, key=lambda k: plan.options[k][plan.chosen[k]][1])
-        plan.chosen[k] += 1
-
-
-def _links(
-    plan: _Plan, start: Outlet | None, end: Outlet | None, bore: float, tight: bool
-) -> Chain:
-    """Return the parts of a plan."""
-    links: list[Link] = []
-    ways = unit(np.diff(plan.points, axis=0))
-    port = Pose(frame_along(ways[0], 0.0), plan.points[0]) if start is None else start.pose
-    for fitting, enter, leave, inward in _fittings(plan, ways, start, end, bore, tight):
-        turn = 0.0 if inward is None else _turn(port, inward)
-        port = attached(port, fitting, enter, turn) @ fitting.ports[leave]
-        links.append(Link(fitting, enter, leave, turn))
-    return Chain(links, 0.0 if end is None else _turn(port, end.pose.rotation[:, 0]))
-
-
-def _fittings(
-    plan: _Plan,
-    ways: Array,
-    start: Outlet | None,
-    end: Outlet | None,
-    bore: float,
-    tight: bool,
-) -> Iterator[tuple[Fitting, str, str, Array | None]]:
-    """Yield the parts in order, with their ports, and where the x axis of a bend's port looks."""
-    if start is not None and (cone := _reducer(start.bore, bore, tight)) is not None:
-        yield cone, "start", "end", None
-    for side, room in enumerate(plan.rooms().tolist()):
-        if room > NOTHING:
-            count = math.ceil(room / LONGEST)
-            for _ in range(count):
-                yield Straight(room / count, bore), "start", "end", None
-        if side < len(plan.options):
-            bend, _ = plan.options[side][plan.chosen[side]]
-            if bend is not None:
-                onward = ways[side + 1]
-                yield bend, "start", "end", unit(onward - ways[side] * (ways[side] @ onward))
-    if end is not None and (cone := _reducer(bore, end.bore, tight)) is not None:
-        yield cone, "start", "end", None
+    def _fittings(self, plan: _Plan, ways: Array) -> Iterator[tuple[Fitting, Array | None]]:
+        """Yield the parts in order, and where the x axis of a bend's port looks."""
+        start, end = self.outlets
+        for cone in self._reducer(start.bore, self.bore) if start else ():
+            yield cone, None
+        for side, room in enumerate(plan.rooms().tolist()):
+            if room > NOTHING:
+                count = math.ceil(room / LONGEST)
+                for _ in range(count):
+                    yield Straight(room / count, self.bore), None
+            if side < len(plan.options):
+                bend, _ = plan.options[side][plan.chosen[side]]
+                if bend is not None:
+                    onward = ways[side + 1]
+                    yield bend, unit(onward - ways[side] * (ways[side] @ onward))
+        for cone in self._reducer(self.bore, end.bore) if end else ():
+            yield cone, None
 
 
 def _turn(port: Pose, inward: Array) -> float:

@@ -8,40 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.base.table import Table, Unit
 from omnitrack_sim.pipes.assembly import between_lines
-from omnitrack_sim.pipes.importing.notes import ImportNote
+from omnitrack_sim.pipes.importing.assumptions import ImportNote
 
 ROOM_AT_PUMP = 0.5
 """By how much a pipe ends before a pump or valve that is drawn as a point, m."""
-
-
-class ImportSettings(Table):
-    """Assumptions for what the file of a town does not say, and limits of mending a drawing."""
-
-    bend_radius: Annotated[float, Field(ge=0.5, le=20), Unit("bores")] = 1.5
-    """Of bends: mean radius over bore; smaller where there is no room."""
-    deflection_deg: Annotated[float, Field(ge=0, le=15), Unit("deg")] = 5.0
-    """Up to which pipes bend in a joint, without a bend, and a branch counts as square: couplings
-    of mains allow 3 to 5 degrees."""
-    simplify: Annotated[float, Field(ge=0), Unit("m")] = 0.1
-    """Points of a line are left out where it moves by less: a drawing is not as exact."""
-    move: Annotated[float, Field(ge=0), Unit("m")] = 1.0
-    """By how much a node may be moved to make room for fittings."""
-    scale: Annotated[float, Field(ge=0), Unit("m")] = 0.0
-    """Length of a unit of the coordinates; 0: as the lengths of the pipes say."""
-    profile: Literal["even", "low", "high"] = "even"
-    """Of a pipe between two nodes: it rises evenly, or lies level at the height of its lower or
-    its higher end and rises by 45 degrees beside the other."""
-    schedule: str = ""
-    """Schedule of ASME B36.10 that gives true bores to the nominal ones of the file, such as "40";
-    none: the file's bores are true."""
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ import numpy as np
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, length
-from omnitrack_sim.pipes.importing.bores import true_bore
-from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe, ImportSettings
-from omnitrack_sim.pipes.importing.notes import ImportNote
+from omnitrack_sim.pipes.importing.assumptions import ImportNote, ImportSettings, true_bore
+from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
 
 FOOT = 0.3048
 """Length of a foot, m."""

@@ -21,19 +21,17 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.pipes.assembly import BORE_TOLERANCE, Part
 from omnitrack_sim.pipes.fittings.base import Fitting
-from omnitrack_sim.pipes.fittings.cap import Cap
 from omnitrack_sim.pipes.fittings.cross import Cross
 from omnitrack_sim.pipes.fittings.elbow import Elbow
 from omnitrack_sim.pipes.fittings.mitre import Mitre
 from omnitrack_sim.pipes.fittings.reducer import Reducer
-from omnitrack_sim.pipes.fittings.straight import Straight
+from omnitrack_sim.pipes.fittings.straight import Cap, Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
 from omnitrack_sim.pipes.fittings.wye import LEAST_BRANCH, Wye
-from omnitrack_sim.pipes.importing.notes import Import, ImportNote
+from omnitrack_sim.pipes.importing.assumptions import Import, ImportNote
 from omnitrack_sim.pipes.importing.pcf import (
     SLACK,
     Component,
-    Isometric,
     Written,
     bend_of,
     neighbours,
@@ -80,19 +78,18 @@ class _Plant:
         )
 
 
-def build_plant(name: str, isometric: Isometric) -> Import:
-    """Build the network of an isometric.
+def build_plant(name: str, components: Sequence[Component], schedule: str) -> Import:
+    """Build the network of an isometric, as ``read_pcf`` returns it.
 
     Raises:
         NetworkError: every component that is none, with its line.
     """
-    schedule = isometric.schedule
     what = "as in the file" if schedule == "none" else f"those of schedule {schedule}"
     plant = _Plant([], [ImportNote("assumed", "bores", f"are {what}")], set())
     ways: list[tuple[Component, Array, Array]] = [
-        (component, point.place, way) for component, point, way in neighbours(isometric.components)
+        (component, point.place, way) for component, point, way in neighbours(components)
     ]
-    components, faults = _without_olets(isometric.components, plant), []
+    components, faults = _without_olets(components, plant), []
     for component in components:
         try:
             _add(plant, component, ways)

@@ -20,7 +20,7 @@ from omnitrack_sim.pipes.fittings.mitre import LARGEST_ANGLE, Mitre
 from omnitrack_sim.pipes.fittings.straight import Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
 from omnitrack_sim.pipes.fittings.wye import ANGLES, LEAST_BRANCH, Wye
-from omnitrack_sim.pipes.importing.drawing import ImportSettings
+from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 
 STRAIGHT_ON = 1e-8
 """Angle, rad, below which two directions are one: over 10 km that makes 0.1 mm."""

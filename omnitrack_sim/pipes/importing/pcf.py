@@ -17,7 +17,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, length
-from omnitrack_sim.pipes.importing.bores import INCH, true_bore
+from omnitrack_sim.pipes.importing.assumptions import INCH, true_bore
 
 BORES = {"MM": 1e-3, "INCH": INCH, "INCH-SIXTEENTH": INCH / 16}
 COORDINATES = {
@@ -98,26 +98,46 @@ class Component:
             "CLOSED" in text.upper() for word, text in self.words.items() if "STATUS" in word
         )
 
+    def add(self, words: Sequence[str], units: tuple[float, float], schedule: str) -> None:
+        """Add the attribute of a line's words.
+
+        Args:
+            words: of the line. units: of bores and coordinates, m. schedule: of true bores.
+
+        Raises:
+            ValueError: it is no valid point, or one too many.
+        """
+        key = words[0].upper()
+        if key not in POINTS:
+            self.words.setdefault(key, " ".join(words[1:]))
+            return
+        numbers = []
+        for word in words[1:5]:
+            try:
+                numbers.append(float(word))
+            except ValueError:
+                break
+        needed = 4 if key in ("END-POINT", "BRANCH1-POINT", "BRANCH2-POINT") else 3
+        if len(numbers) < needed:
+            what = "three coordinates and a bore" if needed == 4 else "three coordinates"
+            raise ValueError(f"{key} needs {what}; it has {' '.join(words[1:5]) or 'none'}")
+        place = units[1] * np.array(numbers[:3])
+        if not (np.abs(place) <= FARTHEST).all():
+            raise ValueError(f"{key} is farther than {FARTHEST:g} m from the origin")
+        bore = true_bore(units[0] * numbers[3], schedule) if len(numbers) > 3 else 0.0
+        if needed == 4 and not NARROWEST <= bore <= WIDEST:
+            raise ValueError(f"{key} has a bore of {bore:g} m")
+        self.points.setdefault(key, []).append(Point(place, bore))
+        if len(self.points[key]) > 2:
+            raise ValueError(f"is one {key} too many of {self.kind}")
+
     def fault(self, problem: str) -> Fault:
         """Return a fault of the component."""
         return Fault(f"line {self.line}", f"{self.kind} {problem}")
 
 
-@dataclass
-class Isometric:
-    """Content of a file.
-
-    Attributes:
-        components: in order. schedule: that bores were made true by. name: of the pipeline.
-    """
-
-    components: list[Component]
-    schedule: str
-    name: str
-
-
-def read_pcf(text: str, schedule: str) -> Isometric:
-    """Read a file's components.
+def read_pcf(text: str, schedule: str) -> tuple[list[Component], str]:
+    """Read a file's components, and the schedule that bores were made true by.
 
     Args:
         text: the file. schedule: see ``ImportSettings``; "" is 40, unless the file says otherwise.
@@ -130,39 +150,35 @@ def read_pcf(text: str, schedule: str) -> Isometric:
     if len(lines) > MOST_LINES:
         raise NetworkError(Fault("file", f"has {len(lines)} lines; at most {MOST_LINES} are read"))
     units = _units(lines, faults)
-    rows = [line.split() for line in lines]
-    if any(row[:2] == ["PIPING-SPEC", TRUE_BORES] for row in rows):
+    if any(line.split()[:2] == ["PIPING-SPEC", TRUE_BORES] for line in lines):
         schedule = "none"
     schedule = schedule or "40"
-    references = [" ".join(row[1:]) for row in rows if row[:1] == ["PIPELINE-REFERENCE"]]
     components: list[Component] = []
     current: Component | None = None
     for number, line in enumerate(lines, start=1):
         words = line.split()
         if not words:
             continue
-        if len(line) > LONGEST_LINE or not line.isprintable():
-            faults += _unless_tab(number, line)
+        # Blanks of other kinds, as tabs are, are text as well.
+        if len(line) > LONGEST_LINE or not line.replace("\t", " ").isprintable():
+            problem = f"is no text of at most {LONGEST_LINE} characters"
+            faults.append(Fault(f"line {number}", problem))
         if not line[0].isspace():
-            current = _component(words[0], number)
-            if current is not None:
-                components.append(current)
+            passed = words[0].startswith((*HEADERS, *PASSED))
+            current = None if passed else Component(words[0].upper(), number)
+            components += [] if current is None else [current]
         elif current is not None:
-            _attribute(current, number, words, units, schedule, faults)
+            try:
+                current.add(words, units, schedule)
+            except ValueError as error:
+                faults.append(Fault(f"line {number}", str(error)))
         if len(faults) >= MOST_TOLD:
             break
     if not components and not faults:
         faults.append(Fault("file", "has no components"))
     if faults:
         raise NetworkError(faults)
-    return Isometric(components, schedule, references[0] if references else "")
-
-
-def _unless_tab(number: int, line: str) -> list[Fault]:
-    """Return the fault of a line that is no text; blanks of other kinds are."""
-    if len(line) <= LONGEST_LINE and line.replace("\t", " ").isprintable():
-        return []
-    return [Fault(f"line {number}", f"is no text of at most {LONGEST_LINE} characters")]
+    return components, schedule
 
 
 def _units(lines: Sequence[str], faults: list[Fault]) -> tuple[float, float]:
@@ -182,53 +198,6 @@ def _units(lines: Sequence[str], faults: list[Fault]) -> tuple[float, float]:
             )
         found.append(known.get(word, 1.0))
     return found[0], found[1]
-
-
-def _component(word: str, number: int) -> Component | None:
-    """Return the component that a word begins; None for other parts of a file."""
-    if word.startswith((*HEADERS, *PASSED)):
-        return None
-    return Component(word.upper(), number)
-
-
-def _attribute(
-    component: Component,
-    number: int,
-    words: Sequence[str],
-    units: tuple[float, float],
-    schedule: str,
-    faults: list[Fault],
-) -> None:
-    """Add an attribute to a component."""
-    key = words[0].upper()
-    if key not in POINTS:
-        component.words.setdefault(key, " ".join(words[1:]))
-        return
-    numbers = []
-    for word in words[1:5]:
-        try:
-            numbers.append(float(word))
-        except ValueError:
-            break
-    where = f"line {number}"
-    needed = 4 if key in ("END-POINT", "BRANCH1-POINT", "BRANCH2-POINT") else 3
-    if len(numbers) < needed:
-        what = "three coordinates and a bore" if needed == 4 else "three coordinates"
-        faults.append(Fault(where, f"{key} needs {what}; it has {' '.join(words[1:5]) or 'none'}"))
-        return
-    place = units[1] * np.array(numbers[:3])
-    if not (np.abs(place) <= FARTHEST).all():
-        faults.append(Fault(where, f"{key} is farther than {FARTHEST:g} m from the origin"))
-        return
-    bore = 0.0
-    if len(numbers) > 3:
-        bore = true_bore(units[0] * numbers[3], schedule)
-        if needed == 4 and not NARROWEST <= bore <= WIDEST:
-            faults.append(Fault(where, f"{key} has a bore of {bore:g} m"))
-            return
-    component.points.setdefault(key, []).append(Point(place, bore))
-    if len(component.points[key]) > 2:
-        faults.append(Fault(where, f"is one {key} too many of {component.kind}"))
 
 
 class Bend(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import mujoco
@@ -13,6 +12,7 @@ from omnitrack_sim.base.rotations import Array, rotation_about
 from omnitrack_sim.base.table import NotNegative, Positive
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.walls.geoms import new_spec
 
 JOINTS, CENTRE = 16, 8
 """Number of joints, and the link, counted from the tail, that carries the robot's free joint."""
@@ -96,11 +96,6 @@ class Helix(Robot):
 
     claims: ClassVar[str] = "omnitrack_sim.paper.robots.helix:MEASURES"
 
-    @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
     def angles(self, phase: Any, twist: float) -> Array:
         """Return the joints' angles (..., 16) rad at phases (...) rad of the gait."""
         psi = twist * np.arange(JOINTS) - np.asarray(phase, float)[..., None]
@@ -158,12 +153,7 @@ class Helix(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone, in its helix about z: the origin is on the pipe's axis."""
-        spec = mujoco.MjSpec()
-        spec.modelname = "helix"
-        spec.compiler.degree = False
-        spec.option.timestep = 0.002
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec = new_spec("helix")
         spec.option.impratio = 100
         angles = self.angles(0.0, self.twist)
         ends, frames = self._links(angles)
@@ -242,31 +232,10 @@ class Helix(Robot):
         """See ``Robot``: the helix presses against the wall."""
         return self.angles(0.0, self.twist - self.squeeze)
 
-    def controller(self) -> Serpenoid:
-        """Return the controller of the gait, which needs the time alone."""
-        return Serpenoid(self)
-
-
-@dataclass(frozen=True)
-class Serpenoid:
-    """The compound serpenoid whose phase grows with time.
-
-    Attributes:
-        robot: with amplitude, twist and rate of the gait.
-        period: s, between commands.
-    """
-
-    robot: Helix
-    period: float = 0.02
-
-    def reset(self, rows: Any) -> None:
-        """Begin anew; it remembers nothing."""
-
-    def command(self, observation: Any) -> Array:
-        """Return the angles (n, 16) rad of n robots' joints."""
-        robot = self.robot
+    def gait(self, observation: Any) -> Array:
+        """See ``Robot``: the compound serpenoid, whose phase grows with time."""
         time = np.broadcast_to(np.asarray(observation.time), len(observation.qpos))
-        return robot.angles(robot.rate * time, robot.twist - robot.squeeze)
+        return self.angles(self.rate * time, self.twist - self.squeeze)
 
 
 def coil_of(points: Array) -> Coil:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,6 +15,8 @@ from omnitrack_sim.robots.robot import Robot
 
 ENDS = ("rear", "front")
 """The clamps."""
+RETURN = -5.0
+"""Force, N, that draws the pads of an open clamp back."""
 
 
 class Inchworm(Robot):
@@ -57,11 +58,6 @@ class Inchworm(Robot):
     drum_mass: Positive = quantity(0.3, "kg", "assumed", "of a clamp's drum")
     pad_mass: Positive = quantity(0.02, "kg", "assumed", "of each of a clamp's eight pads")
 
-    @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
         pipe's axis."""
@@ -86,39 +82,12 @@ class Inchworm(Robot):
         """See ``Robot``: both clamps are closed."""
         return np.array([0.0, self.grip, self.grip])
 
-    def controller(self) -> Gait:
-        """Return the controller of the gait, which needs the time alone."""
-        return Gait(self.grip, self.stride, self.stretch_time, self.switch_time)
+    def gait(self, observation: Any) -> Array:
+        """See ``Robot``: length (n,) of the spindle, m, and forces, N, of the pads of both clamps.
 
-
-@dataclass(frozen=True)
-class Gait:
-    """Extend with the rear clamp closed, contract with the front one closed.
-
-    Before each move both clamps are closed for a time, and one opens before the spindle starts.
-
-    Attributes:
-        grip: N, of each pad of a closed clamp.
-        stride: m, see ``Inchworm``, like the following.
-        stretch_time: s.
-        switch_time: s.
-        period: s, between commands.
-    """
-
-    grip: float
-    stride: float
-    stretch_time: float
-    switch_time: float
-    period: float = 0.02
-    RETURN: ClassVar[float] = -5.0
-    """Force, N, that draws the pads of an open clamp back."""
-
-    def reset(self, rows: Any) -> None:
-        """Begin anew; it remembers nothing."""
-
-    def command(self, observation: Any) -> Array:
-        """Return the commands (n, 3) of n robots: length of the spindle, m, and forces, N, of the
-        pads of the rear and the front clamp."""
+        The rear clamp holds while it extends, the front one while it contracts. Before each move
+        both are closed for a time, and one opens before the spindle starts.
+        """
         half = self.stretch_time + 2 * self.switch_time
         in_cycle = np.asarray(observation.time) % (2 * half)
         in_half, extends = in_cycle % half, in_cycle < half
@@ -126,6 +95,6 @@ class Gait:
         opens = in_half >= self.switch_time
         command = np.empty((len(observation.qpos), 3))
         command[:, 0] = self.stride * np.where(extends, moved, 1.0 - moved)
-        command[:, 1] = np.where(opens & ~extends, self.RETURN, self.grip)
-        command[:, 2] = np.where(opens & extends, self.RETURN, self.grip)
+        command[:, 1] = np.where(opens & ~extends, RETURN, self.grip)
+        command[:, 2] = np.where(opens & extends, RETURN, self.grip)
         return command

@@ -11,7 +11,7 @@ from manifold3d import CrossSection, Manifold
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
-from omnitrack_sim.walls.meshes import TriangleMesh, triangles_of
+from omnitrack_sim.walls.meshes import TriangleMesh, loft, triangles_of
 from omnitrack_sim.walls.pipe_looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 
 LOWER_TRACK_SHADE = 0.30
@@ -154,7 +154,7 @@ def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> T
     return triangles_of(Manifold.extrude(section, length).translate((0.0, 0.0, -length / 2)))
 
 
-def lug_row(radius: float, depth: float, pitch: float, count: int, steps: int = 36) -> TriangleMesh:
+def lug_row(radius: float, depth: float, pitch: float, count: int, steps: int) -> TriangleMesh:
     """A row of half-round lugs along z, centred, on the +x side of the module axis.
 
     Args:
@@ -182,7 +182,7 @@ def lug_row(radius: float, depth: float, pitch: float, count: int, steps: int = 
 
 
 def coil(
-    radius: float, wire: float, length: float, turns: float, steps: int = 14, sides: int = 6
+    radius: float, wire: float, length: float, turns: float, steps: int, sides: int
 ) -> TriangleMesh:
     """A helical spring along x from the origin, m.
 
@@ -203,17 +203,5 @@ def coil(
     ring = np.cos(around)[None, :, None] * outward[:, None] + np.sin(around)[
         None, :, None
     ] * np.array([1.0, 0, 0])
-    vertices = (centre[:, None] + wire * ring).reshape(-1, 3)
-    index = np.arange(len(vertices)).reshape(len(angle), sides)
-    a, b = index[:-1], index[1:]
-    a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    faces = np.concatenate(
-        [
-            np.stack([a, a_next, b], -1).reshape(-1, 3),
-            np.stack([a_next, b_next, b], -1).reshape(-1, 3),
-        ]
-    )
-    fan = np.array([(0, i, i + 1) for i in range(1, sides - 1)])
-    faces = np.concatenate([faces, index[0][fan][:, ::-1], index[-1][fan]])
     # Faces have to look outward, whichever way the rings were joined: back faces are not drawn.
-    return TriangleMesh(vertices, faces).outward()
+    return TriangleMesh(*loft(centre[:, None] + wire * ring, hub=0)).outward()

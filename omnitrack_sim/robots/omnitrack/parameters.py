@@ -76,9 +76,9 @@ class Omnitrack(Robot):
         'lug_radius'
     """
 
-    scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.scene:build_scene"
+    scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackPlant"
-    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_diagnosis:TrackDiagnosis"
+    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackDiagnosis"
     display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_display:DISPLAY"
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
     controllers: ClassVar[Mapping[str, str]] = CONTROLLERS

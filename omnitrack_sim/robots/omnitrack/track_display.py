@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.record.display import (
@@ -24,14 +25,34 @@ from omnitrack_sim.record.display import (
 )
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
+from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.robots.omnitrack.scene import build_looks
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.robots.plain_display import LOOKS_AHEAD, lines
+from omnitrack_sim.walls.geoms import add_plates, new_spec
 
 FULL_BAR = 0.2
 """Belt speed that fills half of a bar, m/s."""
+
+
+def looks(
+    network: Assembly,
+    robot: Omnitrack,
+    plates: Sequence[tuple[int, str]] = (),
+    coarse: bool = True,
+) -> mujoco.MjSpec:
+    """The robot, and the plates that close ports of a network, as they are seen: without walls.
+
+    The joints are those of ``track_plant.scene``; ``coarse`` as in ``add_robot_looks``.
+    """
+    from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
+
+    spec = new_spec("omnitrack_looks")
+    add_plates(spec, network, plates, looks=True)
+    add_robot(spec, robot)
+    add_robot_looks(spec, robot, coarse)
+    return spec
 
 
 def belt_travel(trajectory: Trajectory) -> Array:
@@ -71,7 +92,7 @@ def status_text(trajectory: Trajectory, row: int, part: str = "") -> StatusText:
             str(module + 1),
             MODULE_COLOURS[module],
             max(-1.0, min(1.0, speed / FULL_BAR)),
-            f"{1000 * speed:+.0f}",
+            f"{1000 * speed:+z.0f}",
         )
         for module, speed in enumerate(trajectory["belt_speed"][row].tolist())
     ]
@@ -197,7 +218,7 @@ _PAGE = PageDisplay(
     onboard=_page_onboard,
 )
 DISPLAY = RobotDisplay(
-    looks=build_looks,
+    looks=looks,
     poses=smooth_belts,
     casts=_casts,
     status=status_text,

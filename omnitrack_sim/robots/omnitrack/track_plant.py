@@ -1,4 +1,5 @@
-"""Plant of the omnidirectional robot: motors, endless chains, springs."""
+"""Plant of the omnidirectional robot: its model in pipes, motors, endless chains, springs; and the
+diagnosis of one that makes no headway."""
 
 from __future__ import annotations
 
@@ -10,23 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, with_rows
+from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import TRACKS, Channel
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_CONAFFINITY,
     LUG_CONTYPE,
     MODULE_ENDS,
+    add_robot,
     friction_tendons,
     lug_pitch,
     spring_free_length,
 )
-from omnitrack_sim.robots.omnitrack.control.command import Command
-from omnitrack_sim.robots.omnitrack.control.gear import carried_out, seen
+from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out, seen
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.plant import Plant, Start
+from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
+from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.sensor import Sensor
+from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
+from omnitrack_sim.walls.guard import add_guard
 
+SLEEP_FROM = 1000
+"""Number of geoms from which it pays to have MuJoCo pass over the walls, which needs an MjData for
+each robot: a step no longer costs 9 ns for each wall piece, and states do not change."""
 NUMBERS = (1, 2, 3)
 BOTH_TRACKS_COSINE = 0.5
 """Size of cos(roll) below which both rows of lugs of a module can touch; beyond, the one away
@@ -36,6 +46,43 @@ SEATING_ROOM = 0.1
 SEATING_HALVINGS = 20
 """Halvings of that room: a lug of 28 mm is placed to 5 nm. Much finer, rounding would decide, and
 robots of different sizes would not start alike."""
+
+
+def scene(
+    robot: Omnitrack,
+    network: Assembly,
+    *,
+    plates: Sequence[tuple[int, str]],
+    timestep: float,
+    wall_tolerance: float,
+    staves: int | None,
+    exact: bool,
+    looks: bool,
+) -> mujoco.MjSpec:
+    """Return the robot at the world's origin and the walls of a network, ready to compile;
+    arguments as of ``Robot.to_spec``."""
+    spec = new_spec("omnitrack_scene")
+    spec.option.timestep = timestep
+    if exact:
+        add_exact_walls(spec, network)
+        add_guard(spec)
+    else:
+        add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
+    add_plates(spec, network, plates, looks)
+    # The compiled collider takes a row of lugs as one line; walls of primitives need each lug.
+    add_robot(spec, robot, line_tracks=exact)
+    if looks:
+        from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
+        from omnitrack_sim.walls.pipe_looks import add_cameras, add_pipe_looks
+
+        add_robot_looks(spec, robot)
+        add_pipe_looks(spec, network)
+        add_cameras(spec, network, spec.body("chassis"), robot.scale)
+    # MuJoCo does not let a model sleep in which tendons are tied, as those of shared motors are.
+    if len(spec.geoms) >= SLEEP_FROM and drive_of(robot.drive).direct:
+        spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+        spec.body("chassis").sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER  # only walls sleep
+    return spec
 
 
 class TrackPlant(Plant):
@@ -305,3 +352,84 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
     )
+
+
+# Rows of the averages that the cause of a failure is read from.
+NORMAL_FORCE, SLIP_RATIO, SATURATED, BELT_SPEED, BELT_COMMAND, ROLL_COSINE = range(6)
+
+
+class TrackDiagnosis(Diagnosis):
+    """Finds the causes for which n robots make no headway; see ``Diagnosis``.
+
+    Args:
+        robot: its length and weight are units of the limits.
+        limits: see ``[monitor]`` in docs/reference/scenarios.md.
+        period: s, between two samples.
+        n: number of robots.
+    """
+
+    def __init__(self, robot: Omnitrack, limits: Any, period: float, n: int) -> None:
+        super().__init__(robot, limits, period, n)
+        self._period, self._memory = period, limits.memory * robot.time_scale
+        self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
+        self._exit = robot.length / 2
+        self._samples = np.zeros(n, int)
+        self._mean, self._sample = np.zeros((2, n, 6, 3))
+
+    def reset(self, rows: NDArray[np.intp]) -> None:
+        """See ``Diagnosis``."""
+        self._mean[rows], self._samples[rows] = 0.0, 0
+
+    def average(
+        self,
+        readings: Mapping[str, Array],
+        command: Any,
+        saturated: NDArray[np.bool_],
+        due: NDArray[np.bool_],
+    ) -> None:
+        """See ``Diagnosis``."""
+        self._samples += due
+        # A plain mean until the memory is full.
+        part = np.maximum(self._period / self._memory, 1 / np.maximum(self._samples, 1))
+        weight = np.where(due, part, 0.0)[:, None, None]
+        sample, belt_command = self._sample, command.belt_speed
+        sample[:, NORMAL_FORCE] = readings["normal_force"]
+        np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])
+        sample[:, SATURATED] = saturated
+        np.multiply(readings["belt_speed"], np.sign(belt_command), out=sample[:, BELT_SPEED])
+        np.abs(belt_command, out=sample[:, BELT_COMMAND])
+        np.abs(np.cos(readings["roll"]), out=sample[:, ROLL_COSINE])
+        self._mean += weight * (sample - self._mean)
+
+    def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
+        """See ``Diagnosis``."""
+        if self.lies_across(robot, location):
+            return Outcome.WEDGED
+        mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
+        running = limits.stalled_speed * mean[BELT_COMMAND]
+        # At its limit and slower than asked: a motor that only works hard is not stalled.
+        stalled = (mean[SATURATED] > 0.5) & (mean[BELT_SPEED] < running)
+        # First, for there both tracks of a module work against each other: motors may stall, belts
+        # slip.
+        if (mean[ROLL_COSINE] < limits.no_motion_cosine).all():
+            return Outcome.NO_MOTION_LINE
+        turning = routes.is_tee_turn[passage]
+        begun = location.distance[robot] > routes.start[passage] - self._exit
+        if turning and begun and mean[NORMAL_FORCE].min() < self._lost_contact:
+            return Outcome.MOTION_SINGULARITY
+        if stalled.any():
+            return Outcome.STALLED
+        # The median of the three: one module alone may spin without a wall.
+        if np.sort(mean[SLIP_RATIO])[1] > limits.slipping_ratio:
+            return Outcome.SLIPPING
+        return Outcome.STUCK
+
+    def words(self, robot: int, time: float) -> str:
+        """See ``Diagnosis``."""
+        mean = self._mean[robot]
+        forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
+        slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
+        return (
+            f", normal force {forces} N, slip ratio {slips} "
+            f"(means of the last {min(self._memory, time):.2g} s)"
+        )

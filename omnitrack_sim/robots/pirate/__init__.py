@@ -17,6 +17,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.walls.geoms import new_spec
 
 SIDES = np.array([-1, 1, -1, -1, 1, -1])
 """Side of the pipe at which each wheel runs, tail to nose: towards the robot's x axis or away."""
@@ -76,11 +77,6 @@ class Pirate(Robot):
     claims: ClassVar[str] = "omnitrack_sim.paper.robots.pirate:MEASURES"
 
     @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
-    @property
     def bores(self) -> tuple[float, float]:
         """See ``Robot``: the published ones."""
         return 0.999 * self.smallest_bore, 1.001 * self.largest_bore
@@ -112,12 +108,7 @@ class Pirate(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone, clamped along z in its plane of x and z."""
-        spec = mujoco.MjSpec()
-        spec.modelname = "pirate"
-        spec.compiler.degree = False
-        spec.option.timestep = 0.002
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec = new_spec("pirate")
         spec.option.impratio = 100
         half = self.link / 2
         middle = spec.worldbody.add_body(name="chassis", pos=[-self.reach, 0, 0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -85,11 +84,6 @@ class Presser(Robot):
     claims: ClassVar[str] = "omnitrack_sim.paper.robots.presser:MEASURES"
 
     @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
-    @property
     def nominal_speed(self) -> float:
         """See ``Robot``."""
         return self.speed
@@ -144,29 +138,9 @@ class Presser(Robot):
         fastest = abs(self.speed) / self.wheel_radius
         return np.tile([-fastest, fastest], (6, 1))
 
-    def controller(self) -> Wheels:
-        """Return the controller that turns all wheels alike."""
-        return Wheels(self.speed / self.wheel_radius)
-
-
-@dataclass(frozen=True)
-class Wheels:
-    """All wheels at one commanded speed.
-
-    Attributes:
-        speed: rad/s, of a wheel without load.
-        period: s, between commands.
-    """
-
-    speed: float
-    period: float = 0.02
-
-    def reset(self, rows: Any) -> None:
-        """Begin anew; it remembers nothing."""
-
-    def command(self, observation: Any) -> Array:
-        """Return the speeds (n, 6) of n robots' wheels, rad/s."""
-        return np.full((len(observation.qpos), 6), self.speed)
+    def gait(self, observation: Any) -> Array:
+        """See ``Robot``: all wheels (n, 6) turn alike, rad/s."""
+        return np.full((len(observation.qpos), 6), self.speed / self.wheel_radius)
 
 
 class BendSpeeds:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import mujoco
@@ -14,10 +13,13 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.walls.geoms import new_spec
 
 ARMS = 3
 """Of the stator, and of the rotor."""
 POLOLU = "Pololu 1000:1 HPCB 12 V, figures of the maker for other ratios, scaled"
+RAMP = 0.5
+"""Time, s, in which the rotor reaches its speed, so that the start asks for little torque."""
 CYLINDER, CAPSULE = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE
 SHELL = {"contype": 0, "conaffinity": 0, "group": 2}
 """Attributes of geoms that touch nothing."""
@@ -91,11 +93,6 @@ class Screw(Robot):
     claims: ClassVar[str] = "omnitrack_sim.paper.robots.screw:MEASURES"
 
     @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
-    @property
     def lever(self) -> float:
         """Way for each radian of the rotor, and torque for each newton of pull, m."""
         return self.bore / 2 * math.tan(self.lead)
@@ -117,12 +114,7 @@ class Screw(Robot):
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone: +z of its chassis, the stator, points along the pipe, the origin
         is on the pipe's axis."""
-        spec = mujoco.MjSpec()
-        spec.modelname = "screw"
-        spec.compiler.degree = False
-        spec.option.timestep = 0.002
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec = new_spec("screw")
         spec.option.impratio = 100
         half = self.overhang + (self.wheelbase + self.coupling_ahead + self.rotor_ahead) / 2
         rear = self.overhang - half
@@ -215,29 +207,7 @@ class Screw(Robot):
         rim = {"type": CYLINDER, "rgba": ORANGE, "mass": 0.0, **SHELL, **turn}
         wheel.add_geom(size=[0.5 * radius, 0.51 * self.tyre_width, 0], **rim)
 
-    def controller(self) -> Turning:
-        """Return the controller that turns the rotor."""
-        return Turning(self.speed)
-
-
-@dataclass(frozen=True)
-class Turning:
-    """The rotor at one commanded speed, after a start.
-
-    Attributes:
-        speed: rad/s, of the rotor without load.
-        period: s, between commands.
-    """
-
-    speed: float
-    period: float = 0.02
-    START: ClassVar[float] = 0.5
-    """Time, s, in which the speed is reached, so that the start asks for little torque."""
-
-    def reset(self, rows: Any) -> None:
-        """Begin anew; it remembers nothing."""
-
-    def command(self, observation: Any) -> Array:
-        """Return the speeds (n, 1) of n rotors, rad/s."""
+    def gait(self, observation: Any) -> Array:
+        """See ``Robot``: the rotor (n, 1) turns at one speed, rad/s, after a start."""
         time = np.broadcast_to(observation.time, len(observation.qpos))
-        return self.speed * np.clip(time / self.START, 0.0, 1.0)[:, None]
+        return self.speed * np.clip(time / RAMP, 0.0, 1.0)[:, None]

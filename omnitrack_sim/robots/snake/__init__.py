@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -13,6 +12,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Positive
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.walls.geoms import new_spec
 
 LINKS, CENTRE = 8, 4
 """Number of links, and the one, counted from the tail, that the others hang on."""
@@ -60,11 +60,6 @@ class Snake(Robot):
     stiffness: Positive = quantity(8.0, "N m/rad", "assumed", "of the joints' position loops")
     rate: float = quantity(2.5, "rad/s", "assumed", "of the links about themselves")
 
-    @property
-    def nominal_bore(self) -> float:
-        """See ``Robot``."""
-        return self.bore
-
     def directions(self, squeeze: float = 0.0) -> Array:
         """Return unit vectors (8, 3) along the links, tail to head, with the joints on a helix
         about z that touches the bore, or is wider by ``squeeze``."""
@@ -76,12 +71,7 @@ class Snake(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """Return the robot alone, in its helix about z: the origin is on the pipe's axis."""
-        spec = mujoco.MjSpec()
-        spec.modelname = "snake"
-        spec.compiler.degree = False
-        spec.option.timestep = 0.002
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec = new_spec("snake")
         spec.option.impratio = 100
         directions = self.directions()
         quaternion = np.empty(4)
@@ -163,33 +153,11 @@ class Snake(Robot):
         """See ``Robot``: the helix presses against the wall."""
         return joint_angles(self.directions(self.squeeze), np.zeros(1)).ravel()
 
-    def controller(self) -> Rolling:
-        """Return the controller of the rolling helix, which needs the time alone."""
-        return Rolling(self.directions(self.squeeze), self.rate)
-
-
-@dataclass(frozen=True, eq=False)
-class Rolling:
-    """A helix whose links turn about themselves.
-
-    Attributes:
-        directions: (8, 3) unit vectors along the links of the commanded helix.
-        rate: rad/s.
-        period: s, between commands.
-    """
-
-    directions: Array
-    rate: float
-    period: float = 0.02
-
-    def reset(self, rows: Any) -> None:
-        """Begin anew; it remembers nothing."""
-
-    def command(self, observation: Any) -> Array:
-        """Return the angles (n, 14) rad of n robots' joints."""
+    def gait(self, observation: Any) -> Array:
+        """See ``Robot``: angles (n, 14) rad of a helix whose links turn about themselves."""
         n = len(observation.qpos)
         roll = np.broadcast_to(self.rate * np.asarray(observation.time), n)
-        return joint_angles(self.directions, roll).reshape(n, -1)
+        return joint_angles(self.directions(self.squeeze), roll).reshape(n, -1)
 
 
 def joint_angles(directions: Array, roll: Array) -> Array:

@@ -6,7 +6,7 @@ import os
 import pickle
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -41,6 +41,7 @@ from omnitrack_sim.show.film.shots import PANEL
 from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.recording import Recording
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.stage import Panel, Stage
@@ -190,8 +191,34 @@ def check_amount(frames: int, size: tuple[int, int]) -> None:
         raise InputError(Fault("frames", problem))
 
 
+Shown = Result | Recording | str | os.PathLike[str]
+"""What pictures show: a run, the folder of a saved one, or a recording of any model."""
+
+
+def cameras_of(shown: Shown) -> tuple[str, ...]:
+    """Return the cameras of what is shown."""
+    return shown.cameras if isinstance(shown, Recording) else CAMERAS
+
+
+def subject_of(shown: Shown) -> Result | Recording:
+    """Return what is shown itself, loaded from its folder.
+
+    Raises:
+        InputError: a recording has no samples.
+        OutputError: the folder is no run.
+    """
+    if not isinstance(shown, Recording):
+        return as_result(shown)
+    shown.require_samples()
+    return shown
+
+
+def _time(shown: Result | Recording) -> Array:
+    return shown.time if isinstance(shown, Recording) else shown.trajectory.time
+
+
 def run_stage(
-    result: Result,
+    result: Result | Recording,
     size: tuple[int, int],
     camera: str,
     *,
@@ -199,16 +226,18 @@ def run_stage(
     fine: bool = True,
     overlay: bool = True,
 ) -> Stage:
-    """Return the stage of a scenario's run.
+    """Return the stage of a scenario's run, or of a recording.
 
     Args:
         result: the run.
         size: width and height of the pictures, pixels.
-        camera: one of ``CAMERAS``.
+        camera: one of ``cameras_of`` it.
         inset: pictures of a long route have a map.
         fine: paint with twice the width and height, and reduce.
         overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
+    if isinstance(result, Recording):
+        return result.stage(size, camera, inset=inset, fine=fine, overlay=overlay)
     from omnitrack_sim.show.film.stage import Stage
 
     playback, trajectory = playback_of(result), sound(result)
@@ -236,7 +265,7 @@ def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], Status
 
 
 def painted(
-    result: Result,
+    result: Result | Recording,
     times: Sequence[float],
     size: tuple[int, int],
     camera: str,
@@ -250,7 +279,7 @@ def painted(
         RenderError: no offscreen OpenGL, or a process died.
     """
     check_amount(len(times), size)
-    if processes == 1 or len(times) < 2:
+    if processes == 1 or len(times) < 2 or isinstance(result, Recording):
         with run_stage(result, size, camera, **options) as stage:
             yield from map(stage.picture, times)
         return
@@ -291,7 +320,7 @@ Progress = Callable[[float, str], None]
 
 
 def render_video(
-    result: Result | str | os.PathLike[str],
+    result: Shown,
     *,
     path: str | os.PathLike[str],
     camera: str = "side",
@@ -305,10 +334,10 @@ def render_video(
     """Film a run in real time.
 
     Args:
-        result: a ``Result``, or the folder of a saved one.
+        result: a ``Result``, the folder of a saved one, or a ``Recording``.
         path: file to write: ``.mp4``, H.264 that plays while it loads; ``.webm``, VP9; or ``.gif``,
             which repeats. Nothing half-written stays.
-        camera: one of ``CAMERAS``.
+        camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
         width, height: pixels; odd numbers grow by one.
         fps: frames a second, at most 50 of a GIF.
         progress: called with the fraction done (0 to 1) and a text.
@@ -328,41 +357,18 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    check_request(camera, width, height, fps, film_format(Path(path)), processes)
+    cameras = cameras_of(result)
+    check_request(camera, width, height, fps, film_format(Path(path)), processes, cameras)
     check_file(Path(path))
-    result = as_result(result)
-
-    def frames(times: Sequence[float], size: tuple[int, int]) -> Iterator[Image]:
-        options = {"inset": inset, "fine": False}
-        return painted(result, times, size, camera, options, processes)
-
-    return write_film(path, frames, result.trajectory.time, (width, height), fps, progress)
-
-
-def write_film(
-    path: str | os.PathLike[str],
-    frames: Callable[[Sequence[float], tuple[int, int]], Iterable[Image]],
-    time: Array,
-    size: tuple[int, int],
-    fps: int,
-    progress: Progress | None = None,
-) -> Path:
-    """Write a film in real time of what was recorded at ``time`` (T,) s.
-
-    Args:
-        path: of the film.
-        frames: returns the pictures at some times, of a width and height.
-        time: of the samples, s.
-        size: width and height; odd numbers grow by one.
-        fps: frames a second.
-        progress: as of ``render_video``.
-    """
-    width, height = (pixels + pixels % 2 for pixels in size)
-    start, end = time[[0, -1]].tolist()
+    source = subject_of(result)
+    size = width + width % 2, height + height % 2
+    start, end = _time(source)[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
     times = (start + np.arange(count) / fps).tolist()
-    with film(Path(path), width, height, fps) as append:
-        for index, frame in enumerate(frames(times, (width, height))):
+    options = {"inset": inset, "fine": False}
+    with film(Path(path), *size, fps) as append:
+        frames = painted(source, times, size, camera, options, processes)
+        for index, frame in enumerate(frames):
             append(frame)
             if progress:
                 progress((index + 1) / count, "rendering")
@@ -370,17 +376,19 @@ def write_film(
 
 
 def render_frame(
-    result: Result | str | os.PathLike[str],
+    result: Shown,
     *,
     time: float,
     camera: str = "side",
     width: int = 1280,
     height: int = 720,
     inset: bool = True,
+    overlay: bool = True,
 ) -> Image:
-    """One picture (height, width, 3) of a run at ``time`` s, uint8.
+    """One picture (height, width, 3) of a run or a recording at ``time`` s, uint8.
 
-    A time before the start or after the end shows the first or the last sample.
+    A time before the start or after the end shows the first or the last sample. ``inset`` and
+    ``overlay``: with a map, and with the panel of time, phase and speeds.
 
     Raises:
         InputError: unknown camera, a size that is out of range, or a time that is NaN.
@@ -393,13 +401,12 @@ def render_frame(
         (90, 160, 3)
     """
     check_time("time", time)
-    return render_frames(
-        result, times=[time], camera=camera, width=width, height=height, inset=inset
-    )[0]
+    look: dict[str, Any] = {"camera": camera, "inset": inset, "overlay": overlay}
+    return render_frames(result, times=[time], width=width, height=height, **look)[0]
 
 
 def render_frames(
-    result: Result | str | os.PathLike[str],
+    result: Shown,
     *,
     times: Sequence[float],
     camera: str = "side",
@@ -408,14 +415,11 @@ def render_frames(
     inset: bool = True,
     overlay: bool = True,
 ) -> list[Image]:
-    """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one.
-
-    ``overlay``: with the panel of time, phase and speeds.
-    """
+    """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
     check_times("times", times)
-    check_request(camera, width, height)
+    check_request(camera, width, height, cameras=cameras_of(result))
     options = {"inset": inset, "overlay": overlay}
-    return list(painted(as_result(result), times, (width, height), camera, options))
+    return list(painted(subject_of(result), times, (width, height), camera, options))
 
 
 STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
@@ -427,7 +431,7 @@ _DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
 
 
 def render_strip(
-    result: Result | str | os.PathLike[str],
+    result: Shown,
     *,
     path: str | os.PathLike[str],
     count: int = FRAMES,
@@ -439,11 +443,11 @@ def render_strip(
     """Stills of a run side by side in one picture, each with its letter and time.
 
     Args:
-        result: a ``Result``, or the folder of a saved one.
+        result: a ``Result``, the folder of a saved one, or a ``Recording``.
         path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
         count: how many stills, at most 26, if ``times`` are not given.
         times: of the stills, s; ``strip_times`` when not given.
-        camera: one of ``CAMERAS``.
+        camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
         width, height: of each still, pixels.
 
     Raises:
@@ -457,21 +461,8 @@ def render_strip(
         >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
         'strip.png'
     """
-    check_request(camera, width, height)
-    check_strip(path, count, times)
-    result = as_result(result)
-    span = result.trajectory.time
-    times = strip_times(result, count) if times is None else within(span, times)
-    look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
-    stills = render_frames(result, times=times, width=width, height=height, **look)
-    return write_strip(path, stills, times)
-
-
-def check_strip(
-    path: str | os.PathLike[str], count: int = FRAMES, times: Sequence[float] | None = None
-) -> None:
-    """Raise the errors of ``render_strip`` for what is wrong with a request, before any work."""
-    format_of(path, None, "picture", STRIP_FORMATS)
+    check_request(camera, width, height, cameras=cameras_of(result))
+    format = format_of(path, None, "picture", STRIP_FORMATS)
     if times is not None:
         check_times("times", times)
     number = count if times is None else len(times)
@@ -479,29 +470,27 @@ def check_strip(
         place = "count" if times is None else "times"
         raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
     check_file(Path(path))
-
-
-def write_strip(
-    path: str | os.PathLike[str], stills: Sequence[Image], times: Sequence[float]
-) -> Path:
-    """Write stills (height, width, 3) at ``times`` s, side by side, as one picture."""
-    sheet, format = composed(stills, times), format_of(path, None, "picture", STRIP_FORMATS)
+    source = subject_of(result)
+    times = strip_times(source, count) if times is None else _within(_time(source), times)
+    look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
+    stills = render_frames(source, times=times, width=width, height=height, **look)
     kinds = {"jpg": "JPEG", "jpeg": "JPEG", "png": "PNG", "pdf": "PDF"}
     # Without date and name of the file, the same run gives the same bytes.
-    options: dict[str, Any] = {"quality": 92} if kinds[format] != "PNG" else {"optimize": True}
+    options: dict[str, Any] = {"quality": 92} if format != "png" else {"optimize": True}
     if format == "pdf":
         options |= {"resolution": _DPI, "title": None, "creationDate": None, "modDate": None}
     with whole_file(Path(path)) as part, part.open("wb") as file:
-        sheet.save(file, kinds[format], **options)
+        composed(stills, times).save(file, kinds[format], **options)
     return Path(path)
 
 
-def strip_times(result: Result, count: int = FRAMES) -> list[float]:
+def strip_times(result: Result | Recording, count: int = FRAMES) -> list[float]:
     """Times, s, evenly from just before the first fitting that bends, branches or narrows to just
-    after the last; over the whole run where there is none."""
-    time = result.trajectory.time
+    after the last; over the whole run where there is none, and of a recording."""
+    time = _time(result)
     first, last = time[[0, -1]].tolist()
-    bends = [stay for stay in stays(result, result.trajectory) if not stay.part.fitting.is_plain]
+    visits = [] if isinstance(result, Recording) else stays(result, result.trajectory)
+    bends = [stay for stay in visits if not stay.part.fitting.is_plain]
     if bends:
         first = max(first, float(time[bends[0].first]) - BEFORE)
         last = min(last, float(time[bends[-1].last]) + BEFORE)
@@ -533,7 +522,7 @@ def composed(stills: Sequence[Image], times: Sequence[float]) -> PIL.Image.Image
     return sheet
 
 
-def within(span: Array, times: Sequence[float]) -> list[float]:
+def _within(span: Array, times: Sequence[float]) -> list[float]:
     """Return times, s, that lie within samples at ``span`` (T,) s."""
     first, last = span[[0, -1]].tolist()
     faults = [

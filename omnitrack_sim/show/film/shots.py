@@ -24,20 +24,6 @@ from omnitrack_sim.walls.pipe_looks import (
 )
 
 
-class PixelRect(NamedTuple):
-    """A part of a picture, pixels from its upper left corner."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def end(self) -> tuple[int, int]:
-        """Right and bottom, the first pixels beyond it."""
-        return self.left + self.width, self.top + self.height
-
-
 @dataclass(frozen=True)
 class Eye:
     """From where and how a picture is seen.
@@ -72,23 +58,6 @@ class Eye:
         ahead = clip[:, 3] > self.near
         depth = np.where(ahead, clip[:, 3], 1.0)[:, None]
         return (0.5 + 0.5 * clip[:, :2] / depth) * size, ahead
-
-    def box(self, centres: Array, radius: float, aspect: float) -> Array | None:
-        """Left, top, right and bottom (4,) of spheres about ``centres`` (n, 3) m in a picture of
-        width over height ``aspect``, which goes from 0 to 1; None where one reaches behind the
-        eye."""
-        seen = (centres - self.position) @ self.frame
-        depth = -seen[:, 2:] - radius
-        if (depth <= self.near).any():
-            return None
-        # The sphere lies within a square of its own size at the distance of its nearest point.
-        scale = np.array([1 / aspect, 1.0]) / np.tan(self.angle / 2)
-        across = seen[:, :2] * [1, -1]
-        spans = [across + side * radius for side in (-1, 1)]
-        # Nearer things are farther from the middle, farther ones nearer to it: both are looked at.
-        far = depth + 2 * radius
-        ends = np.concatenate([scale * span / d for span in spans for d in (depth, far)])
-        return 0.5 + 0.5 * np.concatenate([ends.min(axis=0), ends.max(axis=0)])
 
     def sees(self, centre: Array, radius: float, aspect: float) -> bool:
         """Return True for a sphere that can come into the picture."""
@@ -296,13 +265,12 @@ class FilmCamera:
     """Base of the cameras of films, with pictures of width over height ``aspect``.
 
     Attributes:
-        stands: eye and sun are the same all the time.
         lamp: it brings its own light.
         cut: (3,) direction to which pipes are cut open, or zeros where their insides are seen.
         still_sun: the sun in whose light pipes throw shadows; None where it moves.
     """
 
-    stands, lamp = False, False
+    lamp = False
     cut = np.zeros(3)
     still_sun: Sun | None = None
 
@@ -324,8 +292,6 @@ class SideCamera(FilmCamera):
     """Camera that stands still, before pipes that are cut open towards it. The robot reaches
     ``reach`` m about its centre; ``panel`` is the part of the picture's height that panels
     cover in its lower left corner."""
-
-    stands = True
 
     def __init__(self, playback: Playback, aspect: float, reach: float, panel: float) -> None:
         super().__init__(playback, aspect)

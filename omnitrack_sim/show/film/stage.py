@@ -15,13 +15,10 @@ from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.show.film.overlay import ForceArrows
-from omnitrack_sim.show.film.shaders import REACH
 from omnitrack_sim.show.film.shots import (
     FilmCamera,
     FollowCamera,
-    Framing,
     OnboardCamera,
-    PixelRect,
     SideCamera,
 )
 from omnitrack_sim.show.playback import Playback
@@ -72,14 +69,13 @@ class Stage:
         self.playback, self._aspect, self._panels = playback, size[0] / size[1], panels
         self.model, self._forces = playback.model, forces
         self.data = mujoco.MjData(self.model)
-        # Plates belong to the world: like pipes they stand still, also where no robot is painted.
+        # Plates belong to the world: like pipes they stand still.
         self._plates = playback.still
         self._robot = geoms_surface(self.model, playback.moving)
         moving = set(playback.moving)
         self._casting = geoms_surface(self.model, [i for i in playback.casting if i in moving])
         self._camera = self._camera_of(camera, covered)
         self._painter = self._painter_of(playback.network, size, fine)
-        self._still: Image | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -99,49 +95,17 @@ class Stage:
 
     def paint(self, row: int, qpos: Array | None = None) -> Image:
         """Paint the pipes and the robot, with joint positions (nq,) instead of the sample's where
-        these are given, from where the camera is at a sample.
-
-        With a camera that stands still, only what the robot and its shadow can change is painted
-        anew: the rest is the picture without them.
-        """
+        these are given, from where the camera is at a sample."""
         self._context.make_current()  # another stage may have been painted since
         self.playback.place(self.data, row, qpos)
         shot = self._camera.shot(row, self.data)
         self._eye = shot.eye
-        if not self._camera.stands:
-            return self._painted(shot)
-        if self._still is None:
-            self._still = self._painted(shot, robot=False)
-        frame = self._still.copy()
-        rect = self._changed(shot)
-        if rect is None:
-            return self._painted(shot)
-        left, top, width, height = rect
-        if width > 0 and height > 0:
-            part = self._painted(shot, rect)
-            frame[top : top + height, left : left + width] = part
-        return frame
-
-    def _painted(self, shot: Framing, rect: PixelRect | None = None, robot: bool = True) -> Image:
         # A seam is seen where both of its parts are seen in full.
         seams = [float(min(shot.clearness[i], shot.clearness[j]) == 1) for i, j in self._joined]
-        robot = robot and not self._camera.lamp
         rotation = self.data.xmat.reshape(-1, 3, 3)
         poses = np.concatenate([rotation, self.data.xpos[:, :, None]], axis=2)
         clearness = [*shot.clearness, *seams, *(1.0 for _ in self._plates)]
-        return self._painter.paint(shot.eye, poses, shot.sun, clearness, rect, robot)
-
-    def _changed(self, shot: Framing) -> PixelRect | None:
-        """The pixels that robot and shadow can change; None where that cannot be told."""
-        size, sun = np.array([self._painter.width, self._painter.height]), shot.sun
-        assert sun is not None
-        ends = np.stack([sun.middle, sun.middle - sun.reach * sun.towards])
-        box = shot.eye.box(ends, sun.radius, self._aspect)
-        if box is None:
-            return None
-        low = np.clip(np.floor(box[:2] * size).astype(int) - REACH, 0, size)
-        high = np.clip(np.ceil(box[2:] * size).astype(int) + REACH, 0, size)
-        return PixelRect(*low.tolist(), *(high - low).tolist())
+        return self._painter.paint(shot.eye, poses, shot.sun, clearness)
 
     def _camera_of(self, name: str, covered: float) -> FilmCamera:
         playback, aspect = self.playback, self._aspect

@@ -395,11 +395,8 @@ class _Mission:
 
 def _outcome(result: Result) -> str:
     """Outcome, duration, travel and legs of a run, in words."""
-    leg, distance = result.trajectory["leg"], result.trajectory["distance"]
-    known = np.isfinite(distance)
-    travel = sum(
-        float(np.abs(np.diff(distance[known & (leg == index)])).sum()) for index in np.unique(leg)
-    )
+    leg, position = result.trajectory["leg"], result.trajectory["position"]
+    travel = _way(position[np.isfinite(position).all(axis=1)])[-1]
     outcome = result.outcome.value.replace("_", " ")
     text = f"{outcome} after {result.duration_s:.2f} s, {travel:.2f} m driven"
     legs = len(result.routes())
@@ -424,6 +421,11 @@ class LegTravel:
     force: Array
 
 
+def _way(position: Array) -> Array:
+    """Length (n,) m of the path up to each of the positions (n, 3)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1)))
+
+
 def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
     if "slip_ratio" in trajectory:
         slip = np.abs(trajectory["slip_ratio"]).mean(axis=1)
@@ -437,9 +439,10 @@ def _travel_of(trajectory: Trajectory) -> Iterator[LegTravel]:
         rows = np.flatnonzero(known & (trajectory["leg"] == leg))
         if len(rows) == 0:
             continue
-        # Travel, not distance: a robot that backs off has pieces of their own for each pass.
-        travel = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory["distance"][rows]))))
-        starts = np.flatnonzero(np.diff(np.floor(travel / BIN), prepend=-1.0))
+        # Not ``distance``: a robot that backs off has pieces of their own for each pass, and on a
+        # map of its own that is wrong it moves where ``distance`` stands still.
+        way = _way(trajectory["position"][rows])
+        starts = np.flatnonzero(np.diff(np.floor(way / BIN), prepend=-1.0))
         count = np.diff(np.append(starts, len(rows)))
         yield LegTravel(
             tail_first=bool(trajectory["gear"][rows[0]] < 0),
@@ -529,7 +532,9 @@ def _speed(trajectory: Trajectory) -> Array:
     time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
     if len(time) < 2:
         return np.zeros(len(time))
-    speed = gear[1:] * np.diff(trajectory["distance"]) / np.diff(time)
+    # A robot that finds itself elsewhere on its map jumps in ``distance``, and has not moved.
+    most = 2.0 * np.linalg.norm(np.diff(trajectory["position"], axis=0), axis=1)
+    speed = gear[1:] * np.clip(np.diff(trajectory["distance"]), -most, most) / np.diff(time)
     # Each leg counts its distance from its own start.
     speed = np.where(np.diff(trajectory["leg"]) == 0, speed, 0.0)
     return running_mean(np.append(speed[:1], speed)[:, None], time, SPEED_WINDOW)[:, 0]

@@ -1,9 +1,9 @@
-"""Figures of runs over time: the summary of one, two compared, one channel."""
+"""Figures of runs over time: the summary of one, two compared, one channel, a recording."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.rotations import wrap_angle
+from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
+from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.record.channels import (
     MODULE_COLOURS,
     MODULE_COUNT,
@@ -20,12 +21,16 @@ from omnitrack_sim.record.channels import (
     Display,
     Vector,
 )
+from omnitrack_sim.record.display import Curve
 from omnitrack_sim.record.metrics import KNOWN
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, told
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.show.plots.mission_figure import SHADES
+from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
+    CURVE_COLOURS,
     GREY,
     INK,
     PAGE,
@@ -35,11 +40,15 @@ from omnitrack_sim.show.plots.style import (
     new_figure,
     page,
 )
+from omnitrack_sim.show.projection import aligned, bore_faces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 LINES: tuple[dict[str, Any], ...] = ({"lw": 0.9}, {"lw": 1.9, "alpha": 0.5}, {"lw": 0.9})
@@ -498,3 +507,85 @@ def _legends(axis: Axes, trajectory: Trajectory) -> None:
         if handles:
             loc = f"outside {place} left"
             figure.legend(handles=handles, loc=loc, ncols=4, borderaxespad=0.4)
+
+
+COLUMNS = 3
+"""Panels beside each other."""
+_VIEWS_APART, _BELOW_VIEWS, _TALLEST_VIEW = 0.5, 0.6, 3.0
+"""Inches between views of the way, and below them; their largest height."""
+_WAY = (0.82, 0.0, 0.42)
+
+
+def plot_recording(
+    *,
+    path: Path | None,
+    title: str,
+    network: Assembly,
+    time: Array,
+    curves: Mapping[str, Curve],
+    stays: Sequence[tuple[Part, int, int]],
+) -> Figure:
+    """Draw the figure of ``Recording.plot``.
+
+    Args:
+        path: file to write; None: nothing is written.
+        title: above the figure.
+        network: the pipes.
+        time: (T,) s.
+        curves: by name; ``position`` (T, 3) m is drawn into the pipes, too.
+        stays: parts that the body was in, with first and last sample.
+    """
+
+    def draw() -> Figure:
+        faces = bore_faces(network)
+        low, high = extent(faces)
+        elevation, _, plan = aligned(high - low)
+        wide, deep, tall = (high - low)[[*plan.columns, 2]]
+        width = (PAGE - LEFT - RIGHT - _VIEWS_APART) / 2
+        scale = min(width / wide, _TALLEST_VIEW / max(tall, deep))  # inches a metre
+        above = 0.3 + scale * max(tall, deep) + _BELOW_VIEWS
+        grid = PanelGrid(-(-len(curves) // COLUMNS), COLUMNS, above)
+        top = 1 - 0.38 / grid.height
+        for number, view in enumerate((elevation, plan)):
+            size = scale * np.array([wide, deep if number else tall])
+            left = (LEFT + number * (width + _VIEWS_APART) + (width - size[0]) / 2) / PAGE
+            bottom = top - size[1] / grid.height
+            box = (left, bottom, size[0] / PAGE, size[1] / grid.height)
+            axis = grid.figure.add_axes(box)
+            frame_view(axis, view, low, high)
+            draw_pipes(axis, network, view, faces)
+            flat = curves["position"].values[:, list(view.columns)]
+            axis.plot(*flat.T, color=_WAY, lw=1.4, zorder=3)
+            axis.plot(*flat[:1].T, "o", color=_WAY, mfc="white", ms=4, zorder=4)
+        for number, curve in enumerate(curves.values()):
+            last = number + COLUMNS >= len(curves)
+            axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
+            _draw_curve(axis, time, curve, stays)
+        duration = f"{len(time)} samples, {time[-1] - time[0]:.2f} s"
+        headline(grid.figure, title, duration, LEFT)
+        return grid.figure
+
+    return page(draw, path, None)
+
+
+def _draw_curve(
+    axis: Axes, time: Array, curve: Curve, stays: Sequence[tuple[Part, int, int]]
+) -> None:
+    """Draw one panel, with the parts as bands behind it."""
+    display = curve.display
+    for part, first, last in stays:
+        colour = SHADES.get(part.fitting.kind, SHADES["straight"])
+        axis.axvspan(time[first], time[last], color=colour, lw=0, zorder=0)
+    shown = display.scale * curve.values
+    for column, values in enumerate(shown.T):
+        look: dict[str, Any] = {"color": INK}
+        if curve.names:
+            look = {"color": CURVE_COLOURS[column], "label": curve.names[column]}
+        axis.plot(time, values, **look)
+    if curve.names:
+        axis.legend(fontsize=5.5, ncols=3, loc="best", handlelength=1.0, columnspacing=0.8)
+    if len(time) > 1:
+        axis.set_xlim(time[0], time[-1])
+    limits = limits_of(display, shown)
+    if limits is not None:
+        axis.set_ylim(*limits)

@@ -114,7 +114,10 @@ def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
 
 
 def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
-    pairs = list(itertools.combinations(range(len(scales)), 2))[:_MOST_PANELS]
+    wide = [i for i in range(len(scales)) if np.ptp(_ends(tried, i) or [0.0]) > 0]
+    # An objective that nothing changed has no front with another one.
+    shown = wide if len(wide) > 1 else list(range(len(scales)))
+    pairs = list(itertools.combinations(shown, 2))[:_MOST_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     size = (5.2 if len(pairs) == 1 else 3.8) * columns
@@ -125,7 +128,18 @@ def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     for panel in panels.flat[len(pairs) :]:
         panel.set_visible(False)
     _legend(figure, panels.flat[0], columns)
+    left_out = [i for i in range(len(scales)) if i not in shown]
+    if left_out:
+        words = (_in_words(scales[i], tried.values[:, i], tried.best) for i in left_out)
+        figure.suptitle("; ".join(words), fontsize=8, x=0.01, ha="left")
     return figure
+
+
+def _in_words(scale: ObjectiveAxis, values: Array, best: int) -> str:
+    """How many candidates have the same value of an objective as the best one."""
+    count = np.count_nonzero(values == values[best])
+    name = scale.label.partition(",")[0]
+    return f"{name} is {values[best]:g} for {count} of {counted(len(values), 'candidate')}"
 
 
 def _legend(figure: Figure, axis: Axes, columns: int) -> None:
@@ -200,14 +214,19 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
 
 
 def _bulk(tried: Tried, objective: int) -> tuple[float | None, float | None]:
-    """Limits of an axis that shows the bulk of the values of an objective, and start, best, front
+    """Limits of an axis that shows the ends of an objective, with room beside them."""
+    ends = _ends(tried, objective)
+    if not ends:
+        return None, None
+    room = 0.05 * (max(ends) - min(ends)) or 0.05 * max(abs(ends[0]), 1.0)
+    return min(ends) - room, max(ends) + room
+
+
+def _ends(tried: Tried, objective: int) -> list[float]:
+    """Values of an objective between which its axis lies: the bulk of all, and start, best, front
     and checks in any case; single wild ones fall outside."""
     values = tried.values[:, objective]
     ends = [*values[[0, tried.best, *tried.front]], *tried.checked[:, objective]]
     known = values[np.isfinite(values)]
     ends += np.percentile(known, _BULK).tolist() if len(known) else []
-    ends = [end for end in ends if np.isfinite(end)]
-    if not ends:
-        return None, None
-    room = 0.05 * (max(ends) - min(ends)) or 0.05 * max(abs(ends[0]), 1.0)
-    return min(ends) - room, max(ends) + room
+    return [end for end in ends if np.isfinite(end)]

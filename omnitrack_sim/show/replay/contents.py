@@ -23,6 +23,7 @@ from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
+from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.mission_figure import SHADES
@@ -234,15 +235,14 @@ def force_kinds(arrows: Sequence[ForceArrow], scale: float) -> dict[str, Any]:
         sizes = np.linalg.norm(np.concatenate(of_kind), axis=-1)
         sizes = sizes[np.isfinite(sizes)]
         large = float(np.percentile(sizes, 98)) if len(sizes) else 0.0
-        length = _nice(0.08 * scale / large) if large > 0 else 1e-3
+        length = 1e-3
+        if large > 0:
+            value = 0.08 * scale / large
+            power = 10.0 ** math.floor(math.log10(value))
+            # The largest of 1, 2 or 5 times a power of ten up to it.
+            length = max(step * power for step in (1, 2, 5) if step * power <= value * (1 + 1e-9))
         kinds[kind] = {"words": words, "colour": colour, "ends": ends, "scale": length}
     return kinds
-
-
-def _nice(value: float) -> float:
-    """The largest of 1, 2 or 5 times a power of ten up to ``value`` > 0."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return max(step * power for step in (1, 2, 5) if step * power <= value * (1 + 1e-9))
 
 
 def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str, Any]:
@@ -457,4 +457,21 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
         "towards": rounded(towards, 6),
         "back": rounded(follow_direction(network), 6),
         "fov": FIELD_OF_VIEW,
+    }
+
+
+def page_data(runs: list[PageRun], pack: Pack) -> dict[str, Any]:
+    """Collect what every page has of its runs: robots, pipes and cameras."""
+    first, shapes = runs[0], Shapes(pack)
+    back = view_directions(first.playback, follow_direction(first.playback.network))
+    return {
+        "runs": [run.table(pack, shapes) for run in runs],
+        "pipes": pipes_table(first.playback, shapes),
+        "follow": {
+            "distance": FARTHER * DISTANCE * first.scale,
+            "directions": pack.steps(back, 1e-4),
+        },
+        "onboard": onboard_table(first),
+        "arrows": force_kinds(first.arrows, first.scale),
+        "shapes": shapes.tables,
     }

@@ -19,12 +19,11 @@ from omnitrack_sim.base.writing import check_file, format_of, write_file
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.film.shots import DISTANCE, view_directions
 from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.replay import contents
-from omnitrack_sim.walls.pipe_looks import follow_direction
 
 FORMATS = ("html",)
 SAME_POSE = 1e-6
@@ -76,15 +75,15 @@ class ReplayPage:
 
 
 def render_replay(
-    result: Result | str | os.PathLike[str],
+    result: Result | Recording | str | os.PathLike[str],
     *,
     path: str | Path | None = None,
     compare: Result | str | os.PathLike[str] | None = None,
 ) -> ReplayPage:
-    """Render a run as a page that plays it in a browser: one file, which needs no network.
+    """Render a run or a recording as a page that plays it in a browser: one file, without network.
 
     Args:
-        result: the run, or the folder of a saved one.
+        result: the run, the folder of a saved one, or a recording of any model.
         path: ``.html`` file to write; none: nothing is written, and a notebook shows the page.
         compare: a second run through the same pipes, shown as a translucent robot and as paler
             curves.
@@ -103,28 +102,30 @@ def render_replay(
         True
     """
     if path is not None:
-        check_page(path)
+        format_of(path, None, "page", FORMATS)
+        check_file(Path(path))
+    page = ReplayPage(_document(_data_of(result, compare)))
+    if path is not None:
+        write_file(Path(path), page.html.encode("utf-8"))
+    return page
+
+
+def _data_of(
+    result: Result | Recording | str | os.PathLike[str],
+    compare: Result | str | os.PathLike[str] | None,
+) -> dict[str, Any]:
+    """Return the data of the page that ``render_replay`` is asked for."""
+    if isinstance(result, Recording):
+        if compare is not None:
+            raise InputError(Fault("compare", "is for runs; a recording is shown alone"))
+        return result.replay_data()
     runs = [as_result(result)]
     if compare is not None:
         runs.append(as_result(compare))
         if problem := pipes_mismatch(*runs):
             hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
             raise InputError(Fault("compare", f"{problem}; {hint}"))
-    return write_page(replay_data(runs), path)
-
-
-def check_page(path: str | os.PathLike[str]) -> None:
-    """Raise the errors of a path that no page can be written to, before any work."""
-    format_of(path, None, "page", FORMATS)
-    check_file(Path(path))
-
-
-def write_page(data: dict[str, Any], path: str | os.PathLike[str] | None) -> ReplayPage:
-    """Return the page with some data, written where there is a path."""
-    page = ReplayPage(_document(data))
-    if path is not None:
-        write_file(Path(path), page.html.encode("utf-8"))
-    return page
+    return replay_data(runs)
 
 
 def pipes_mismatch(one: Result, other: Result) -> str:
@@ -155,7 +156,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
     trajectory, schema = sound(first), first.trajectory.schema
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         pages = [_page_run(run) for run in runs]
-        data = page_data(pages, pack)
+        data = contents.page_data(pages, pack)
     landmarks = Landmarks.of(first, trajectory) if needs_map(first) else None
     return data | {
         "map": None
@@ -173,23 +174,6 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         "headline": display.headline,
         "differences": differences(*runs) if len(runs) > 1 else [],
         "data": pack.text(),
-    }
-
-
-def page_data(runs: list[contents.PageRun], pack: contents.Pack) -> dict[str, Any]:
-    """Collect what every page has of its runs: robots, pipes and cameras."""
-    first, shapes = runs[0], contents.Shapes(pack)
-    back = view_directions(first.playback, follow_direction(first.playback.network))
-    return {
-        "runs": [run.table(pack, shapes) for run in runs],
-        "pipes": contents.pipes_table(first.playback, shapes),
-        "follow": {
-            "distance": contents.FARTHER * DISTANCE * first.scale,
-            "directions": pack.steps(back, 1e-4),
-        },
-        "onboard": contents.onboard_table(first),
-        "arrows": contents.force_kinds(first.arrows, first.scale),
-        "shapes": shapes.tables,
     }
 
 

@@ -1,28 +1,241 @@
-"""Players of runs in a window: of a simulation as it runs, of a saved run, of a driven robot."""
+"""Players of runs in a window, in step with wall time: of a simulation as it runs, of a saved run,
+of a driven robot, whose keys become orders."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from omnitrack_sim.base.bounds import MOST_ORDERS
-from omnitrack_sim.base.rotations import Array, heading, matrix_from_quaternion
+from omnitrack_sim.base.rotations import (
+    Array,
+    heading,
+    matrix_from_quaternion,
+    rotation_about,
+    unit,
+)
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import Lines
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
+from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.playback import sound
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
-from omnitrack_sim.show.viewer.pace import Pace
-from omnitrack_sim.show.viewer.teleoperation import KeyContext, Teleoperation
 from omnitrack_sim.show.viewer.window import Window, covers_robot
 from omnitrack_sim.sim.run import no_load_slips
 from omnitrack_sim.sim.simulation import Simulation
+
+LADDER = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0, 16.0, math.inf)
+"""Speeds that can be chosen, simulated over wall seconds; the last one is as fast as possible."""
+FRAME = 1 / 30
+"""Wall time between two pictures, s."""
+LATE_FRAME = 0.25
+"""The same while steps are overdue, s."""
+STINT = 0.1
+"""Wall time that steps may take before keys are looked at again, s."""
+MOST_OVERDUE = 0.5
+"""Wall time by which steps may be late, s: what is later is given up."""
+_MEASURED = 1.0  # s of wall time over which the reached speed is measured
+_ROUNDING = 1e-9  # s
+
+
+class Pace:
+    """Takes the steps that are due, and says when to draw and how long to sleep.
+
+    Steps come first: while some are overdue there are fewer pictures. What the machine cannot make
+    up for is given up, so that simulated time falls behind and does not hurry afterwards.
+
+    Args:
+        speed: simulated over wall seconds; infinite: as fast as possible.
+        clock: wall time, s.
+
+    Attributes:
+        speed: as above.
+        paused: no steps are due.
+        reached: the speed of the last second.
+        overdue: steps are late.
+    """
+
+    def __init__(self, speed: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
+        self.speed, self.paused, self._clock = speed, False, clock
+        self.reached, self.overdue = 0.0, False
+        self._from: tuple[float, float] | None = None  # wall and simulated time, s, in step
+        self._drawn = -math.inf
+        self._mark: tuple[float, float] | None = None
+
+    def anew(self) -> None:
+        """Count from now on: after a leap, a pause, another speed."""
+        self._from = self._mark = None
+        self.overdue = False
+
+    def faster(self, steps: int) -> None:
+        """The speed that is ``steps`` further up the ladder, or down it."""
+        nearest = min(
+            range(len(LADDER)), key=lambda i: abs(self._log(LADDER[i]) - self._log(self.speed))
+        )
+        self.speed = LADDER[min(max(nearest + steps, 0), len(LADDER) - 1)]
+        self.anew()
+
+    @staticmethod
+    def _log(speed: float) -> float:
+        # The infinite speed is one rung above the fastest finite one.
+        return min(math.log2(speed), math.log2(LADDER[-2]) + 1)
+
+    def advance(self, run: LiveRun | SavedRun) -> None:
+        """Take the steps that are due by now."""
+        now = self._clock()
+        if self.paused or run.next_time is None:
+            self.anew()
+            return
+        if self._from is None:
+            self._from = self._mark = (now, run.time)
+        wall, simulated = self._from
+        due = simulated + (now - wall) * self.speed if now > wall else simulated
+        while run.next_time is not None and run.next_time <= due + _ROUNDING:
+            run.step()
+            if self._clock() > now + STINT:
+                break
+        self.overdue = run.next_time is not None and run.next_time <= due + _ROUNDING
+        # Without this a slow stretch would be followed by a rush.
+        if self.overdue and (due - run.time) / self.speed > MOST_OVERDUE:
+            self._from = (self._clock(), run.time)
+        self._measure(run.time)
+
+    def _measure(self, simulated: float) -> None:
+        now = self._clock()
+        if self._mark is None:
+            self._mark = (now, simulated)
+        wall, before = self._mark
+        if now - wall >= _MEASURED:
+            self.reached, self._mark = (simulated - before) / (now - wall), (now, simulated)
+
+    def draws(self) -> bool:
+        """Return True if a picture is due; the next one is then due a frame later."""
+        now = self._clock()
+        if now - self._drawn < (LATE_FRAME if self.overdue else FRAME) - _ROUNDING:
+            return False
+        self._drawn = now
+        return True
+
+    def rest(self, run: LiveRun | SavedRun) -> float:
+        """Return the time, s, in which nothing will be due; a key may come before."""
+        if self.overdue:
+            return 0.0
+        now = self._clock()
+        left = self._drawn + FRAME - now
+        if self._from is not None and run.next_time is not None and not self.paused:
+            wall, simulated = self._from
+            left = min(left, wall + (run.next_time - simulated) / self.speed - now)
+        return max(left, 0.0)
+
+
+SPEED_STEPS = 4
+"""Presses from standing still to the cruise speed."""
+HEADING_STEP = math.radians(15.0)
+"""By which one press turns the heading, rad."""
+FARTHEST_HEADING = math.radians(120.0)
+"""Angle of the heading from the nose beyond which no press takes it, rad: past half a turn the
+robot would turn the other way round."""
+ROLL_STEP_DEG = 15.0
+"""By which one press rolls the modules, degrees: the robot turns by a third of that and less."""
+MOST_ROLL_DEG = 3600.0
+"""Roll either way that an order can ask for, degrees."""
+
+
+@dataclass(frozen=True)
+class KeyContext:
+    """The state on which the effect of a key depends, when it is pressed.
+
+    Attributes:
+        time: s.
+        nose: (3,) unit vector along the robot.
+        roll_deg: last commanded roll of the modules.
+        towards: (3,) unit vector from the picture to the viewer. All in the world frame.
+    """
+
+    time: float
+    nose: Array
+    roll_deg: float
+    towards: Array
+
+
+class Teleoperation:
+    """The set points of a driver; ``order`` is the last one that was given.
+
+    Every press changes one of them by a step, and it stays so until the next press. Left and right
+    are those of the picture: the heading is turned about the line of sight, and away and towards
+    about the line across it. Speeds are in m/s.
+    """
+
+    def __init__(self, cruise_speed: float, speed_limit: float, roll_deg: float) -> None:
+        self._step, self._limit = cruise_speed / SPEED_STEPS, speed_limit
+        self.order = Order(time=0.0, roll_deg=roll_deg)
+
+    def press(self, do: Do, pose: KeyContext) -> Order | None:
+        """The order that a key makes; None where it changes nothing. While the controller
+        drives, only a stop takes over from it, and the run can be ended."""
+        if do is Do.FINISH:
+            return self._give(Order(time=pose.time, by="end"))
+        if do is Do.STOP:
+            stop = Order(time=pose.time, roll_deg=pose.roll_deg)
+            return None if _same(stop, self.order) else self._give(stop)
+        if self.order.by != "hand":
+            return None
+        if do is Do.HAND_OVER:
+            return self._give(Order(time=pose.time, by="autopilot"))
+        changed = self.order.model_copy(update={"time": pose.time} | self._changes(do, pose))
+        return None if _same(changed, self.order) else self._give(changed)
+
+    def _give(self, order: Order) -> Order:
+        self.order = order
+        return order
+
+    def _changes(self, do: Do, pose: KeyContext) -> dict[str, object]:
+        """Changes of the order at hand by a key; none where the key does not drive."""
+        speeds, rolls = {Do.FORWARD: 1, Do.BACK: -1}, {Do.ROLL_ON: 1, Do.ROLL_BACK: -1}
+        if do in speeds:
+            # Whole steps, so that as many back lead to exactly nothing.
+            count = round(self.order.speed / self._step) + speeds[do]
+            return {"speed": min(max(count * self._step, -self._limit), self._limit)}
+        if do in rolls:
+            before = self.order.roll_deg
+            assert before is not None
+            asked = before + rolls[do] * ROLL_STEP_DEG
+            return {"roll_deg": min(max(asked, -MOST_ROLL_DEG), MOST_ROLL_DEG)}
+        if do is Do.STRAIGHT:
+            return {"heading": None}
+        heading = self._turned(do, pose)
+        return {} if heading is None else {"heading": heading}
+
+    def _turned(self, do: Do, pose: KeyContext) -> tuple[float, float, float] | None:
+        """The heading, turned by a step; None where it stays."""
+        before = pose.nose if self.order.heading is None else np.array(self.order.heading)
+        across = unit(np.cross(before, -pose.towards))
+        about = {
+            Do.LEFT: pose.towards,
+            Do.RIGHT: -pose.towards,
+            Do.AWAY: across,
+            Do.TOWARDS: -across,
+        }.get(do)
+        if about is None or not about.any():  # no steering, or along the line of sight
+            return None
+        heading = rotation_about(about, HEADING_STEP) @ before
+        if heading @ pose.nose < min(math.cos(FARTHEST_HEADING), float(before @ pose.nose)):
+            return None
+        x, y, z = (heading / np.linalg.norm(heading)).tolist()
+        return x, y, z
+
+
+def _same(one: Order, other: Order) -> bool:
+    """Return True if two orders ask for the same."""
+    return one.model_copy(update={"time": other.time}) == other
 
 
 class ShownRun:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import queue
+import re
 import sys
 import time
 import warnings
@@ -240,9 +241,7 @@ class Window:
 def _text(corner: mujoco.mjtGridPos, lines: Lines) -> tuple[int | None, int, str, str]:
     """A panel as MuJoCo takes it, in the letters that its font has."""
     words, values = zip(*lines, strict=True) if lines else ((), ())
-    left, right = ("\n".join(map(_drawable, column)) for column in (words, values))
+    left, right = (
+        "\n".join(re.sub("[^ -~]", "?", text) for text in column) for column in (words, values)
+    )
     return int(mujoco.mjtFontScale.mjFONTSCALE_100), int(corner), left, right
-
-
-def _drawable(text: str) -> str:
-    return "".join(each if " " <= each <= "~" else "?" for each in text)

@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import MODULES
-from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
+from omnitrack_sim.robots.omnitrack.control.command import SWAPPED
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign, turn_from_roll
 from omnitrack_sim.robots.omnitrack.singularity import best_theta5, safe_margin, sector_angle
 

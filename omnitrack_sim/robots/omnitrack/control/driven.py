@@ -32,8 +32,7 @@ from omnitrack_sim.robots.control import (
     parameters_model,
 )
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.command import Command
-from omnitrack_sim.robots.omnitrack.control.gear import carried_out
+from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.robots.omnitrack.drive import drive_of

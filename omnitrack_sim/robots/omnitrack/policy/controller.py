@@ -24,8 +24,7 @@ from omnitrack_sim.robots.feature import (
     steps_of,
 )
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.command import Command
-from omnitrack_sim.robots.omnitrack.control.gear import SWAPPED
+from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
@@ -115,12 +114,6 @@ class Decisions:
     def features_of(cls, robot: Any, names: str | Sequence[str] | None) -> tuple[Feature, ...]:
         """Return features by names, as ``select_features`` does; None: the set ``onboard``."""
         return features_of("onboard" if names is None else names, "observation")
-
-    @classmethod
-    def senses_for(cls, names: str | Sequence[str] | None) -> str:
-        """Return the ``sensing.kind`` that observations need."""
-        # Features of the truth need it; any other set can be had from the robot's own sensors.
-        return "truth" if names == "truth" else "onboard"
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""

@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.bounds import LARGEST_WEIGHT, MOST_LAYERS, MOST_POLICY_BYTES, MOST_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
-from omnitrack_sim.base.naming import ByName, shipped_policies
+from omnitrack_sim.base.naming import ByName, shipped_files
 from omnitrack_sim.base.reading import checked, is_file, parsed
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
@@ -419,7 +419,7 @@ def policy_path(source: str | Path) -> Path:
     """
     if is_file(Path(source)):
         return Path(source)
-    shipped = shipped_policies()
+    shipped = shipped_files("policies")
     if str(source) in shipped:
         return shipped[str(source)]
     problem = "no such file, nor a shipped policy of that name"

@@ -1,7 +1,6 @@
 #version 400
 // After T. Lottes, FXAA 3.11 (NVIDIA, 2011): edges are found by the contrast of green, followed to
-// both ends for up to REACH pixels (shaders.py), and shifted by the part of a pixel that their ends
-// ask for.
+// both ends for up to 10 pixels, and shifted by the part of a pixel that their ends ask for.
 uniform sampler2D drawn;
 uniform vec2 pixel;
 out vec4 shown;
