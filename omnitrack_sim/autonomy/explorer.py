@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.base.rotations import Array, angle_between, unit
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
@@ -123,6 +123,7 @@ class Explorer(MapPilot):
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
         self._bends: dict[int, Array] = {}
+        self._axes: tuple[int, list[Array]] = -1, []  # part it looks out of, looks along the pipe
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
         # Sightings of the same one from close by, and from where, m.
@@ -197,7 +198,8 @@ class Explorer(MapPilot):
                 return Decision(self.leg, True, ())
         self._assumed = 0.0
         self._forget_what_was_far()
-        measured = self._measure_bend(look.turned @ ahead.axis)
+        axis = self._mean_axis(look.turned @ ahead.axis)
+        measured = self._measure_bend(axis)
         path = self._reached(distance + ahead.distance - self.route().length)
         if measured:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
@@ -207,7 +209,7 @@ class Explorer(MapPilot):
             )
             return Decision(self.leg, True, ())
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, path, look)
+            return self._comes_to(ahead.fitting, ahead, path, look, axis)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
         elif ahead.confidence < EXPLORER.sure:
@@ -423,6 +425,7 @@ class Explorer(MapPilot):
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
             if left <= BELIEF.least_straight and self.belief.drop(end[0]):
+                self._axes = -1, []
                 return path[:-1]
             return path
         if more <= BELIEF.least_straight:
@@ -435,8 +438,10 @@ class Explorer(MapPilot):
         ahead: Ahead,
         path: tuple[Edge, ...],
         look: Look,
+        axis: Array,
     ) -> Decision:
-        """Decide at the sight of a fitting at the end of a path: extend the map and the leg."""
+        """Decide at the sight of a fitting at the end of a path, in a pipe along ``axis`` (3,) in
+        the frame of ``turned``: extend the map and the leg."""
         belief, end, enter = self.belief, _end_of(path), ahead.enter
         time, distance = look.time, look.distance
         if isinstance(fitting, Reducer) and self._reducers:
@@ -450,7 +455,7 @@ class Explorer(MapPilot):
         side = _side(ahead, look, belief.port(end).rotation[:, 2])
         part = belief.attach(end, fitting, enter, side)
         if isinstance(fitting, Elbow):
-            self._bends[part] = look.turned @ ahead.axis
+            self._bends[part] = axis
         name = belief.network.fittings[part].name
         if name in self._doubts:
             self._back.lengths[part] = []
@@ -470,6 +475,19 @@ class Explorer(MapPilot):
         if belief.is_last(part):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
+
+    def _mean_axis(self, axis: Array) -> Array:
+        """Return the axis (3,) of the pipe ahead by the looks that were believed, of which this is
+        the last, in the frame of ``turned``. Of a bend that is measured the first stays: the closer
+        a lens comes to its end, the less it sees of what is beyond, and the next bend begins where
+        that ended."""
+        part = self._out_of()[0]
+        if self._axes[0] != part:
+            self._axes = part, []
+        measured = isinstance(self.belief.fitting(part), Elbow) and part not in self._bends
+        if not (self._axes[1] and measured):
+            self._axes[1].append(axis)
+        return unit(np.sum(self._axes[1], axis=0))
 
     def _measure_bend(self, axis: Array) -> bool:
         """Measure the elbow that the robot has come out of, into a pipe along ``axis`` (3,), in the
@@ -652,7 +670,7 @@ class Explorer(MapPilot):
         if decision.leg is None:
             return decision
         self.belief.settle()
-        self._sighted, self._reducers = None, []
+        self._sighted, self._reducers, self._axes = None, [], (-1, [])
         self._back.begin()
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

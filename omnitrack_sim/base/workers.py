@@ -40,7 +40,9 @@ class LocalPool(ProcessPoolExecutor):
         if not wait:
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
-        super().shutdown(wait, cancel_futures=cancel_futures)
+        # The thread that serves dead workers ends at once. Python waits for it on its way out too,
+        # but wakes it there by a pipe that the thread may be closing, which ends in a traceback.
+        super().shutdown(wait=True, cancel_futures=cancel_futures)
 
 
 def begin_worker(parent: int) -> None:
