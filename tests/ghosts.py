@@ -78,7 +78,7 @@ class Ghost:
                 ahead, behind = self._look(position, frame), None
                 if explorer.looks_back(told):
                     behind = self._look(position, frame * TURNED)
-                look = Look(time, told, ahead, behind, frame, frame)
+                look = Look(time, told, ahead, behind, frame)
                 if self.arms:
                     reach = float(self.pipes.signed_distance(position[None])[0][0])
                     look = look._replace(bore=2 * reach)

@@ -187,6 +187,21 @@ def test_a_loop_with_errors_of_sight_is_closed_all_the_same():
     assert np.linalg.norm(a.position - b.position) < 0.2 * closed.miss
 
 
+def test_a_straight_that_a_loop_changes_much_is_in_doubt():
+    """What the loop misses by may be wrong anywhere in it: the map is not called complete."""
+
+    def long(ahead):
+        far = isinstance(ahead.fitting, Tee) and ahead.enter == "run_end"
+        return replace(ahead, distance=ahead.distance + 0.05) if far else ahead
+
+    ghost = explored("tower", "foot", erring=long)
+    (closed,) = of_kind(ghost, LoopClosed)
+    assert closed.miss > 0.03
+    assert not of_kind(ghost, ExplorationComplete)
+    (incomplete,) = of_kind(ghost, ExplorationIncomplete)
+    assert "a loop changed its length by" in incomplete.left
+
+
 def test_a_plate_that_is_seen_is_a_closed_end():
     """It is inspected like an open one; what is beyond is reached by the other way, round the
     loop."""
@@ -347,6 +362,31 @@ def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
     assert "a shallow reducer may be in it" in incomplete.left
     ghost = Ghost(network, "foot.start", erring=dim, arms=True)
     ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+
+
+@pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
+def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
+    """Arms that stand farther out than the bore on the map make the robot look back, in pipe and
+    directly behind a tee; it goes on by the right bore to what follows."""
+
+    def overlooked(ahead):
+        if not isinstance(ahead.fitting, Reducer) or ahead.enter == "end":
+            return ahead
+        return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
+
+    parts = [straight("foot", 0.5), *before, reducer("wider", 0.17)]
+    ports = ["foot.end", *(f"tee.{port}" for _ in before for port in ("run_start", "run_end"))]
+    parts += [straight("on", 0.7, inner_diameter=0.17)]
+    parts += [{"kind": "elbow", "name": "elbow", "inner_diameter": 0.17}]
+    ports += ["wider.start", "wider.end", "on.start", "on.end", "elbow.start"]
+    joints = [joint(*pair) for pair in zip(ports[::2], ports[1::2], strict=True)]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
+    ghost.run()
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference
+    assert difference.length_error < 0.01
     assert of_kind(ghost, ExplorationComplete)
 
 

@@ -10,10 +10,11 @@ import pytest
 from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of
+from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of, by_lamp
 from omnitrack_sim.autonomy.recognition import Sighting
+from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, rotation_about
-from omnitrack_sim.pipes import ARCS, Elbow, Passage, Tee
+from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Tee
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -72,9 +73,9 @@ def test_a_robot_explores_by_its_camera_and_comes_back(explored):
 
 
 def test_how_much_a_bend_bends_is_measured_after_it(explored):
-    """From before it the end of a bend is hidden; by the gyro it is known to a degree or two."""
+    """From before it the end of a bend is hidden; past it the pose tells the angle to a degree."""
     (found,) = [f for f in explored.map.fittings if f.kind == "elbow"]
-    assert found.angle_deg == pytest.approx(90.0, abs=2.5)
+    assert found.angle_deg == pytest.approx(90.0, abs=1.0)
 
 
 def test_its_place_is_known_on_its_own_map(explored):
@@ -151,6 +152,27 @@ def test_a_lens_before_a_wall_sees_no_plate():
     )
     assert ahead_of(plate, 0.16, 0.07, 0.024) is None
     assert ahead_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
+
+
+@pytest.mark.parametrize(
+    ("seen", "in_pipe", "angle", "confidence"),
+    [
+        (Elbow(0.24, np.radians(100)), True, 90, 1.0),
+        (Elbow(0.24, np.radians(50)), False, 45, 0.9),
+        (Elbow(0.24, np.radians(65)), True, 65, 1.0),
+        (Reducer(0.1, 0.14), True, None, 0.9),
+        (Tee(), True, None, 1.0),
+        (None, True, None, 0.9),
+    ],
+)
+def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, confidence):
+    """An elbow that seems to bend farther than one that is sold has its angle, and the smaller
+    radius that goes with it; cones and free pipe hardly show."""
+    told = by_lamp(Ahead(fitting=seen), in_pipe)
+    assert told.confidence == confidence
+    if angle is not None:
+        assert np.degrees(told.fitting.angle) == pytest.approx(angle)
+        assert (told.fitting.mean_radius < 0.24) == (seen.angle > told.fitting.angle)
 
 
 def test_a_robot_sees_alone_what_it_sees_in_a_batch():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Literal
 
 import numpy as np
@@ -38,7 +39,7 @@ class BeliefSettings:
     """
 
     shortest: float = 1e-3
-    least_straight: float = 0.02
+    least_straight: float = 0.03
     miss: float = 0.1
     miss_share: float = 0.02
     miss_angle: float = math.radians(10)
@@ -234,16 +235,16 @@ class Belief:
         if part != self.provisional:
             self.provisional, self._network = part, None
 
-    def take_back(self, part: int) -> int | None:
-        """Remove what was observed from afar at the end of a straight; return the part that was
-        there, None where there was none."""
+    def take_back(self, part: int) -> list[int]:
+        """Remove what was observed from afar at the end of a straight, and what hangs on that;
+        return the parts that were there."""
         end = part, "end"
-        beyond, _ = self.joined.get(end, (None, ""))
-        if beyond is not None:
-            self.drop(beyond)
+        beyond, _ = self.joined.get(end, (len(self._fittings), ""))
+        parts = range(len(self._fittings) - 1, beyond - 1, -1)
+        removed = list(takewhile(self.drop, parts))
         self.ends.pop(end, None)
         self.settle()
-        return beyond
+        return removed
 
     def note(self, end: End, noted: Noted) -> None:
         """Note the state of a port that nothing follows."""

@@ -26,7 +26,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Passage, Route
+from omnitrack_sim.pipes import Elbow, Passage, Reducer, Route
 from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
@@ -46,8 +46,14 @@ class CameraSightSettings:
             tell anything.
         past: bores, from a fitting to the lens up to which the fitting tells how the lens stands:
             the picture shows the wall from 0.4 bores beyond the lens on.
-        free_by_lamp: most probability that free pipe is free, by a lamp: it hardly shows shallow
-            reducers.
+        by_lamp: most probability, by a lamp, that free pipe is free, and that sizes are right of a
+            reducer, as cones hardly show, and of an elbow that is seen out of a fitting.
+        angles: rad, of elbows as most are sold. By a lamp, an angle nearby counts as such a one
+            until it is measured behind the elbow: before, the end of the elbow is hidden.
+        angle_error: rad, how near: a lamp shows 5 to 15 degrees too much.
+        radius_by_angle: bores per rad, by how much the mean radius of an elbow comes out greater
+            by a lamp where its angle does: of looks at elbows of 1.5 bores this takes the standard
+            deviation from 6.4 to 4.3 mm.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -57,7 +63,10 @@ class CameraSightSettings:
     least_free: float = 0.25
     past: float = 0.6
     bore_step: float = 1e-3
-    free_by_lamp: float = 0.9
+    by_lamp: float = 0.9
+    angles: tuple[float, ...] = (math.radians(45), math.radians(90))
+    angle_error: float = math.radians(15)
+    radius_by_angle: float = 0.3
     first_picture: int = 1_000_000
 
 
@@ -117,9 +126,9 @@ class CameraSight:
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
         ahead = ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
-        if ahead is None or ahead.kind != ("", "") or self._eyes.mount.camera.lamp is None:
+        if ahead is None or self._eyes.mount.camera.lamp is None:
             return ahead
-        return replace(ahead, confidence=min(ahead.confidence, CAMERA_SIGHT.free_by_lamp))
+        return by_lamp(ahead, fitting.is_plain)
 
 
 def behind_lens(route: Route, lens: float) -> Passage:
@@ -173,6 +182,21 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)
     return replace(located, fitting=fitting, enter=sighting.enter)
+
+
+def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
+    """Return a sighting by a lamp with what a lamp shows badly, out of a pipe or of a fitting."""
+    seen = ahead.fitting
+    if isinstance(seen, Elbow):
+        nearest = min(CAMERA_SIGHT.angles, key=lambda angle: abs(angle - seen.angle))
+        if abs(nearest - seen.angle) < CAMERA_SIGHT.angle_error:
+            excess = 2 * seen.radius * CAMERA_SIGHT.radius_by_angle * (seen.angle - nearest)
+            radius = max(seen.mean_radius - excess, seen.radius)
+            ahead = replace(ahead, fitting=replace(seen, angle=nearest, mean_radius=radius))
+    free = ahead.kind == ("", "")
+    if free or isinstance(seen, Reducer) or (isinstance(seen, Elbow) and not in_pipe):
+        return replace(ahead, confidence=min(ahead.confidence, CAMERA_SIGHT.by_lamp))
+    return ahead
 
 
 # Keyed by text, as tables are no keys: a recogniser takes seconds to make.

@@ -23,8 +23,8 @@ from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route
+from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Straight
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
@@ -55,7 +55,7 @@ class ExplorerSettings:
         bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
         settling: m, travel after such a change in which a robot relocalises on the new map.
         confidence: probability from which on a robot believes an observation.
-        sure: probability from which on free pipe is not in doubt.
+        sure: probability from which on free pipe, and what else is seen, is not in doubt.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
@@ -66,6 +66,8 @@ class ExplorerSettings:
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
             bend its far end is hidden, so that the map may have it too short by that much.
         same_side: rad, between the directions of two bends that may be one.
+        steady: part of a bore by which two looks in a pipe of another bore may differ: the cones of
+            reducers change faster.
     """
 
     creep: float = 0.1
@@ -84,12 +86,28 @@ class ExplorerSettings:
     touch: float = 0.05
     rest: float = math.radians(35)
     same_side: float = math.radians(20)
+    steady: float = 0.005
 
 
 EXPLORER = ExplorerSettings()
 
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
+
+
+@dataclass
+class Missed:
+    """A reducer that a robot has come through unseen, and now looks back for.
+
+    Attributes:
+        bore: m, of the pipe before it.
+        at: m, arc length on the leg of the next look.
+        lengths: m, of the reducer, by the looks so far.
+    """
+
+    bore: float
+    at: float
+    lengths: list[float]
 
 
 class Explorer(MapPilot):
@@ -122,13 +140,14 @@ class Explorer(MapPilot):
         super().__init__(number, falls)
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
-        self._bends: dict[int, Array] = {}
-        self._axes: tuple[int, list[Array]] = -1, []  # part it looks out of, looks along the pipe
+        self._bends: set[int] = set()  # elbows whose angle has not been measured yet
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
         # Sightings of the same one from close by, and from where, m.
-        self._reducers: list[tuple[Ahead, float]] = []
+        self._close: list[tuple[Ahead, float]] = []
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
+        self._felt = math.nan  # m, bore by the arms at the last look, where the map has another
+        self._missed: Missed | None = None
         # Out of a fitting: what was sighted first, where, and from where, m.
         self._sighted: tuple[tuple[str, str], float, float] | None = None
         self._left: dict[End, str] = {}
@@ -165,8 +184,13 @@ class Explorer(MapPilot):
     def on_look(self, look: Look) -> Decision:
         """See ``Pilot``; the look goes back as well where the robot ``looks_back``."""
         distance = look.distance
-        self._compare_bore(look)
-        if self.looks_back(distance):
+        if self._is_elsewhere(look):
+            return Decision(self.leg, True, ())
+        if self._missed is not None:
+            decision = self._insert_missed(look)
+            if decision is not None:
+                return decision
+        elif self.looks_back(distance):
             distance = self._back.located(self.route(), distance, look.behind)
             distance += self._measure_passed()
         shift = distance - look.distance
@@ -182,7 +206,7 @@ class Explorer(MapPilot):
             self.look_at = distance + LOOKS.again
             if not self._closer.too_late(self.look_at, route):
                 return Decision(self.leg, True, ())
-            if not self._reducers:
+            if not self._close:
                 # The robot has to rely on what it observed from afar. What no form explains from
                 # close by, such as a cross, may look like a tee from there.
                 self._doubts[self._provisional_name()] = "seen from afar only"
@@ -190,7 +214,7 @@ class Explorer(MapPilot):
                 observed = _end_of(self.leg.path) in self.belief.ends
                 self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
                 return Decision(self.leg, True, ())
-            ahead, distance = self._reducers[-1]
+            ahead, distance = self._close[-1]
         else:
             again = self._next_look(ahead, look, route)
             if again is not None:
@@ -198,8 +222,7 @@ class Explorer(MapPilot):
                 return Decision(self.leg, True, ())
         self._assumed = 0.0
         self._forget_what_was_far()
-        axis = self._mean_axis(look.turned @ ahead.axis)
-        measured = self._measure_bend(axis)
+        measured = self._measure_bend(look.frame @ ahead.axis)
         path = self._reached(distance + ahead.distance - self.route().length)
         if measured:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
@@ -209,7 +232,7 @@ class Explorer(MapPilot):
             )
             return Decision(self.leg, True, ())
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, path, look, axis)
+            return self._comes_to(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
         elif ahead.confidence < EXPLORER.sure:
@@ -258,19 +281,20 @@ class Explorer(MapPilot):
     @property
     def looks_at(self) -> float:
         """Arc length on its leg, m, of the next look."""
-        return min(self.look_at, self._back.at(self.route()))
+        missed = self._missed.at if self._missed else math.inf
+        return min(self.look_at, missed, self._back.at(self.route()))
 
     def looks_back(self, distance: float) -> bool:
         """Return whether a look at arc length ``distance`` m of its leg goes back as well."""
         route = self.route()
         close = bool(self._closer.index(route)) and distance >= self.look_at
-        return close or distance >= self._back.at(route)
+        return self._missed is not None or close or distance >= self._back.at(route)
 
     def _next_look(self, ahead: Ahead, look: Look, route: Route) -> float | None:
         """Return the arc length, m, of the look that is needed before a sighting is believed; None
         where none is."""
         distance = look.distance
-        self._measure_reducer(ahead, route, distance)
+        self._measure_sizes(ahead, route, distance)
         again = self._closer.doubted(ahead, route, distance)
         if again is not None:
             return again
@@ -330,19 +354,86 @@ class Explorer(MapPilot):
         middle = middle - on * (middle @ on)
         return float(angle_between(_side(ahead, look, on), middle)) < EXPLORER.same_side
 
-    def _compare_bore(self, look: Look) -> None:
-        """Doubt the pipe around the robot where its arms are not as far out as its bore on the map:
-        a reducer has been missed. Where they are, there was none that did not show."""
+    def _is_elsewhere(self, look: Look) -> bool:
+        """Return whether the robot has just learned by its arms that it is in a pipe of another
+        bore than its map has there, so that a reducer has been missed: it doubts that pipe, gives
+        it the bore, and looks back for the reducer. Where the bore is right, there was none that
+        did not show."""
         route = self.route()
         here = route.passages[route.index_at(look.distance)]
         within = here.s_enter + self._half < look.distance < here.s_leave - self._half
         if not (here.part.fitting.is_plain and within):
-            return
+            return False
         bore, name = 2 * here.part.fitting.port_radius(here.enter), here.part.name
-        if abs(look.bore - bore) > LENGTHS * bore:
-            self._doubts[name] = f"its bore is {1000 * look.bore:.0f} mm by the arms"
-        elif abs(look.bore - bore) < LENGTHS / 2 * bore and self._doubts.get(name) == SHALLOW:
+        if abs(look.bore - bore) < LENGTHS / 2 * bore and self._doubts.get(name) == SHALLOW:
             del self._doubts[name]
+        felt, self._felt = self._felt, math.nan
+        if not abs(look.bore - bore) > LENGTHS * bore:
+            return False
+        self._doubts[name] = f"its bore is {1000 * look.bore:.0f} mm by the arms"
+        self._forget_what_was_far()
+        part, entered, _ = self.leg.path[-1]
+        if part != here.index or entered != "start" or not self.belief.is_last(part):
+            return False
+        if not abs(look.bore - felt) < EXPLORER.steady * bore:
+            # It may still stand in the reducer.
+            self._felt, self.look_at = look.bore, look.distance + 2 * LOOKS.doubt
+            return True
+        self.belief.resize(part, inner_diameter=round(look.bore, 3))
+        self._missed, self.look_at = Missed(bore, look.distance, []), look.distance
+        self._go_on(self.leg.path)
+        # The same leg would keep its route, in which the pipe has the other bore.
+        self.leg = replace(self.leg, note=f"{self.leg.note}: {self._doubts[name]}")
+        return True
+
+    def _insert_missed(self, look: Look) -> Decision | None:
+        """Decide after a look back for a reducer that the robot has missed, to put it into the
+        straight at the end of the map; None where the looks do not tell enough yet."""
+        belief, behind, missed = self.belief, look.behind, self._missed
+        assert missed is not None
+        missed.at = look.distance + LOOKS.doubt
+        if behind is None or not isinstance(behind.fitting, Reducer):
+            return None
+        self._forget_what_was_far()
+        here = self.route().passages[-1]
+        if not (here.part.fitting.is_plain and belief.is_last(here.index)):
+            self._missed = None
+            return None
+        reducer = behind.fitting
+        (near,) = {"start", "end"} - {behind.enter}
+        right = abs(2 * reducer.port_radius(near) - missed.bore) < LENGTHS * missed.bore
+        if not right or behind.distance_std > EXPLORER.most_reducer_std:
+            return None
+        missed.lengths.append(reducer.length)
+        if len(missed.lengths) < LOOKS.for_sizes:
+            return None
+        fitting: Fitting = replace(reducer, length=float(np.mean(missed.lengths)))
+        for port, bore in ((near, missed.bore), (behind.enter, 2 * here.part.fitting.radius)):
+            fitting = _fitted(fitting, port, bore)
+        at = look.distance - behind.distance
+        gap = at - float(np.mean(missed.lengths)) - here.s_enter
+        direct = gap <= BELIEF.least_straight
+        self._missed = None
+        if gap < -LOOKS.most_shift or (direct and not belief.drop(here.index)):
+            return None
+        noted, path = belief.ends.pop((here.index, here.leave), None), self.leg.path
+        del self._doubts[here.part.name]
+        if direct:
+            path = path[:-1]
+        else:
+            belief.resize(here.index, inner_diameter=missed.bore, length=gap)
+        part = belief.attach(_end_of(path), fitting, near, look.frame[:, 0])
+        path = (*path, (part, near, behind.enter))
+        straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
+        if noted is not None:
+            belief.note((straight, here.leave), noted)
+        self.look_at = look.distance
+        self._go_on((*path, (straight, here.enter, here.leave)))
+        name = belief.network.fittings[part].name
+        if behind.confidence < EXPLORER.sure:
+            self._doubts[name] = "its sizes hardly show"
+        event = FittingFound(self._number, look.time, name, -behind.distance)
+        return Decision(self.leg, True, [event], -gap if direct else 0.0)
 
     def _provisional_name(self) -> str:
         """Return the name of the fitting at the end of the provisional straight, or of that end."""
@@ -362,36 +453,42 @@ class Explorer(MapPilot):
         i = self._closer.index(self.route())
         if i is None:
             return
-        beyond = self.belief.take_back(self.leg.path[i][0])
-        if beyond is not None:
-            self._bends.pop(beyond, None)
-            self._back.lengths.pop(beyond, None)
+        for part in self.belief.take_back(self.leg.path[i][0]):
+            self._bends.discard(part)
+            self._back.lengths.pop(part, None)
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
-    def _measure_reducer(self, ahead: Ahead, route: Route, distance: float) -> None:
-        """Keep a sighting of a reducer from close by; forget those before where there is none."""
+    def _measure_sizes(self, ahead: Ahead, route: Route, distance: float) -> None:
+        """Keep a sighting of a reducer or an elbow from close by; forget those of anything else."""
         near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
-        if isinstance(ahead.fitting, Reducer) and (near or self._closer.index(route) is not None):
-            self._reducers.append((ahead, distance))
-        else:
-            self._reducers = []
+        close = near or self._closer.index(route) is not None
+        sized = isinstance(ahead.fitting, Reducer | Elbow) and close
+        if not sized or (self._close and self._close[-1][0].kind != ahead.kind):
+            self._close = []
+        if sized:
+            self._close.append((ahead, distance))
 
     def _measures_on(self, route: Route, distance: float) -> bool:
-        """Return whether a robot close to a reducer is to look at it once more."""
+        """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._out_of()[0]).is_plain
-        return plain and not late and 0 < len(self._reducers) < LOOKS.at_reducer
+        return plain and not late and 0 < len(self._close) < LOOKS.for_sizes
 
     def _mean_of_looks(self, name: str) -> Fitting:
-        """Return a reducer, ``name`` on the map, with the mean sizes of the looks at it; where they
-        differ, or its ends hardly show, it is in doubt: its cone is shallow, and what follows it
-        hides its end."""
-        looks, self._reducers = self._reducers, []
-        fittings = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
-        sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in fittings])
+        """Return a reducer or an elbow, ``name`` on the map, with the mean sizes of the looks at
+        it. Where those of a reducer differ, or its ends hardly show, it is in doubt: its cone is
+        shallow, and what follows it hides its end."""
+        looks, self._close = self._close, []
+        elbows = [look.fitting for look, _ in looks if isinstance(look.fitting, Elbow)]
+        if elbows:
+            sizes = np.array([(one.mean_radius, one.angle) for one in elbows])
+            radius, angle = sizes.mean(axis=0).tolist()
+            return replace(elbows[0], mean_radius=radius, angle=angle)
+        reducers = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
+        sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
         differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
         if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
@@ -403,7 +500,7 @@ class Explorer(MapPilot):
         """Resize a reducer in doubt that the robot has measured from behind; return by how much
         longer it is now, m."""
         looks = self._back.lengths.items()
-        part = next((part for part, seen in looks if len(seen) == LOOKS.at_reducer), None)
+        part = next((part for part, seen in looks if len(seen) == LOOKS.for_sizes), None)
         if part is None:
             return 0.0
         lengths, reducer = np.array(self._back.lengths.pop(part)), self.belief.fitting(part)
@@ -425,7 +522,6 @@ class Explorer(MapPilot):
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
             if left <= BELIEF.least_straight and self.belief.drop(end[0]):
-                self._axes = -1, []
                 return path[:-1]
             return path
         if more <= BELIEF.least_straight:
@@ -438,15 +534,16 @@ class Explorer(MapPilot):
         ahead: Ahead,
         path: tuple[Edge, ...],
         look: Look,
-        axis: Array,
     ) -> Decision:
-        """Decide at the sight of a fitting at the end of a path, in a pipe along ``axis`` (3,) in
-        the frame of ``turned``: extend the map and the leg."""
+        """Decide at the sight of a fitting at the end of a path: extend the map and the leg."""
         belief, end, enter = self.belief, _end_of(path), ahead.enter
         time, distance = look.time, look.distance
-        if isinstance(fitting, Reducer) and self._reducers:
+        if self._close and self._close[-1][0].kind == ahead.kind:
             fitting = self._mean_of_looks(belief.next_name(fitting))
         fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
+        if end in belief.joined:  # by another way it is on the map already
+            self._go_on(path)
+            return self._replan(time, [], self._onward(distance))
         known = belief.known_at(end, fitting, enter)
         if known is not None:
             events = [self._closes(time, end, known)]
@@ -455,10 +552,12 @@ class Explorer(MapPilot):
         side = _side(ahead, look, belief.port(end).rotation[:, 2])
         part = belief.attach(end, fitting, enter, side)
         if isinstance(fitting, Elbow):
-            self._bends[part] = axis
+            self._bends.add(part)
         name = belief.network.fittings[part].name
         if name in self._doubts:
             self._back.lengths[part] = []
+        elif ahead.confidence < EXPLORER.sure:
+            self._doubts[name] = "its sizes hardly show"
         events: list[Event] = []
         if name not in self._named:
             self._named.add(name)
@@ -476,31 +575,20 @@ class Explorer(MapPilot):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
 
-    def _mean_axis(self, axis: Array) -> Array:
-        """Return the axis (3,) of the pipe ahead by the looks that were believed, of which this is
-        the last, in the frame of ``turned``. Of a bend that is measured the first stays: the closer
-        a lens comes to its end, the less it sees of what is beyond, and the next bend begins where
-        that ended."""
-        part = self._out_of()[0]
-        if self._axes[0] != part:
-            self._axes = part, []
-        measured = isinstance(self.belief.fitting(part), Elbow) and part not in self._bends
-        if not (self._axes[1] and measured):
-            self._axes[1].append(axis)
-        return unit(np.sum(self._axes[1], axis=0))
-
     def _measure_bend(self, axis: Array) -> bool:
-        """Measure the elbow that the robot has come out of, into a pipe along ``axis`` (3,), in the
-        frame of ``turned``; return whether its angle on the map has changed."""
-        # Before an elbow its far end is hidden, so a picture shows its angle badly.
+        """Measure the elbow that the robot has come out of, into a pipe along ``axis`` (3,), world
+        frame, estimate; return whether its angle on the map has changed."""
+        # Before an elbow its far end is hidden, so a picture shows its angle badly. How the robot
+        # is turned it knows better, even where it has come round by other fittings.
         path = self.leg.path
         last = len(path) - 1
         if last > 0 and self.belief.fitting(path[last][0]).is_plain:
             last -= 1
-        part = path[last][0]
+        part, enter, _ = path[last]
         if part not in self._bends or not self.belief.is_last(path[-1][0]):
             return False
-        angle = float(angle_between(self._bends.pop(part), axis))
+        self._bends.remove(part)
+        angle = float(angle_between(-self.belief.port((part, enter)).rotation[:, 2], axis))
         elbow = self.belief.fitting(part)
         assert isinstance(elbow, Elbow)
         if angle < EXPLORER.least_bend or abs(angle - elbow.angle) < EXPLORER.bend_tolerance:
@@ -510,8 +598,20 @@ class Explorer(MapPilot):
         return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
+        """Close a loop of the map; a straight that takes up more than its length may be wrong by
+        is in doubt."""
+        before = self._lengths()
         miss = self.belief.close(end, other)
+        for name, length in self._lengths().items():
+            change = abs(length - before[name])
+            if change > max(LEAST_LENGTH, LENGTHS * length):
+                self._doubts[name] = f"a loop changed its length by {1000 * change:.0f} mm"
         return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
+
+    def _lengths(self) -> dict[str, float]:
+        """Return the lengths of the straights of the map, m, by name."""
+        parts = self.belief.network.pipes.parts
+        return {p.name: p.fitting.length for p in parts if isinstance(p.fitting, Straight)}
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
         """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
@@ -670,7 +770,8 @@ class Explorer(MapPilot):
         if decision.leg is None:
             return decision
         self.belief.settle()
-        self._sighted, self._reducers, self._axes = None, [], (-1, [])
+        self._sighted, self._close = None, []
+        self._missed = None
         self._back.begin()
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

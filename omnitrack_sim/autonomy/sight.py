@@ -102,7 +102,6 @@ class Look(NamedTuple):
         ahead: sighting; None where it is ambiguous.
         behind: the same back; None also where the robot has not looked.
         frame: (3, 3) of the robot in its gear, world frame, estimate.
-        turned: (3, 3) the same by the gyro alone, in any frame that stands still.
         bore: m, of the pipe around it, by its arms; not a number where they were not read.
     """
 
@@ -111,7 +110,6 @@ class Look(NamedTuple):
     ahead: Ahead | None
     behind: Ahead | None
     frame: Array
-    turned: Array
     bore: float = math.nan
 
 
@@ -222,7 +220,7 @@ class LookSettings:
         closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
-        at_reducer: looks from close by that the sizes of a reducer are the mean of.
+        for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
     """
 
     behind: float = 0.1
@@ -235,7 +233,7 @@ class LookSettings:
     closest: float = 0.05
     again: float = 0.003
     doubt: float = 0.01
-    at_reducer: int = 3
+    for_sizes: int = 3
 
 
 LOOKS = LookSettings()
@@ -302,7 +300,7 @@ class LookingBack:
         lengths = self.lengths.get(route.passages[i - 1].index)
         if lengths is not None and isinstance(behind.fitting, Reducer):
             lengths.append(behind.fitting.length)
-        if lengths is None or len(lengths) == LOOKS.at_reducer:
+        if lengths is None or len(lengths) == LOOKS.for_sizes:
             self._done.add(here.index)
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)

@@ -20,7 +20,6 @@ from omnitrack_sim.base.rotations import (
     heading,
     quaternion_from_matrix,
     set_rows,
-    turned_by,
     with_rows,
 )
 from omnitrack_sim.pipes import Part
@@ -120,7 +119,6 @@ class Onboard:
         self._lost, self._checked = np.zeros(n, bool), np.zeros(n)
         self._tick, self._pictures = np.zeros((2, n), int)
         self._due = np.zeros(n, bool)
-        self.turned: Array = np.zeros((n, 3, 3))
         self.picture = np.zeros((n, len(self.localiser.pixels)))
         self.readings: Mapping[str, Array] = {}
         self.recorded: Sequence[Channel] = ESTIMATES
@@ -143,7 +141,7 @@ class Onboard:
         for row, scenario in zip(rows.tolist(), scenarios, strict=True):
             self._true_sights[row] = scenario.sight
         set_rows(self, rows, _lost=False, _checked=-np.inf, _comparable=0.0, _right=0.0)
-        set_rows(self, rows, _tick=0, _pictures=0, _due=True, turned=rotation, picture=np.nan)
+        set_rows(self, rows, _tick=0, _pictures=0, _due=True, picture=np.nan)
         self._relocated = [robot for robot in self._relocated if robot not in rows]
         self._state, n = state, len(self._tick)
         first = with_rows(np.zeros(n, bool), rows, True)
@@ -190,7 +188,6 @@ class Onboard:
         # The estimate of a robot whose run is over stays as it was, however long the others run.
         pose.position = np.where(active[:, None], pose.position, before[0])
         pose.rotation = np.where(active[:, None, None], pose.rotation, before[1])
-        self.turned = self.turned @ turned_by(felt.turned - pose.bias * self._period)
         if self.can_look:
             # The ends take turns, the leading one first.
             behind = (self._pictures % 2 == 1) & self._table.both_ends
@@ -316,7 +313,6 @@ class Onboard:
             self._judged(robot, gear, at),
             self._judged(robot, -gear) if back else None,
             at.rotation,
-            frame_ahead(self.turned[robot], gear),
             2 * (self._robot.nominal_pipe_radius + float(self.readings["slide"][robot].mean())),
         )
 

@@ -156,7 +156,7 @@ class Truth(Senses):
         ahead = sight.look(robot, position, frame)
         behind = sight.look(robot, position, frame_ahead(rotation, -gear)) if back else None
         time, distance = self.readings["time"][robot], self.location.distance[robot]
-        return Look(float(time), float(distance), ahead, behind, frame, frame)
+        return Look(float(time), float(distance), ahead, behind, frame)
 
 
 def frame_ahead(rotation: Array, gear: int) -> Array:
