@@ -540,6 +540,7 @@ def test_bodies_thrown_into_closed_pipes_stay_there(name, friction, most):
         ({"friction": 0.7}, {}, 1.0),
         ({"friction": 0.7}, {"priority": 2}, 16.0),
         ({"solref": [0.01, 1], "solmix": 3}, {}, (0.0125 / 0.005) ** 2),
+        ({"solref": [0.01, 1], "solmix": 3}, {"solref": [-1e4, -50]}, 4.0),
     ],
 )
 def test_soft_contact_is_as_stiff_as_a_firm_one_from_a_tenth_of_the_bores_radius_on(

@@ -240,13 +240,16 @@ def _firmness(model, wall, geom):
     """Ratio, 1 at least, of the stiffness of a firm wall to that of the contact of two geoms, whose
     numbers MuJoCo takes from the one of higher priority, or mixes."""
     priority, mix = integers(model[word(PRIORITY)]), doubles(model[word(SOLMIX)])
+    mixes = priority[wall] == priority[geom]
     part = 1.0 * (priority[wall] > priority[geom])
-    if priority[wall] == priority[geom] and mix[wall] > 0.0:
+    if mixes and mix[wall] > 0.0:
         part = mix[wall] / (mix[wall] + mix[geom])
     of_wall = doubles(model[word(SOLREF)] + 16 * wall)
     of_geom = doubles(model[word(SOLREF)] + 16 * geom)
     time = part * of_wall[0] + (1.0 - part) * of_geom[0]
     damping = part * of_wall[1] + (1.0 - part) * of_geom[1]
+    if mixes and min(of_wall[0], of_geom[0]) <= 0.0:
+        time, damping = min(of_wall[0], of_geom[0]), min(of_wall[1], of_geom[1])
     # Numbers below 0 are stiffness and damping themselves.
     square = time * time * damping * damping if time > 0.0 else -1.0 / min(time, -1e-9)
     return max(1.0, square / (FIRM_TIME * FIRM_TIME))
