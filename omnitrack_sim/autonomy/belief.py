@@ -28,7 +28,8 @@ class BeliefSettings:
     Attributes:
         shortest: m, least length of a straight.
         least_straight: m, gap between two fittings up to which they are joined without a straight:
-            from within a fitting sight is no better.
+            nobody welds closer than about half a bore.
+        error: m, of a sighting out of a fitting: there a longer gap that is closed is in doubt.
         miss: m, by which the two ends of a loop may miss each other.
         miss_share: the same in addition, as a part of the loop's length.
         miss_angle: rad, by which their directions may miss being opposite.
@@ -39,7 +40,8 @@ class BeliefSettings:
     """
 
     shortest: float = 1e-3
-    least_straight: float = 0.03
+    least_straight: float = 0.07
+    error: float = 0.03
     miss: float = 0.1
     miss_share: float = 0.02
     miss_angle: float = math.radians(10)

@@ -24,7 +24,7 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Straight
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
@@ -58,6 +58,8 @@ class ExplorerSettings:
         sure: probability from which on free pipe, and what else is seen, is not in doubt.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run: ports beyond such turns come last.
+        most_off: rad, between the pipe that a picture shows and the one that the robot is in, from
+            which on its sizes are wrong: by a lamp radii are 20 mm too great beyond.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         detour: m, travel that a robot prefers to such a turn.
@@ -80,6 +82,7 @@ class ExplorerSettings:
     confidence: float = 0.5
     sure: float = 0.95
     sharp: float = math.radians(100)
+    most_off: float = math.radians(1.5)
     most_reducer_std: float = 0.02
     detour: float = 20.0
     reversals: int = 2
@@ -294,7 +297,7 @@ class Explorer(MapPilot):
         """Return the arc length, m, of the look that is needed before a sighting is believed; None
         where none is."""
         distance = look.distance
-        self._measure_sizes(ahead, route, distance)
+        self._measure_sizes(ahead, look, route)
         again = self._closer.doubted(ahead, route, distance)
         if again is not None:
             return again
@@ -317,7 +320,7 @@ class Explorer(MapPilot):
             _, before, since = self._sighted
             # What begins at the lens moves with it. Other fittings are not seen where there are
             # none.
-            near = (distance - since) / 2 if bends else BELIEF.least_straight
+            near = (distance - since) / 2 if bends else BELIEF.error
             confirmed = abs(at - before) < near
             if bends and not confirmed:
                 return False
@@ -459,23 +462,30 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
-    def _measure_sizes(self, ahead: Ahead, route: Route, distance: float) -> None:
+    def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
         """Keep a sighting of a reducer or an elbow from close by; forget those of anything else."""
         near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
         close = near or self._closer.index(route) is not None
         sized = isinstance(ahead.fitting, Reducer | Elbow) and close
         if not sized or (self._close and self._close[-1][0].kind != ahead.kind):
             self._close = []
-        if sized:
-            self._close.append((ahead, distance))
+        # A picture that has the pipe another way than it is has wrong sizes too.
+        along = self.belief.port(_end_of(self.leg.path)).rotation[:, 2]
+        off = angle_between(look.frame @ ahead.axis, along)
+        if sized and not (self._in_pipe and off > EXPLORER.most_off):
+            self._close.append((ahead, look.distance))
 
     def _measures_on(self, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
-        plain = self.belief.fitting(self._out_of()[0]).is_plain
-        return plain and not late and 0 < len(self._close) < LOOKS.for_sizes
+        return self._in_pipe and not late and 0 < len(self._close) < LOOKS.for_sizes
+
+    @property
+    def _in_pipe(self) -> bool:
+        """Whether it looks out of pipe, by its map."""
+        return self.belief.fitting(self._out_of()[0]).is_plain
 
     def _mean_of_looks(self, name: str) -> Fitting:
         """Return a reducer or an elbow, ``name`` on the map, with the mean sizes of the looks at
@@ -521,10 +531,13 @@ class Explorer(MapPilot):
         path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
-            if left <= BELIEF.least_straight and self.belief.drop(end[0]):
-                return path[:-1]
-            return path
+            if left > BELIEF.least_straight or not self.belief.drop(end[0]):
+                return path
+            path, more = path[:-1], left
         if more <= BELIEF.least_straight:
+            if more > BELIEF.error:
+                name = self.belief.network.fittings[path[-1][0]].name
+                self._doubts[name] = f"{1000 * more:.0f} mm of pipe behind it may be none"
             return path
         return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
 
@@ -598,20 +611,13 @@ class Explorer(MapPilot):
         return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
-        """Close a loop of the map; a straight that takes up more than its length may be wrong by
-        is in doubt."""
-        before = self._lengths()
+        """Close a loop of the map; where it misses by more than a length may be wrong by, it is in
+        doubt, as any of its lengths may be wrong."""
         miss = self.belief.close(end, other)
-        for name, length in self._lengths().items():
-            change = abs(length - before[name])
-            if change > max(LEAST_LENGTH, LENGTHS * length):
-                self._doubts[name] = f"a loop changed its length by {1000 * change:.0f} mm"
+        if miss > 2 * LEAST_LENGTH:
+            name = self.belief.network.fittings[end[0]].name
+            self._doubts[name] = f"the loop there missed by {1000 * miss:.0f} mm"
         return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
-
-    def _lengths(self) -> dict[str, float]:
-        """Return the lengths of the straights of the map, m, by name."""
-        parts = self.belief.network.pipes.parts
-        return {p.name: p.fitting.length for p in parts if isinstance(p.fitting, Straight)}
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
         """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
