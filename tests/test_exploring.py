@@ -206,6 +206,21 @@ def test_a_gap_that_nobody_builds_is_none(gap, doubt):
     assert bool(of_kind(ghost, ExplorationIncomplete)) == doubt
 
 
+@pytest.mark.parametrize(("move", "doubt"), [(0.02, False), (0.1, True)])
+def test_pipe_whose_end_moves_between_looks_is_in_doubt(move, doubt):
+    """From afar an end is seen to centimetres: by more the robot has slipped."""
+
+    def nearer(ahead):
+        far = ahead.end == "open" and ahead.distance > 0.3
+        return replace(ahead, distance=ahead.distance - move) if far else ahead
+
+    network = validate({"fittings": [straight("foot", 2.0)]})
+    ghost = Ghost(network, "foot.start", erring=nearer)
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).same
+    assert bool(of_kind(ghost, ExplorationIncomplete)) == doubt
+
+
 def test_a_loop_that_misses_is_in_doubt():
     """Any of its lengths may be wrong: the map is not called complete."""
 

@@ -159,7 +159,7 @@ def test_a_lens_before_a_wall_sees_no_plate():
     [
         (Elbow(0.24, np.radians(100)), True, 90, 1.0),
         (Elbow(0.24, np.radians(50)), False, 45, 0.9),
-        (Elbow(0.24, np.radians(65)), True, 65, 1.0),
+        (Elbow(0.24, np.radians(67)), True, 67, 1.0),
         (Reducer(0.1, 0.14), True, None, 0.9),
         (Tee(), True, None, 1.0),
         (None, True, None, 0.9),

@@ -60,6 +60,8 @@ class ExplorerSettings:
             that from a wye's branch back along its run: ports beyond such turns come last.
         most_off: rad, between the pipe that a picture shows and the one that the robot is in, from
             which on its sizes are wrong: by a lamp radii are 20 mm too great beyond.
+        most_move: m, between an end as it was seen from afar and from close by, from which on the
+            length of the pipe is in doubt: the robot may have slipped.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         detour: m, travel that a robot prefers to such a turn.
@@ -83,6 +85,7 @@ class ExplorerSettings:
     sure: float = 0.95
     sharp: float = math.radians(100)
     most_off: float = math.radians(1.5)
+    most_move: float = 0.06
     most_reducer_std: float = 0.02
     detour: float = 20.0
     reversals: int = 2
@@ -224,9 +227,14 @@ class Explorer(MapPilot):
                 self.look_at = again
                 return Decision(self.leg, True, ())
         self._assumed = 0.0
+        was_far = self._closer.index(route) is not None
         self._forget_what_was_far()
         measured = self._measure_bend(look.frame @ ahead.axis)
-        path = self._reached(distance + ahead.distance - self.route().length)
+        more = distance + ahead.distance - self.route().length
+        if was_far and abs(more) > EXPLORER.most_move:
+            name = self.belief.network.fittings[_end_of(self.leg.path)[0]].name
+            self._doubts[name] = f"its end moved by {1000 * abs(more):.0f} mm between looks"
+        path = self._reached(more)
         if measured:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
             self._go_on(path)
@@ -470,9 +478,10 @@ class Explorer(MapPilot):
         if not sized or (self._close and self._close[-1][0].kind != ahead.kind):
             self._close = []
         # A picture that has the pipe another way than it is has wrong sizes too.
-        along = self.belief.port(_end_of(self.leg.path)).rotation[:, 2]
-        off = angle_between(look.frame @ ahead.axis, along)
-        if sized and not (self._in_pipe and off > EXPLORER.most_off):
+        part, _, leave = self._before(route)
+        off = angle_between(look.frame @ ahead.axis, self.belief.port((part, leave)).rotation[:, 2])
+        in_pipe = self.belief.fitting(part).is_plain
+        if sized and not (in_pipe and off > EXPLORER.most_off):
             self._close.append((ahead, look.distance))
 
     def _measures_on(self, route: Route, distance: float) -> bool:
@@ -480,12 +489,14 @@ class Explorer(MapPilot):
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
-        return self._in_pipe and not late and 0 < len(self._close) < LOOKS.for_sizes
+        plain = self.belief.fitting(self._before(route)[0]).is_plain
+        return plain and not late and 0 < len(self._close) < LOOKS.for_sizes
 
-    @property
-    def _in_pipe(self) -> bool:
-        """Whether it looks out of pipe, by its map."""
-        return self.belief.fitting(self._out_of()[0]).is_plain
+    def _before(self, route: Route) -> Edge:
+        """Return the passage before what it looks at: the straight whose end is provisional, or
+        else the last one."""
+        i = self._closer.index(route)
+        return self._out_of() if i is None else self.leg.path[i]
 
     def _mean_of_looks(self, name: str) -> Fitting:
         """Return a reducer or an elbow, ``name`` on the map, with the mean sizes of the looks at
