@@ -171,8 +171,28 @@ def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, con
     told = by_lamp(Ahead(fitting=seen), in_pipe)
     assert told.confidence == confidence
     if angle is not None:
+        assert isinstance(told.fitting, Elbow)
         assert np.degrees(told.fitting.angle) == pytest.approx(angle)
         assert (told.fitting.mean_radius < 0.24) == (seen.angle > told.fitting.angle)
+
+
+def test_arms_of_a_robot_off_the_middle_measure_no_bore():
+    """One of them hangs free there, and tells nothing of the wall."""
+    simulation = ot.Simulation([bend()])
+    senses = simulation.senses
+    assert isinstance(senses, Onboard)
+    slides = {
+        "centred": [0.0, 0.0, 0.0],
+        "wider": [0.005, 0.004, 0.006],
+        "off": [0.012, -0.01, -0.01],
+    }
+    bores = {}
+    for name, slide in slides.items():
+        senses.readings = {**senses.readings, "slide": np.array([slide])}
+        bores[name] = senses.look(0, back=False).bore
+    assert bores["centred"] == pytest.approx(0.16)
+    assert bores["wider"] == pytest.approx(0.17)
+    assert np.isnan(bores["off"])
 
 
 def test_a_robot_sees_alone_what_it_sees_in_a_batch():

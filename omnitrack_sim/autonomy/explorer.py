@@ -106,11 +106,13 @@ class Missed:
     """A reducer that a robot has come through unseen, and now looks back for.
 
     Attributes:
+        part: the straight behind it.
         bore: m, of the pipe before it.
         at: m, arc length on the leg of the next look.
         lengths: m, of the reducer, by the looks so far.
     """
 
+    part: int
     bore: float
     at: float
     lengths: list[float]
@@ -391,7 +393,7 @@ class Explorer(MapPilot):
             self._felt, self.look_at = look.bore, look.distance + 2 * LOOKS.doubt
             return True
         self.belief.resize(part, inner_diameter=round(look.bore, 3))
-        self._missed, self.look_at = Missed(bore, look.distance, []), look.distance
+        self._missed, self.look_at = Missed(part, bore, look.distance, []), look.distance
         self._go_on(self.leg.path)
         # The same leg would keep its route, in which the pipe has the other bore.
         self.leg = replace(self.leg, note=f"{self.leg.note}: {self._doubts[name]}")
@@ -408,7 +410,7 @@ class Explorer(MapPilot):
         self._forget_what_was_far()
         here = self.route().passages[-1]
         if not (here.part.fitting.is_plain and belief.is_last(here.index)):
-            self._missed = None
+            self._stop_looking_back()
             return None
         reducer = behind.fitting
         (near,) = {"start", "end"} - {behind.enter}
@@ -424,11 +426,12 @@ class Explorer(MapPilot):
         at = look.distance - behind.distance
         gap = at - float(np.mean(missed.lengths)) - here.s_enter
         direct = gap <= BELIEF.least_straight
-        self._missed = None
         if gap < -LOOKS.most_shift or (direct and not belief.drop(here.index)):
+            self._stop_looking_back()
             return None
+        self._missed = None
         noted, path = belief.ends.pop((here.index, here.leave), None), self.leg.path
-        del self._doubts[here.part.name]
+        self._doubts.pop(here.part.name, None)
         if direct:
             path = path[:-1]
         else:
@@ -445,6 +448,12 @@ class Explorer(MapPilot):
             self._doubts[name] = "its sizes hardly show"
         event = FittingFound(self._number, look.time, name, -behind.distance)
         return Decision(self.leg, True, [event], -gap if direct else 0.0)
+
+    def _stop_looking_back(self) -> None:
+        """Give up a missed reducer: the pipe behind it has the bore again that it is joined by."""
+        if self._missed is not None:
+            self.belief.resize(self._missed.part, inner_diameter=self._missed.bore)
+            self._missed = None
 
     def _provisional_name(self) -> str:
         """Return the name of the fitting at the end of the provisional straight, or of that end."""
@@ -788,7 +797,7 @@ class Explorer(MapPilot):
             return decision
         self.belief.settle()
         self._sighted, self._close = None, []
-        self._missed = None
+        self._stop_looking_back()
         self._back.begin()
         end = _end_of(self.leg.path)
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends

@@ -67,6 +67,10 @@ class RelocalisationSettings:
 
 RELOCALISATION = RelocalisationSettings()
 
+MOST_OFF = 0.15
+"""Nominal radii by which the slides of three arms may differ where they measure the bore: below,
+it comes out within 2.5 mm; beyond, an arm may hang free, and it came out 8 mm too small."""
+
 
 class Onboard:
     """Senses of n robots that drive by their own sensors; see ``Senses``.
@@ -313,8 +317,15 @@ class Onboard:
             self._judged(robot, gear, at),
             self._judged(robot, -gear) if back else None,
             at.rotation,
-            2 * (self._robot.nominal_pipe_radius + float(self.readings["slide"][robot].mean())),
+            self._bore(self.readings["slide"][robot]),
         )
+
+    def _bore(self, slide: Array) -> float:
+        """Return the bore, m, by the slides (3,) of a robot's arms; not a number where it stands so
+        far off the middle that an arm may not touch."""
+        radius = self._robot.nominal_pipe_radius
+        off = float(np.ptp(slide)) > MOST_OFF * radius
+        return np.nan if off else 2 * (radius + float(slide.mean()))
 
     def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:
         """Return what a robot sees; the metric of looks compares it with the truth."""
