@@ -18,9 +18,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 
 from omnitrack_sim.autonomy.recognition import Recogniser
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import Camera
 from omnitrack_sim.walls.rays import RayWalls
@@ -93,7 +92,7 @@ def recognition(
 ) -> None:
     """Measure the recogniser and print the tables."""
     runs: dict[str, list[Found]] = {}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(workers) as pool:
         for name in cameras:
             for every, words in ((False, "one picture"), (True, "five pictures")):
                 if words.split()[0] not in pictures:

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +22,7 @@ from wye import WAYS, Cell
 from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
 
@@ -114,7 +113,7 @@ def main() -> None:
     given = parser.parse_args()
     runs: dict[str, list[Extremes]] = {kind: [] for kind in KINDS}
     work = list(tasks(given.trials, given.networks, given.seed))
-    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
+    with LocalPool(given.workers) as pool:
         for (kind, *_), batch in zip(work, pool.map(extremes, work), strict=True):
             runs[kind] += batch
     print("## forces\n")

@@ -24,9 +24,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +33,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
@@ -291,7 +290,7 @@ def main() -> None:
         parser.error("--figures needs all frictions, which --quick leaves out")
     tasks = [(cell, orientations(cell, asked.quick)) for cell in cells(asked.quick)]
     begin = time.perf_counter()
-    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(asked.workers) as pool:
         found = dict(zip((cell for cell, _ in tasks), pool.map(drive, tasks), strict=True))
     took, count = time.perf_counter() - begin, sum(map(len, found.values()))
     print(f"{count} trials in {took:.0f} s")

@@ -29,16 +29,15 @@ import dataclasses
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import permutations, product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from omnitrack_sim import Result, Scenario, load_network, override, random_network, run_batch
 from omnitrack_sim.base.errors import ScenarioError
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 
@@ -304,7 +303,7 @@ def main() -> None:
     every = every_task(asked.quick, asked.networks)
     tasks = [t for t in every if asked.only is None or t[0] in asked.only]
     begin = time.perf_counter()
-    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(asked.workers) as pool:
         runs = list(pool.map(drive, tasks))
     simulated = sum(run.duration_s for run in runs)
     print(f"{simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n\n## rates\n")

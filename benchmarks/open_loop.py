@@ -25,9 +25,7 @@ import itertools
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +46,7 @@ from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, Scenario, override, run_batch
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.workers import LocalPool
 
 FRICTION, PRELOAD = (0.5, 0.8), (20.0, 35.0)
 TRIALS, QUICK_TRIALS = 200, 40
@@ -326,7 +325,7 @@ def main() -> None:
     print("|---" * len(HEADS) + "|", flush=True)
     cases = []
     task = partial(solve, seed=asked.seed, generations=generations)
-    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(asked.workers) as pool:
         for case in pool.map(task, failed):
             print(line(case, scenarios[case.trial]), flush=True)
             cases.append(case)

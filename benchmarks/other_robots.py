@@ -12,13 +12,13 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import unit
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.robots.inchworm import Inchworm
 from omnitrack_sim.robots.presser import Presser
 from omnitrack_sim.robots.snake import Snake
@@ -63,7 +63,7 @@ def main() -> None:
     arguments = parser.parse_args()
     trials = range(arguments.trials)
     cases = [(r, f, t) for r in ROBOTS for f in FITTINGS for t in trials]
-    with ProcessPoolExecutor(arguments.workers) as workers:
+    with LocalPool(arguments.workers) as workers:
         results = dict(zip(cases, workers.map(passes, *zip(*cases, strict=True)), strict=True))
     for robot in ROBOTS:
         print(f"## {robot}\n\n| fitting | passed | mean speed, mm/s |\n|---|---|---|")

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +23,7 @@ from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
@@ -175,7 +174,7 @@ def main() -> None:
     trials = 4 if given.quick else given.trials
     bandwidths = BANDWIDTHS[1::3] if given.quick else BANDWIDTHS
     asked = [(b, k, trials) for k, b in product(RATE_GAINS, bandwidths)]
-    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(given.workers) as pool:
         cells = list(pool.map(cell, asked))
     print(f"## cells\n\n{table(cells)}")
     if given.figure is not None:

@@ -28,9 +28,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,6 +38,7 @@ from matplotlib.figure import Figure
 
 from omnitrack_sim import Result, Scenario, override, run_batch
 from omnitrack_sim.base.rotations import Pose
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.record.statistics import wilson_interval
@@ -309,7 +308,7 @@ def main() -> None:
     asked_cells = cells("cross" if asked.cross else "wye")
     tasks = [(cell, range(count), changes) for cell in asked_cells]
     begin = time.perf_counter()
-    with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(asked.workers) as pool:
         found = dict(zip(asked_cells, pool.map(drive, tasks), strict=True))
     print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n\n## ways\n")
     heads = ["way", "branch, deg", *(f"{wall}, of {count // len(WALLS)}" for wall in WALLS), *HEADS]

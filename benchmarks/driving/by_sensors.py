@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from missions import random_mission
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, Scenario, override, run_batch
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import wilson_interval
 
 SENSES = {
@@ -106,7 +105,7 @@ def mission(task: tuple[str, int]) -> list[Drive]:
 
 def runs(study: str, senses: Sequence[str], trials: int, seed: int, workers: int) -> list[Drive]:
     """All runs of a study, by some senses."""
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(workers) as pool:
         if study == "turns":
             batches = [
                 (sense, seed, first, min(TOGETHER, trials - first))

@@ -11,9 +11,7 @@ import pickle
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import write_file
 from omnitrack_sim.pipes import network as networks
 from omnitrack_sim.pipes.map_difference import MapDifference
@@ -204,7 +203,7 @@ def runs(
     """All explorations, by some senses; those in the folder ``keep`` are not made again."""
     first = FIRST_NETWORK + (seed - 2) * 1000
     tasks = [(sense, first + i, keep) for sense in senses for i in range(trials)]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with LocalPool(workers) as pool:
         found = []
         for run in pool.map(kept_tour, tasks):
             found.append(run)

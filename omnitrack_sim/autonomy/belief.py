@@ -143,7 +143,11 @@ class Belief:
 
     def name(self, end: End) -> str:
         """``part.port`` of a port."""
-        return f"{list(self._fittings)[end[0]]}.{end[1]}"
+        return f"{self.part_name(end[0])}.{end[1]}"
+
+    def part_name(self, part: int) -> str:
+        """Name of a part."""
+        return list(self._fittings)[part]
 
     def fitting(self, part: int) -> Fitting:
         """The fitting of a part."""
@@ -177,7 +181,7 @@ class Belief:
         if part == 0 or part != len(self._fittings) - 1 or not self.is_last(part):
             return False
         kind = self.fitting(part).kind
-        del self._fittings[list(self._fittings)[part]], self._joints[-1]
+        del self._fittings[self.part_name(part)], self._joints[-1]
         self._counts[kind] -= 1
         self._network = None
         return True

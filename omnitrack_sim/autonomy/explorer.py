@@ -234,7 +234,7 @@ class Explorer(MapPilot):
         measured = self._measure_bend(look.frame @ ahead.axis)
         more = distance + ahead.distance - self.route().length
         if was_far and abs(more) > EXPLORER.most_move:
-            name = self.belief.network.fittings[_end_of(self.leg.path)[0]].name
+            name = self.belief.part_name(_end_of(self.leg.path)[0])
             self._doubts[name] = f"its end moved by {1000 * abs(more):.0f} mm between looks"
         path = self._reached(more)
         if measured:
@@ -249,7 +249,7 @@ class Explorer(MapPilot):
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
         elif ahead.confidence < EXPLORER.sure:
-            name = self.belief.network.fittings[_end_of(path)[0]].name
+            name = self.belief.part_name(_end_of(path)[0])
             self._doubts[name] = SHALLOW
         self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
@@ -343,7 +343,7 @@ class Explorer(MapPilot):
         """Forget what was sighted out of a fitting and not confirmed: the pipe there is in doubt,
         but for bends, which are often the rest of the one before."""
         if self._sighted is not None and self._sighted[0][0] != Elbow.kind:
-            name = self.belief.network.fittings[_end_of(self.leg.path)[0]].name
+            name = self.belief.part_name(_end_of(self.leg.path)[0])
             self._doubts[name] = f"a {self._sighted[0][0]} in it was not confirmed"
         self._sighted = None
 
@@ -443,7 +443,7 @@ class Explorer(MapPilot):
             belief.note((straight, here.leave), noted)
         self.look_at = look.distance
         self._go_on((*path, (straight, here.enter, here.leave)))
-        name = belief.network.fittings[part].name
+        name = belief.part_name(part)
         if behind.confidence < EXPLORER.sure:
             self._doubts[name] = "its sizes hardly show"
         event = FittingFound(self._number, look.time, name, -behind.distance)
@@ -461,7 +461,7 @@ class Explorer(MapPilot):
         assert straight is not None
         end = straight, "end"
         beyond = belief.joined.get(end)
-        return belief.name(end) if beyond is None else belief.network.fittings[beyond[0]].name
+        return belief.name(end) if beyond is None else belief.part_name(beyond[0])
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, where that is still far away."""
@@ -538,7 +538,7 @@ class Explorer(MapPilot):
         if np.ptp(lengths) > 2 * LEAST_LENGTH:
             return 0.0
         self.belief.resize(part, length=float(lengths.mean()))
-        self._doubts.pop(self.belief.network.fittings[part].name, None)
+        self._doubts.pop(self.belief.part_name(part), None)
         self.planner = self._through([])
         longer = float(lengths.mean()) - reducer.length
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
@@ -556,7 +556,7 @@ class Explorer(MapPilot):
             path, more = path[:-1], left
         if more <= BELIEF.least_straight:
             if more > BELIEF.error:
-                name = self.belief.network.fittings[path[-1][0]].name
+                name = self.belief.part_name(path[-1][0])
                 self._doubts[name] = f"{1000 * more:.0f} mm of pipe behind it may be none"
             return path
         return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
@@ -586,7 +586,7 @@ class Explorer(MapPilot):
         part = belief.attach(end, fitting, enter, side)
         if isinstance(fitting, Elbow):
             self._bends.add(part)
-        name = belief.network.fittings[part].name
+        name = belief.part_name(part)
         if name in self._doubts:
             self._back.lengths[part] = []
         elif ahead.confidence < EXPLORER.sure:
@@ -635,7 +635,7 @@ class Explorer(MapPilot):
         doubt, as any of its lengths may be wrong."""
         miss = self.belief.close(end, other)
         if miss > 2 * LEAST_LENGTH:
-            name = self.belief.network.fittings[end[0]].name
+            name = self.belief.part_name(end[0])
             self._doubts[name] = f"the loop there missed by {1000 * miss:.0f} mm"
         return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
 

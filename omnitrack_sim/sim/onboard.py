@@ -67,7 +67,7 @@ class RelocalisationSettings:
 
 RELOCALISATION = RelocalisationSettings()
 
-MOST_OFF = 0.15
+MOST_SPREAD = 0.15
 """Nominal radii by which the slides of three arms may differ where they measure the bore: below,
 it comes out within 2.5 mm; beyond, an arm may hang free, and it came out 8 mm too small."""
 
@@ -324,7 +324,7 @@ class Onboard:
         """Return the bore, m, by the slides (3,) of a robot's arms; not a number where it stands so
         far off the middle that an arm may not touch."""
         radius = self._robot.nominal_pipe_radius
-        off = float(np.ptp(slide)) > MOST_OFF * radius
+        off = float(np.ptp(slide)) > MOST_SPREAD * radius
         return np.nan if off else 2 * (radius + float(slide.mean()))
 
     def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:
