@@ -385,8 +385,9 @@ def test_a_body_at_rest_lies_still(name, shape):
         counts.append(data.ncon)
     assert counts == counts[:1] * 500
     assert np.abs(data.qvel).max() < 2e-3
-    carried = data.qfrc_constraint[:3] - model.body_mass[1] * 9.81 * up
-    assert np.abs(carried).max() < 1e-3 * model.body_mass[1] * 9.81
+    weight = model.body("body").mass[0] * 9.81
+    carried = data.qfrc_constraint[:3] - weight * up
+    assert np.abs(carried).max() < 1e-3 * weight
 
 
 def test_the_robots_own_geom_decides_unless_the_walls_state_a_friction():
@@ -709,21 +710,25 @@ def test_rays_and_depths_are_those_of_the_wall():
     assert np.isinf(pipes.rays([0.0, 0, 1], [[0, 0, 1]])).all()
 
 
+@pytest.mark.parametrize("is_carried", [True, False])
 @pytest.mark.parametrize("length", [None, 60])
-def test_pipes_on_a_body_keep_their_plugin_where_they_are_attached(length):
+def test_pipes_keep_their_plugin_where_they_are_attached(length, is_carried):
     """A ball rests on them in the other model, which is refused where its user data are longer."""
     spec = mujoco.MjSpec()
     carrier, ball = spec.worldbody.add_body(), spec.worldbody.add_body(pos=[0, 0, 0.2])
     _ = ball.add_freejoint(), ball.add_geom(size=[0.02, 0, 0], mass=0.1)
     fittings = [{"kind": "straight", "name": "a", "length": 1.0}]
     level = ot.Network(fittings=fittings, place={"axis": (1.0, 0.0, 0.0)})
-    ot.add_pipes(spec, level, body=carrier, friction=0.8)
-    carrier.pos = [-0.5, 0, 0.2]
+    ot.add_pipes(spec, level, body=carrier if is_carried else None, friction=0.8)
+    # Pipes without a body of the model stand in the world's frame.
+    place, ball.pos = [-0.5, 0, 0.2], [0, 0, 0.2] if is_carried else [0.5, 0, 0]
+    carrier.pos = place if is_carried else [0, 0, 0]
     other = mujoco.MjSpec()
     other.nuser_geom = length or spec.nuser_geom
+    frame = other.worldbody.add_frame(pos=[0, 0, 0] if is_carried else place)
     with warnings.catch_warnings():  # MuJoCo's about the other length
         warnings.simplefilter("ignore")
-        other.attach(spec, frame=other.worldbody.add_frame(), prefix="own_")
+        other.attach(spec, frame=frame, prefix="own_")
         if length:
             with pytest.raises(ValueError, match="exact walls: the model has none at the ends"):
                 other.compile()
