@@ -29,6 +29,7 @@ class Ghost:
         erring: changes what is seen.
         lag: m, by which it takes itself to be farther on when it has passed a fitting for the first
             time, until it is told better or begins another leg.
+        slip: where on its first leg, m, its belts slip, and by how much.
         arms: it has some, and measures the bore with them.
 
     Attributes:
@@ -44,6 +45,7 @@ class Ghost:
         hidden: Collection[str] = (),
         erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
         lag: float = 0.0,
+        slip: tuple[float, float] = (np.inf, 0.0),
         arms: bool = False,
     ) -> None:
         self.network, self.pipes, self.robot = network, network.pipes, Omnitrack()
@@ -57,7 +59,7 @@ class Ghost:
         exploration = Exploration(network, mission, self.robot, 0.1, ARCS)
         self.hidden = [network.port(port) for port in hidden]
         self.sight = TrueSight(network.pipes, exploration.plates, self.robot, ARCS)
-        self.erring, self.lag, self.arms = erring, lag, arms
+        self.erring, self.lag, self.slip, self.arms = erring, lag, slip, arms
         self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
@@ -73,6 +75,8 @@ class Ghost:
         while self.travel < most:
             position, frame = self._pose(distance)
             wrong += self.lag * self._has_passed(distance)
+            if distance >= self.slip[0]:
+                wrong, self.slip = wrong + self.slip[1], (np.inf, 0.0)
             time, decision, told = self.travel, None, distance + wrong
             if told >= explorer.looks_at:
                 ahead, behind = self._look(position, frame), None

@@ -11,8 +11,9 @@ from network_samples import elbow, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Reducer, Tee
+from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.base.rotations import Pose, angle_between
+from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee
 from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.record.events import (
@@ -63,21 +64,18 @@ def test_a_network_is_explored_to_its_last_end(name, start, ends):
 
 def test_what_is_seen_wrongly_from_afar_is_put_right_from_close_by():
     """Kinds and places: a point that takes far tees for bends, and sees far things 40 mm too near,
-    has the true map in the end, but for the short pipe between two fittings that it prepares for
-    together: it never stands in that before it has passed both."""
+    has the true map in the end."""
 
     def far_sight_fails(ahead):
         if ahead.distance < 0.26:
             return ahead
-        nearer = replace(ahead, distance=ahead.distance - 0.04)
+        nearer = replace(ahead, distance=ahead.distance - 0.04, distance_std=0.02)
         is_tee = isinstance(ahead.fitting, Tee)
         return replace(nearer, fitting=Elbow(0.12), enter="start") if is_tee else nearer
 
     ghost = explored("house_sewer", "sewer", erring=far_sight_fails)
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "sewer")
-    assert difference.complete, difference
-    assert not difference.angles
-    assert difference.wrong_sizes == (("straight_4", "stack_1"),)
+    assert difference.same, difference
 
 
 def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
@@ -169,7 +167,7 @@ def test_the_way_home_leads_on_through_a_loop():
 
 
 def test_a_loop_with_errors_of_sight_is_closed_all_the_same():
-    """Lengths of the loop's straights take up what they can of the miss."""
+    """What the place of its end depends on changes by little, and takes up the miss."""
     errors = iter(np.tile([0.004, -0.003, 0.005, -0.002], 100))
     ghost = explored(
         "tower",
@@ -185,6 +183,28 @@ def test_a_loop_with_errors_of_sight_is_closed_all_the_same():
     assert difference.same, difference
     a, b = (belief.port(belief.network.port(port)) for port in (closed.port, closed.other))
     assert np.linalg.norm(a.position - b.position) < 0.2 * closed.miss
+
+
+def test_a_loop_whose_bends_are_off_keeps_its_lengths():
+    """A ring of right angles that are 0.4 and 0.3 degrees too wide, and a tee turned by 1 degree,
+    misses by 24 mm: bends and turns take up most of it, not the lengths, which are right."""
+    belief = Belief(Pose(), 0.16, 0.8)
+    end, wide = (0, "end"), np.radians([90.4, 90.3, 90.4, 89.9])
+    for angle, turn in zip(wide, np.radians([0.0, 0.5, -1.0, 1.0]), strict=True):
+        x, y = belief.port(end).rotation[:, :2].T
+        side = np.cos(turn) * x + np.sin(turn) * y
+        end = belief.attach(end, Elbow(0.1, angle), "start", side), "end"
+        if end[0] < 7:
+            end = belief.straight_beyond(end, 0.8), "end"
+    miss = belief.close(end, belief.start)
+    here, there = belief.port(end), belief.port(belief.start)
+    assert 0.015 < miss < 0.03
+    assert np.linalg.norm(there.position - here.position) < 1.5e-3
+    assert angle_between(here.rotation[:, 2], -there.rotation[:, 2]) < np.radians(0.1)
+    fittings = [belief.fitting(part) for part in range(8)]
+    assert all(abs(one.length - 0.8) < 4e-3 for one in fittings if isinstance(one, Straight))
+    after = np.array([one.angle for one in fittings if isinstance(one, Elbow)])
+    assert np.abs(after - np.pi / 2).max() < np.abs(wide - np.pi / 2).max()
 
 
 @pytest.mark.parametrize(("gap", "doubt"), [(0.02, False), (0.05, True)])
@@ -212,13 +232,58 @@ def test_pipe_whose_end_moves_between_looks_is_in_doubt(move, doubt):
 
     def nearer(ahead):
         far = ahead.end == "open" and ahead.distance > 0.3
-        return replace(ahead, distance=ahead.distance - move) if far else ahead
+        there = ahead.distance - move
+        return replace(ahead, distance=there, distance_std=0.05) if far else ahead
 
     network = validate({"fittings": [straight("foot", 2.0)]})
     ghost = Ghost(network, "foot.start", erring=nearer)
     ghost.run()
     assert compare_maps(ghost.explorer.belief.network, network).same
     assert bool(of_kind(ghost, ExplorationIncomplete)) == doubt
+
+
+@pytest.mark.parametrize("where", [1.2, 1.4], ids=["before its end is seen", "then"])
+@pytest.mark.parametrize("by", [-0.05, 0.05])
+def test_slip_of_the_belts_does_not_change_a_length(by, where):
+    """Two looks at both ends of a pipe tell how long it is, and two at one end how far it has come
+    between them."""
+
+    def near(ahead):
+        far = Ahead(distance=0.4, axis=ahead.axis)
+        return ahead if ahead.distance < 0.4 else far
+
+    parts = [straight("foot", 0.6), elbow("bend"), straight("on", 0.7)]
+    network = validate(
+        {
+            "fittings": parts,
+            "joints": [joint("foot.end", "bend.start"), joint("bend.end", "on.start")],
+        }
+    )
+    ghost = Ghost(network, "foot.start", erring=near, slip=(where, by))
+    ghost.run()
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same
+    assert difference.length_error < 1e-3
+
+
+def test_an_end_that_is_seen_out_of_a_fitting_is_looked_at_from_farther():
+    """There the robot may be 30 mm elsewhere, and an open end does not show from close by."""
+
+    def far_enough(ahead):
+        if ahead.end == "open" and ahead.distance > 0.33:
+            return replace(ahead, distance=ahead.distance + 0.028)
+        return None if ahead.end == "open" and ahead.distance < 0.16 else ahead
+
+    parts = [straight("foot", 0.5), elbow("bend"), straight("on", 0.31)]
+    network = validate(
+        {
+            "fittings": parts,
+            "joints": [joint("foot.end", "bend.start"), joint("bend.end", "on.start")],
+        }
+    )
+    ghost = Ghost(network, "foot.start", erring=far_enough)
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).same
 
 
 def test_a_loop_that_misses_is_in_doubt():

@@ -201,9 +201,13 @@ class Explorer(MapPilot):
         elif self.looks_back(distance):
             distance = self._back.located(self.route(), distance, look.behind)
             distance += self._measure_passed()
-        shift = distance - look.distance
+            if distance != look.distance:
+                self._closer.forget()
         if look.distance < self.look_at:
-            return Decision(self.leg, True, (), shift)
+            return Decision(self.leg, True, (), distance - look.distance)
+        located = self._closer.located(self.route(), distance, look.ahead)
+        self._doubt_end(located - distance)
+        distance, shift = located, located - look.distance
         return self._look_on(look._replace(distance=distance))._replace(shift=shift)
 
     def _look_on(self, look: Look) -> Decision:
@@ -233,9 +237,8 @@ class Explorer(MapPilot):
         self._forget_what_was_far()
         measured = self._measure_bend(look.frame @ ahead.axis)
         more = distance + ahead.distance - self.route().length
-        if was_far and abs(more) > EXPLORER.most_move:
-            name = self.belief.part_name(_end_of(self.leg.path)[0])
-            self._doubts[name] = f"its end moved by {1000 * abs(more):.0f} mm between looks"
+        if was_far:
+            self._doubt_end(more)
         path = self._reached(more)
         if measured:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
@@ -311,6 +314,9 @@ class Explorer(MapPilot):
         again = self._closer.doubted(ahead, route, distance)
         if again is not None:
             return again
+        begins = ahead.kind != ("", "") and self._closer.index(route) is None
+        if begins and self._back.once_more(route, distance):
+            return distance
         if not self._is_confirmed(ahead, look, distance) or self._measures_on(route, distance):
             return distance + LOOKS.doubt
         return None
@@ -467,6 +473,14 @@ class Explorer(MapPilot):
         """Plan another look at the end of a path from close by, where that is still far away."""
         close = self._closer.begin(ahead, self.planner.route(path), distance)
         self.look_at = self.look_at if close is None else close
+
+    def _doubt_end(self, move: float) -> None:
+        """Doubt the straight at hand where its end is ``move`` m elsewhere than it was seen from
+        afar."""
+        if abs(move) > EXPLORER.most_move:
+            part, _, _ = self._before(self.route())
+            name = self.belief.part_name(part)
+            self._doubts[name] = f"its end moved by {1000 * abs(move):.0f} mm between looks"
 
     def _forget_what_was_far(self) -> None:
         """Remove from the map what was observed from afar, now that the robot is close to it."""

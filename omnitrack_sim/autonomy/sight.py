@@ -218,6 +218,11 @@ class LookSettings:
         close: m, from the robot's front to the end of a straight when it looks there once more:
             from there both cameras measure distances to 1 or 2 mm.
         closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
+        out_of_fitting: m, farther off for an end that was observed out of a fitting, where a robot
+            knows least how far it has come: an open end hardly shows from nearer than ``close``.
+        slip: standard deviations of two looks by which travel between them has to be off for the
+            belts to have slipped: of 440 looks by both cameras one was off by more than 3.
+        least_slip: m, the same in addition.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
@@ -231,6 +236,9 @@ class LookSettings:
     agreement: float = 0.02
     close: float = 0.1
     closest: float = 0.05
+    out_of_fitting: float = 0.03
+    slip: float = 3.0
+    least_slip: float = 0.005
     again: float = 0.003
     doubt: float = 0.01
     for_sizes: int = 3
@@ -239,8 +247,15 @@ class LookSettings:
 LOOKS = LookSettings()
 
 
+def _slipped(shift: float, *stds: float) -> bool:
+    """Return whether belts have slipped where looks of standard deviations ``stds`` m place a robot
+    by ``shift`` m elsewhere."""
+    return abs(shift) > LOOKS.least_slip + LOOKS.slip * math.hypot(*stds)
+
+
 class LookingBack:
-    """Looks of one robot at the fittings that it has passed, one in each straight behind a fitting.
+    """Looks of one robot at the fittings that it has passed: one in each straight behind a fitting,
+    and one more where it sees the far end of that straight, which so is measured by looks alone.
 
     Round a bend a robot knows least how far it has come, and sees that best when the bend is just
     behind it.
@@ -260,11 +275,22 @@ class LookingBack:
         self.doubts: dict[str, str] = {}
         self.lengths: dict[int, list[float]] = {}
         self._done: set[int] = set()
-        self._again, self._shift = 0.0, math.inf
+        self._twice: set[int] = set()
+        self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
 
     def begin(self) -> None:
         """Begin another leg."""
-        self._again = 0.0
+        self._again, self._once_more = 0.0, math.inf
+
+    def once_more(self, route: Route, distance: float) -> bool:
+        """Ask for one more look back from arc length ``distance`` m on, where the robot has looked
+        back once in this straight; return whether it is asked for."""
+        here = route.passages[route.index_at(distance)]
+        if here.index not in self._done - self._twice:
+            return False
+        self._twice.add(here.index)
+        self._once_more = distance
+        return True
 
     def at(self, route: Route) -> float:
         """Return the arc length on a route, m, where it looks back next; infinite if nowhere."""
@@ -272,8 +298,8 @@ class LookingBack:
             if before.index not in self._done and self._belief.fitting(before.index).is_plain:
                 at = max(before.s_enter + self._half + LOOKS.behind, self._again)
                 if at < before.s_leave - self._half:
-                    return at
-        return math.inf
+                    return min(at, self._once_more)
+        return self._once_more
 
     def located(self, route: Route, distance: float, behind: Ahead | None) -> float:
         """Return the arc length of a robot on a route, m, from a look back.
@@ -284,7 +310,7 @@ class LookingBack:
             behind: the look.
         """
         i = route.index_at(distance)
-        self._again = distance + LOOKS.behind_again
+        self._again, self._once_more = distance + LOOKS.behind_again, math.inf
         if i == 0 or behind is None or not self._is_clear(route, i, behind):
             return distance
         here = route.passages[i]
@@ -293,6 +319,8 @@ class LookingBack:
             return distance
         located = here.s_enter + behind.distance
         shift, before = located - distance, self._shift
+        if here.index in self._done:
+            return located if _slipped(shift, behind.distance_std) else distance
         self._shift = shift
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
@@ -337,6 +365,7 @@ class LookingCloser:
     def __init__(self, belief: Belief, half: float) -> None:
         self._belief, self._half = belief, half
         self._kinds: Counter[tuple[str, str]] = Counter()
+        self._far: Ahead | None = None
 
     def index(self, route: Route) -> int | None:
         """Return the number of the passage through the straight whose end is provisional."""
@@ -351,12 +380,29 @@ class LookingCloser:
         Returns:
             Arc length, m, from which the robot looks at it again; None if it is not provisional.
         """
-        part, close = route.passages[-1].index, route.length - self._half - LOOKS.close
-        if not self._belief.fitting(part).is_plain or distance >= close - LOOKS.again:
+        last, close = route.passages[-1], route.length - self._half - LOOKS.close
+        if not self._belief.fitting(last.index).is_plain or distance >= close - LOOKS.again:
             return None
-        self._belief.settle(part)
-        self._kinds = Counter([ahead.kind])
-        return close
+        self._belief.settle(last.index)
+        self._kinds, self._far = Counter([ahead.kind]), ahead
+        if distance > last.s_enter:
+            return close
+        self.forget()
+        return max(close - LOOKS.out_of_fitting, distance + LOOKS.again)
+
+    def forget(self) -> None:
+        """Forget where the end is, as the robot was elsewhere than it took itself to be."""
+        self._far = None
+
+    def located(self, route: Route, distance: float, ahead: Ahead | None) -> float:
+        """Return the arc length of a robot on a route, m, from a look at an end that it has seen
+        from afar; arguments as of ``LookingBack.located``."""
+        i, far = self.index(route), self._far
+        if i is None or far is None or ahead is None or ahead.kind != far.kind:
+            return distance
+        located = route.passages[i].s_leave - ahead.distance
+        slipped = _slipped(located - distance, far.distance_std, ahead.distance_std)
+        return located if slipped else distance
 
     def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
         """Return the arc length, m, of another look by a robot that observes something else from
