@@ -11,7 +11,7 @@ from network_samples import elbow, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.autonomy.sight import LOOKS, Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -264,6 +264,26 @@ def test_slip_of_the_belts_does_not_change_a_length(by, where):
     difference = compare_maps(ghost.explorer.belief.network, network)
     assert difference.same
     assert difference.length_error < 1e-3
+
+
+def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():
+    """A bend that is looked at out of a straight is no rest of one, so no two looks have to agree
+    in where it begins."""
+    errors, close = iter(np.tile([0.008, -0.008], 100)), []
+
+    def erring(ahead):
+        if isinstance(ahead.fitting, Elbow) and ahead.distance < 0.3:
+            ahead = replace(ahead, distance=ahead.distance + next(errors), distance_std=0.008)
+            close.append(ahead)
+        return ahead
+
+    parts = [straight("foot", 0.8), elbow("bend"), straight("on", 0.5)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=erring)
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).same
+    assert len(close) == LOOKS.for_sizes
 
 
 def test_an_end_that_is_seen_out_of_a_fitting_is_looked_at_from_farther():

@@ -317,14 +317,14 @@ class Explorer(MapPilot):
         begins = ahead.kind != ("", "") and self._closer.index(route) is None
         if begins and self._back.once_more(route, distance):
             return distance
-        if not self._is_confirmed(ahead, look, distance) or self._measures_on(route, distance):
+        if not self._is_confirmed(ahead, look, route) or self._measures_on(route, distance):
             return distance + LOOKS.doubt
         return None
 
-    def _is_confirmed(self, ahead: Ahead, look: Look, distance: float) -> bool:
+    def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting has been made before, of the same at the same
         place: a bend that is not over looks like another one that begins at the lens."""
-        out_of = self._out_of()
+        out_of, distance = self._before(route), look.distance
         if ahead.fitting is None or self.belief.fitting(out_of[0]).is_plain:
             self._forget_sighted()
             return True

@@ -22,7 +22,7 @@ from omnitrack_sim.base.rotations import (
     set_rows,
     with_rows,
 )
-from omnitrack_sim.pipes import Part
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.metrics import ESTIMATES
@@ -367,12 +367,14 @@ class Onboard:
             after = self._networks[robot]
             assert before is not None
             assert after is not None
-            self._move_along(robot, before.pipes.parts, after.pipes.parts)
+            self._move_along(robot, before, after)
 
-    def _move_along(self, robot: int, old: Sequence[Part], new: Sequence[Part]) -> None:
+    def _move_along(self, robot: int, before: Network, after: Network) -> None:
         """Move the estimate of a robot with the part of its map that it is in."""
-        both = list(zip(old, new, strict=False))
-        if any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both):
+        both = list(zip(before.pipes.parts, after.pipes.parts, strict=False))
+        # Where a loop has closed the robot goes another way, and lies in its pipe as it did.
+        closes = _loops(after) > _loops(before)
+        if not closes and any(a.fitting != b.fitting and not a.fitting.is_plain for a, b in both):
             # A fitting behind the robot bends otherwise than was known: the robot is as far along
             # its route as it was, and less sure of its position. How it is turned it knows as
             # before: the gyro has measured both that and the bend.
@@ -492,3 +494,8 @@ def _drawn_from(scenario: Scenario) -> str:
     world = dict.fromkeys(("seed", "pipes", "network", "start", "world"), True)
     text = scenario.model_dump_json(include={**world, "mission": {"start": True}})
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _loops(network: Network) -> int:
+    """Number of loops of a network: of joints beyond those that hold its parts together."""
+    return len(network.joints) - len(network.fittings) + 1
