@@ -175,8 +175,8 @@ def add_pipes(
     Args:
         spec: of the robot, before or after its bodies are added; its geoms and their user data
             stay. The world gets a geom ``wall_<part>`` for each fitting, and one
-            ``rim_<part>_<port>`` for each open end and each other sharp edge; and an empty body
-            without a name, with which ``MjSpec.attach`` takes the walls' plugin along.
+            ``rim_<part>_<port>`` for each open end and each other sharp edge; and a sensor
+            without values, with which ``MjSpec.attach`` takes the walls' plugin along.
         network: the pipes.
         friction: sliding friction of the walls, which then decides, with a contact time of 5 ms;
             None: friction and contact time are those of the robot's geoms.
@@ -224,8 +224,7 @@ def add_pipes(
         add_plates(spec, pipes.assembly, [end], thickness=depth, overlap=depth, body=body, **plates)
     if visible:
         add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
-    # Of the bodies of a model that is attached to another the world alone loses its plugin.
-    add_guard(spec, body or spec.worldbody.add_body())
+    add_guard(spec, f"wall_{pipes.assembly.parts[0].name}")
     return pipes
 
 

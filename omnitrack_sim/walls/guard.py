@@ -67,7 +67,7 @@ class _Plugin(ctypes.Structure):
 
 
 def nothing(model, data, instance):
-    """State of the plugin: none; and what it does when data are reset or stepped."""
+    """State and values of the plugin: none; and what it does when data are reset or stepped."""
     return 0
 
 
@@ -121,21 +121,25 @@ def register() -> None:
     block[MESSAGES : MESSAGES + len(_TEXTS)] = [ctypes.addressof(text) for text in _TEXTS]
     mujoco_.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()
-    # The kind of plugin that a body may have.
-    plugin.capabilityflags = int(mujoco.mjtPluginCapabilityBit.mjPLUGIN_PASSIVE)
+    plugin.capabilityflags = int(mujoco.mjtPluginCapabilityBit.mjPLUGIN_SENSOR)
     plugin.nstate = c_function(nothing, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
-    plugin.reset = plugin.compute = plugin.nstate
+    plugin.nsensordata = plugin.reset = plugin.compute = plugin.nstate
     plugin.init = c_function(check_walls, CFUNCTYPE(INTEGER, WORDS, WORDS, INTEGER)).address
     mujoco_.mjp_registerPlugin(ctypes.byref(plugin))
 
 
-def add_guard(spec: mujoco.MjSpec, body: mujoco.MjsBody | None = None) -> None:
-    """Have a model ask for the plugin, and a body that carries the walls, with which it goes where
-    they go: ``MjSpec.attach`` takes along what a body refers to."""
+def add_guard(spec: mujoco.MjSpec, wall: str) -> None:
+    """Have a model ask for the plugin: a sensor without values refers to the geom of a wall.
+
+    ``MjSpec.attach`` takes along what refers to a geom, but not what the world's body refers to; a
+    body for the plugin would change the numbers of the robot's.
+    """
     register()
     if not any(plugin.plugin_name == PLUGIN for plugin in spec.plugins):
         spec.activate_plugin(PLUGIN)
         spec.add_plugin(name=PLUGIN, plugin_name=PLUGIN, active=True)
-    if body is not None and not body.plugin.active:
-        body.plugin.name = body.plugin.plugin_name = PLUGIN
-        body.plugin.active = True
+    sensor = spec.add_sensor(
+        type=mujoco.mjtSensor.mjSENS_PLUGIN, objtype=mujoco.mjtObj.mjOBJ_GEOM, objname=wall
+    )
+    sensor.plugin.name = sensor.plugin.plugin_name = PLUGIN
+    sensor.plugin.active = True

@@ -65,7 +65,7 @@ def scene(
     spec.option.timestep = timestep
     if exact:
         add_exact_walls(spec, network)
-        add_guard(spec)
+        add_guard(spec, f"wall_{network.parts[0].name}")
     else:
         add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
     add_plates(spec, network, plates, looks)
