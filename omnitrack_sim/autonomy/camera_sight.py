@@ -52,8 +52,8 @@ class CameraSightSettings:
             until it is measured behind the elbow: before, the end of the elbow is hidden.
         angle_error: rad, how near: a lamp shows 5 to 18 degrees too much.
         radius_by_angle: bores per rad, by how much the mean radius of an elbow comes out greater
-            by a lamp where its angle does: of looks at elbows of 1.5 bores this takes the standard
-            deviation from 6.4 to 4.3 mm.
+            by a lamp where its angle does, out of a pipe: the fit to 122 random looks is 0.31. To
+            122 looks out of tees it is -0.14, with no gain.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -190,7 +190,8 @@ def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
     if isinstance(seen, Elbow):
         nearest = min(CAMERA_SIGHT.angles, key=lambda angle: abs(angle - seen.angle))
         if abs(nearest - seen.angle) < CAMERA_SIGHT.angle_error:
-            excess = 2 * seen.radius * CAMERA_SIGHT.radius_by_angle * (seen.angle - nearest)
+            share = CAMERA_SIGHT.radius_by_angle if in_pipe else 0.0
+            excess = 2 * seen.radius * share * (seen.angle - nearest)
             radius = max(seen.mean_radius - excess, seen.radius)
             ahead = replace(ahead, fitting=replace(seen, angle=nearest, mean_radius=radius))
     free = ahead.kind == ("", "")
