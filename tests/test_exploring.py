@@ -286,6 +286,53 @@ def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():
     assert sum(travel < 0.8 for travel in close) == LOOKS.for_sizes
 
 
+def test_a_radius_that_one_look_shows_wrongly_takes_more_looks():
+    """The least and the greatest are left out."""
+    errors = iter([0.002, 0.06, -0.002, 0.001, 0.0])
+
+    def erring(ahead):
+        if isinstance(ahead.fitting, Elbow) and ahead.enter == "start" and ahead.distance < 0.2:
+            radius = ahead.fitting.mean_radius + next(errors, 0.0)
+            ahead = replace(ahead, fitting=replace(ahead.fitting, mean_radius=radius))
+        return ahead
+
+    parts = [straight("foot", 0.8), elbow("bend"), straight("on", 0.5)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=erring)
+    ghost.run()
+    (found,) = (
+        part.fitting
+        for part in ghost.explorer.belief.network.pipes.parts
+        if isinstance(part.fitting, Elbow)
+    )
+    assert found.mean_radius - network.pipes.parts[1].fitting.mean_radius == pytest.approx(0.001)
+    assert next(errors, None) is None
+
+
+def test_ends_of_pipes_are_means_of_looks():
+    """The last look at a reducer is from so near that it tells the least of where that begins."""
+    errors = iter([(0.0, 0.01), (-0.005, 0.013), (-0.02, 0.02)])
+
+    def erring(ahead):
+        if isinstance(ahead.fitting, Reducer) and ahead.distance < 0.2:
+            error, std = next(errors, (0.0, 0.01))
+            ahead = replace(ahead, distance=ahead.distance + error, distance_std=std)
+        return ahead
+
+    parts = [straight("foot", 0.8), reducer("less", 0.15), straight("on", 0.5, inner_diameter=0.15)]
+    joints = [joint("foot.end", "less.start"), joint("less.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=erring)
+    ghost.run()
+    (length,) = (
+        part.fitting.length
+        for part in ghost.explorer.belief.network.pipes.parts
+        if part.name == "straight_1"
+    )
+    assert length == pytest.approx(0.8 - 0.0046, abs=1e-3)
+
+
 def test_an_end_that_is_seen_out_of_a_fitting_is_looked_at_from_farther():
     """There the robot may be 30 mm elsewhere, and an open end does not show from close by."""
 

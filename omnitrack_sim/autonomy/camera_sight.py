@@ -51,9 +51,6 @@ class CameraSightSettings:
         angles: rad, of elbows as most are sold. By a lamp, an angle nearby counts as such a one
             until it is measured behind the elbow: before, the end of the elbow is hidden.
         angle_error: rad, how near: a lamp shows 5 to 18 degrees too much.
-        radius_by_angle: bores per rad, by how much the mean radius of an elbow comes out greater
-            by a lamp where its angle does, out of a pipe: the fit to 122 random looks is 0.31. To
-            122 looks out of tees it is -0.14, with no gain.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -66,7 +63,6 @@ class CameraSightSettings:
     by_lamp: float = 0.9
     angles: tuple[float, ...] = (math.radians(45), math.radians(90))
     angle_error: float = math.radians(20)
-    radius_by_angle: float = 0.3
     first_picture: int = 1_000_000
 
 
@@ -190,10 +186,7 @@ def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
     if isinstance(seen, Elbow):
         nearest = min(CAMERA_SIGHT.angles, key=lambda angle: abs(angle - seen.angle))
         if abs(nearest - seen.angle) < CAMERA_SIGHT.angle_error:
-            share = CAMERA_SIGHT.radius_by_angle if in_pipe else 0.0
-            excess = 2 * seen.radius * share * (seen.angle - nearest)
-            radius = max(seen.mean_radius - excess, seen.radius)
-            ahead = replace(ahead, fitting=replace(seen, angle=nearest, mean_radius=radius))
+            ahead = replace(ahead, fitting=replace(seen, angle=nearest))
     free = ahead.kind == ("", "")
     if free or isinstance(seen, Reducer) or (isinstance(seen, Elbow) and not in_pipe):
         return replace(ahead, confidence=min(ahead.confidence, CAMERA_SIGHT.by_lamp))

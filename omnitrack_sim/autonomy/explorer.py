@@ -97,6 +97,8 @@ class ExplorerSettings:
 
 EXPLORER = ExplorerSettings()
 
+LEAST_STD = 1e-4
+"""Standard deviation of a distance, m, below which one look counts no more than another."""
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
 
@@ -233,10 +235,11 @@ class Explorer(MapPilot):
                 self.look_at = again
                 return Decision(self.leg, True, ())
         self._assumed = 0.0
+        end = self._end_by_looks(ahead, distance)
         was_far = self._closer.index(route) is not None
         self._forget_what_was_far()
         measured = self._measure_bend(look.frame @ ahead.axis)
-        more = distance + ahead.distance - self.route().length
+        more = end - self.route().length
         if was_far:
             self._doubt_end(more)
         path = self._reached(more)
@@ -317,7 +320,7 @@ class Explorer(MapPilot):
         begins = ahead.kind != ("", "") and self._closer.index(route) is None
         if begins and self._back.once_more(route, distance):
             return distance
-        if not self._is_confirmed(ahead, look, route) or self._measures_on(route, distance):
+        if not self._is_confirmed(ahead, look, route) or self._measures_on(ahead, route, distance):
             return distance + LOOKS.doubt
         return None
 
@@ -495,9 +498,7 @@ class Explorer(MapPilot):
 
     def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
         """Keep a sighting of a reducer or an elbow from close by; forget those of anything else."""
-        near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
-        close = near or self._closer.index(route) is not None
-        sized = isinstance(ahead.fitting, Reducer | Elbow) and close
+        sized = self._shows_sizes(ahead, route)
         if not sized or (self._close and self._close[-1][0].kind != ahead.kind):
             self._close = []
         # A picture that has the pipe another way than it is has wrong sizes too.
@@ -507,13 +508,37 @@ class Explorer(MapPilot):
         if sized and not (in_pipe and off > EXPLORER.most_off):
             self._close.append((ahead, look.distance))
 
-    def _measures_on(self, route: Route, distance: float) -> bool:
+    def _end_by_looks(self, ahead: Ahead, distance: float) -> float:
+        """Return the arc length, m, at which a sighting from ``distance`` m begins: the mean of the
+        looks from close by, weighted by their variances. The last of them sees the cone of a
+        reducer from too near."""
+        looks = [look for look in self._close if look[0].kind == ahead.kind]
+        looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
+        ends = [at + look.distance for look, at in looks]
+        stds = np.array([look.distance_std for look, _ in looks])
+        return float(np.average(ends, weights=np.maximum(stds, LEAST_STD) ** -2))
+
+    def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
+        """Return whether a sighting is one of a reducer or an elbow from close by."""
+        near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
+        close = near or self._closer.index(route) is not None
+        return isinstance(ahead.fitting, Reducer | Elbow) and close
+
+    def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._before(route)[0]).is_plain
-        return plain and not late and 0 < len(self._close) < LOOKS.for_sizes
+        radii = self._radii() or [0.0]
+        differ = max(radii) - min(radii) > LEAST_LENGTH / 2
+        few = len(self._close) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
+        return plain and not late and few and self._shows_sizes(ahead, route)
+
+    def _radii(self) -> list[float]:
+        """Return the mean radii, m, of an elbow by the looks from close by."""
+        seen = (look.fitting for look, _ in self._close)
+        return [elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow)]
 
     def _before(self, route: Route) -> Edge:
         """Return the passage before what it looks at: the straight whose end is provisional, or
@@ -525,12 +550,13 @@ class Explorer(MapPilot):
         """Return a reducer or an elbow, ``name`` on the map, with the mean sizes of the looks at
         it. Where those of a reducer differ, or its ends hardly show, it is in doubt: its cone is
         shallow, and what follows it hides its end."""
-        looks, self._close = self._close, []
+        looks, radii, self._close = self._close, sorted(self._radii()), []
         elbows = [look.fitting for look, _ in looks if isinstance(look.fitting, Elbow)]
         if elbows:
-            sizes = np.array([(one.mean_radius, one.angle) for one in elbows])
-            radius, angle = sizes.mean(axis=0).tolist()
-            return replace(elbows[0], mean_radius=radius, angle=angle)
+            # One look may be far off.
+            middle = radii[1:-1] if len(radii) > LOOKS.for_sizes else radii
+            angle = float(np.mean([elbow.angle for elbow in elbows]))
+            return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
         reducers = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
         sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
         differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)

@@ -226,6 +226,9 @@ class LookSettings:
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
+        for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
+            90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
+            the least and the greatest by 3; of looks at 45 degrees one in five is off by 60 mm.
     """
 
     behind: float = 0.1
@@ -242,6 +245,7 @@ class LookSettings:
     again: float = 0.003
     doubt: float = 0.01
     for_sizes: int = 3
+    for_radius: int = 5
 
 
 LOOKS = LookSettings()
