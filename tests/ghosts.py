@@ -43,7 +43,7 @@ class Ghost:
         goals: Collection[str] = (),
         seen: Collection[str] = (),
         hidden: Collection[str] = (),
-        erring: Callable[[Ahead], Ahead] = lambda ahead: ahead,
+        erring: Callable[[Ahead], Ahead | None] = lambda ahead: ahead,
         lag: float = 0.0,
         slip: tuple[float, float] = (np.inf, 0.0),
         arms: bool = False,
