@@ -513,6 +513,26 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
     assert difference.length_error < 1e-4
 
 
+def test_an_elbow_whose_radius_hardly_shows_is_measured_from_behind():
+    """By a lamp, directly behind a tee; from the pipe beyond it shows."""
+
+    def guessed(ahead):
+        if isinstance(ahead.fitting, Elbow) and ahead.enter == "start":
+            tighter = replace(ahead.fitting, mean_radius=ahead.fitting.mean_radius - 0.02)
+            return replace(ahead, fitting=tighter, confidence=0.9)
+        return ahead
+
+    parts = [straight("foot"), tee("tee"), straight("side"), elbow("bend"), straight("on", 0.8)]
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
+    joints += [joint("tee.run_end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=guessed)
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network)
+    assert difference.same
+    assert difference.length_error < 1e-3
+
+
 def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
     """By a lamp a shallow reducer hardly shows. Arms that find the bore as it was say that there
     was none."""

@@ -492,7 +492,7 @@ class Explorer(MapPilot):
             return
         for part in self.belief.take_back(self.leg.path[i][0]):
             self._bends.discard(part)
-            self._back.lengths.pop(part, None)
+            self._back.sizes.pop(part, None)
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
@@ -567,20 +567,24 @@ class Explorer(MapPilot):
         return Reducer(*mean.tolist())
 
     def _measure_passed(self) -> float:
-        """Resize a reducer in doubt that the robot has measured from behind; return by how much
-        longer it is now, m."""
-        looks = self._back.lengths.items()
+        """Resize a reducer or an elbow in doubt that the robot has measured from behind; return by
+        how much longer it is now, m."""
+        looks = self._back.sizes.items()
         part = next((part for part, seen in looks if len(seen) == LOOKS.for_sizes), None)
         if part is None:
             return 0.0
-        lengths, reducer = np.array(self._back.lengths.pop(part)), self.belief.fitting(part)
-        assert isinstance(reducer, Reducer)
-        if np.ptp(lengths) > 2 * LEAST_LENGTH:
+        sizes, fitting = np.array(self._back.sizes.pop(part)), self.belief.fitting(part)
+        if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return 0.0
-        self.belief.resize(part, length=float(lengths.mean()))
+        size = float(sizes.mean())
+        if isinstance(fitting, Elbow):
+            key, longer = "mean_radius", (size - fitting.mean_radius) * fitting.angle
+        else:
+            assert isinstance(fitting, Reducer)
+            key, longer = "length", size - fitting.length
+        self.belief.resize(part, **{key: size})
         self._doubts.pop(self.belief.part_name(part), None)
         self.planner = self._through([])
-        longer = float(lengths.mean()) - reducer.length
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
         return longer
 
@@ -627,10 +631,13 @@ class Explorer(MapPilot):
         if isinstance(fitting, Elbow):
             self._bends.add(part)
         name = belief.part_name(part)
-        if name in self._doubts:
-            self._back.lengths[part] = []
-        elif ahead.confidence < EXPLORER.sure:
+        if name not in self._doubts and ahead.confidence < EXPLORER.sure:
             self._doubts[name] = "its sizes hardly show"
+            # A lamp shows the cone of a reducer no better from behind.
+            if isinstance(fitting, Elbow):
+                self._back.sizes[part] = []
+        elif name in self._doubts:
+            self._back.sizes[part] = []
         events: list[Event] = []
         if name not in self._named:
             self._named.add(name)

@@ -15,7 +15,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import Belief, alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Reducer, Route
+from omnitrack_sim.pipes import Arcs, Assembly, Elbow, Fitting, Part, Reducer, Route
 from omnitrack_sim.pipes.network import End, both_ways
 from omnitrack_sim.robots.robot import Robot
 
@@ -271,13 +271,14 @@ class LookingBack:
 
     Attributes:
         doubts: names of pipes in which a look back has shown something else than the map, and what.
-        lengths: m, of reducers that are to be measured from behind, by their parts: of each look.
+        sizes: m, by their parts, of reducers and elbows to be measured from behind: lengths
+            and mean radii, of each look.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
         self._belief, self._half, self._confidence = belief, half, least_confidence
         self.doubts: dict[str, str] = {}
-        self.lengths: dict[int, list[float]] = {}
+        self.sizes: dict[int, list[float]] = {}
         self._done: set[int] = set()
         self._twice: set[int] = set()
         self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
@@ -329,10 +330,12 @@ class LookingBack:
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
-        lengths = self.lengths.get(route.passages[i - 1].index)
-        if lengths is not None and isinstance(behind.fitting, Reducer):
-            lengths.append(behind.fitting.length)
-        if lengths is None or len(lengths) == LOOKS.for_sizes:
+        sizes = self.sizes.get(route.passages[i - 1].index)
+        if sizes is not None and isinstance(behind.fitting, Reducer):
+            sizes.append(behind.fitting.length)
+        elif sizes is not None and isinstance(behind.fitting, Elbow):
+            sizes.append(behind.fitting.mean_radius)
+        if sizes is None or len(sizes) == LOOKS.for_sizes:
             self._done.add(here.index)
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
