@@ -282,6 +282,12 @@ class Belief:
             self.goals[end] = goal
         self._network = None
 
+    def reopen(self, end: End) -> None:
+        """Take a port that was inspected, or given up, for unexplored."""
+        self.explored.discard(end)
+        self.ends.pop(end, None)
+        self._network = None
+
     def _near(self, end: End) -> Iterator[tuple[float, End]]:
         """Yield the other unexplored ports that may be the same as one, with their distances, m."""
         here = self.port(end)

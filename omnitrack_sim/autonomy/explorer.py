@@ -24,7 +24,7 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
@@ -50,7 +50,8 @@ class ExplorerSettings:
         most_creep: m, that it assumes in all before a look tells it something: what it comes
             through unseen is not on its map, and soon its pictures are not those of the map.
         look_step: m, travel between two looks along a pipe whose end is not in sight.
-        look_before: m, before the end of a leg where a robot looks on.
+        look_before: m, before the end of a leg where a robot looks on: far enough for a second look
+            before its nose is in what follows directly.
         least_bend: rad, least angle of an elbow.
         bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
         settling: m, travel after such a change in which a robot relocalises on the new map.
@@ -77,7 +78,7 @@ class ExplorerSettings:
     creep: float = 0.1
     most_creep: float = 0.2
     look_step: float = 0.1
-    look_before: float = 0.015
+    look_before: float = 0.03
     least_bend: float = math.radians(5)
     bend_tolerance: float = math.radians(0.5)
     settling: float = 0.05
@@ -101,6 +102,9 @@ LEAST_STD = 1e-4
 """Standard deviation of a distance, m, below which one look counts no more than another."""
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
+
+ONE_SIDED = "its length was seen from one side only"
+"""Doubt about a reducer whose ends show less exactly than lengths on a map may be wrong."""
 
 
 @dataclass
@@ -150,7 +154,7 @@ class Explorer(MapPilot):
         super().__init__(number, falls)
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
-        self._bends: set[int] = set()  # elbows whose angle has not been measured yet
+        self._bends: set[int] = set()  # elbows and wyes whose angle has not been measured yet
         self._named: set[str] = set()
         self._assumed = 0.0  # m, of free pipe since the last look that told something
         # Sightings of the same one from close by, and from where, m.
@@ -161,6 +165,7 @@ class Explorer(MapPilot):
         # Out of a fitting: what was sighted first, where, and from where, m.
         self._sighted: tuple[tuple[str, str], float, float] | None = None
         self._left: dict[End, str] = {}
+        self._tries_again = True
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
         self.planner = self._through([])
@@ -331,9 +336,12 @@ class Explorer(MapPilot):
         if ahead.fitting is None or self.belief.fitting(out_of[0]).is_plain:
             self._forget_sighted()
             return True
-        if self._is_rest(ahead, look, out_of):
-            return False
         at, bends = distance + ahead.distance, isinstance(ahead.fitting, Elbow)
+        last = route.passages[-1]
+        # What begins before the middle of the last fitting is that fitting itself.
+        itself = last.index == out_of[0] and at < (last.s_enter + last.s_leave) / 2
+        if itself or self._is_rest(ahead, look, out_of):
+            return False
         confirmed = False
         if self._sighted is not None and self._sighted[0] == ahead.kind:
             _, before, since = self._sighted
@@ -562,8 +570,11 @@ class Explorer(MapPilot):
         differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
         if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
-        if min(look.distance_std for look, _ in looks) > EXPLORER.most_reducer_std:
+        std = min(look.distance_std for look, _ in looks)
+        if std > EXPLORER.most_reducer_std:
             self._doubts[name] = "its ends hardly show"
+        elif std > LEAST_LENGTH / 2 and name not in self._doubts:
+            self._doubts[name] = ONE_SIDED
         return Reducer(*mean.tolist())
 
     def _measure_passed(self) -> float:
@@ -576,14 +587,16 @@ class Explorer(MapPilot):
         sizes, fitting = np.array(self._back.sizes.pop(part)), self.belief.fitting(part)
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return 0.0
-        size = float(sizes.mean())
+        size, name = float(sizes.mean()), self.belief.part_name(part)
+        if isinstance(fitting, Reducer) and self._doubts.get(name) == ONE_SIDED:
+            size = (size + fitting.length) / 2
         if isinstance(fitting, Elbow):
             key, longer = "mean_radius", (size - fitting.mean_radius) * fitting.angle
         else:
             assert isinstance(fitting, Reducer)
             key, longer = "length", size - fitting.length
         self.belief.resize(part, **{key: size})
-        self._doubts.pop(self.belief.part_name(part), None)
+        self._doubts.pop(name, None)
         self.planner = self._through([])
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
         return longer
@@ -628,7 +641,7 @@ class Explorer(MapPilot):
             return self._replan(time, events, self._onward(distance))
         side = _side(ahead, look, belief.port(end).rotation[:, 2])
         part = belief.attach(end, fitting, enter, side)
-        if isinstance(fitting, Elbow):
+        if isinstance(fitting, Elbow | Wye):
             self._bends.add(part)
         name = belief.part_name(part)
         if name not in self._doubts and ahead.confidence < EXPLORER.sure:
@@ -656,22 +669,26 @@ class Explorer(MapPilot):
         return Decision(self.leg, True, events)
 
     def _measure_bend(self, axis: Array) -> bool:
-        """Measure the elbow that the robot has come out of, into a pipe along ``axis`` (3,), world
-        frame, estimate; return whether its angle on the map has changed."""
+        """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe
+        along ``axis`` (3,), world frame, estimate; return whether its angle on the map has
+        changed."""
         # Before an elbow its far end is hidden, so a picture shows its angle badly. How the robot
         # is turned it knows better, even where it has come round by other fittings.
         path = self.leg.path
         last = len(path) - 1
         if last > 0 and self.belief.fitting(path[last][0]).is_plain:
             last -= 1
-        part, enter, _ = path[last]
-        if part not in self._bends or not self.belief.is_last(path[-1][0]):
+        part, enter, leave = path[last]
+        fitting = self.belief.fitting(part)
+        straight_on = isinstance(fitting, Wye) and "branch" not in (enter, leave)
+        if part not in self._bends or straight_on or not self.belief.is_last(path[-1][0]):
             return False
         self._bends.remove(part)
         angle = float(angle_between(-self.belief.port((part, enter)).rotation[:, 2], axis))
-        elbow = self.belief.fitting(part)
-        assert isinstance(elbow, Elbow)
-        if angle < EXPLORER.least_bend or abs(angle - elbow.angle) < EXPLORER.bend_tolerance:
+        assert isinstance(fitting, Elbow | Wye)
+        if isinstance(fitting, Wye) and _is_sharp(fitting, enter, leave):
+            angle = math.pi - angle
+        if angle < EXPLORER.least_bend or abs(angle - fitting.angle) < EXPLORER.bend_tolerance:
             return False
         self.belief.resize(part, angle=angle)
         self.planner = self._through([])
@@ -790,10 +807,22 @@ class Explorer(MapPilot):
         """Go to the unexplored port that asks for the least travel, or else to the start."""
         events = list(events)
         legs = self._least(self.belief.unexplored, plan)
+        if legs is None and self._tries_again:
+            self._try_again()
+            legs = self._least(self.belief.unexplored, plan)
         if legs is None:
             self._leave_the_rest()
             legs = self._least([self.belief.start], plan)
         return self._begin(time, events, legs)
+
+    def _try_again(self) -> None:
+        """Take all that the robot has given up for possible, once: it comes there from elsewhere,
+        and often it was a fall that stopped it."""
+        self._tries_again = False
+        self._closed.clear()
+        for end in self._left:
+            self.belief.reopen(end)
+        self._left.clear()
 
     def _leave_the_rest(self) -> None:
         """Give up the ports that are out of reach, as no other is left."""
@@ -814,6 +843,7 @@ class Explorer(MapPilot):
 
     def _give_up_port(self, end: End, why: str) -> None:
         """Leave a port unexplored."""
+        self._assumed = 0.0
         self.belief.note(end, "impassable")
         self.belief.done(end)
         self._left[end] = why
