@@ -78,7 +78,7 @@ class ExplorerSettings:
     creep: float = 0.1
     most_creep: float = 0.2
     look_step: float = 0.1
-    look_before: float = 0.03
+    look_before: float = 0.02
     least_bend: float = math.radians(5)
     bend_tolerance: float = math.radians(0.5)
     settling: float = 0.05
@@ -681,7 +681,7 @@ class Explorer(MapPilot):
         part, enter, leave = path[last]
         fitting = self.belief.fitting(part)
         straight_on = isinstance(fitting, Wye) and "branch" not in (enter, leave)
-        if part not in self._bends or straight_on or not self.belief.is_last(path[-1][0]):
+        if part not in self._bends or straight_on or _end_of(path) in self.belief.joined:
             return False
         self._bends.remove(part)
         angle = float(angle_between(-self.belief.port((part, enter)).rotation[:, 2], axis))

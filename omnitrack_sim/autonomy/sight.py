@@ -392,7 +392,8 @@ class LookingCloser:
             return None
         self._belief.settle(last.index)
         self._kinds, self._far = Counter([ahead.kind]), ahead
-        if distance > last.s_enter:
+        # Until its rear is out of a bend, a robot knows least how far it has come.
+        if distance > last.s_enter + self._half:
             return close
         self.forget()
         return max(close - LOOKS.out_of_fitting, distance + LOOKS.again)
