@@ -20,7 +20,7 @@ from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import MapPanel
 from omnitrack_sim.show.film.render import render_frames, strip_times
 from omnitrack_sim.show.film.shots import FollowCamera
-from omnitrack_sim.show.landmarks import Discovery, Landmarks, stays
+from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.replay.document import replay_data
 
@@ -128,7 +128,7 @@ def test_the_robot_is_in_a_pipe_that_is_seen(runs):
     record, parts, playback = run.trajectory, run.pipes.parts, playback_of(run)
     data = mujoco.MjData(playback.model)
     camera = FollowCamera(playback, 16 / 9, 0.12)
-    discovery = Discovery.of(run, record)
+    landmarks = Landmarks.of(run, record)
     for stay in stays(run, record):
         for row in range(stay.first, stay.last):
             centre = record["position"][row]
@@ -137,7 +137,7 @@ def test_the_robot_is_in_a_pipe_that_is_seen(runs):
             number = parts.index(stay.part)
             playback.place(data, row)
             assert camera.shot(row, data).clearness[number] == 1
-            assert discovery.parts[number] <= row
+            assert landmarks.parts[number] <= row
 
 
 def test_parts_are_called_by_their_true_names(runs):
@@ -161,7 +161,7 @@ def test_the_map_grows_with_what_the_robot_sees(runs):
     and the plate when it is in sight; nothing before."""
     run = runs[0]
     record, names = run.trajectory, [part.name for part in run.pipes.parts]
-    first = dict(zip(names, Discovery.of(run, record).parts.tolist(), strict=True))
+    first = dict(zip(names, Landmarks.of(run, record).parts.tolist(), strict=True))
     begin = {v.part.name: v.first for v in reversed(stays(run, record))}
     assert first["foot"] == first["shaft"] == first["fork"] == 0
     order = [first[name] for name in ("fork", "off", "bend", "low", "on")]
@@ -169,22 +169,22 @@ def test_the_map_grows_with_what_the_robot_sees(runs):
     assert begin["fork"] < first["off"] == first["bend"] < begin["off"] < begin["bend"]
     assert begin["bend"] < first["low"] < begin["low"]
     assert record["leg"][first["on"]] == 2
-    (plate,) = Discovery.of(run, record).plates
+    (plate,) = Landmarks.of(run, record).plates
     assert first["on"] <= plate < begin["on"]
-    assert Discovery.of(explored(whole(), blocked=[]), record).plates.size == 0
+    assert Landmarks.of(explored(whole(), blocked=[]), record).plates.size == 0
 
 
 def test_goals_to_be_found_come_onto_the_map_when_they_are_seen():
     """A goal that nobody has been to is not on it, and a render of such a run has all frames."""
     run = explored(wrong(), task="find", goals=["low.end"], blocked=["on.end"])
     record = run.trajectory
-    (goal,) = Discovery.of(run, record).goals
+    (goal,) = Landmarks.of(run, record).goals
     assert record["leg"][goal] == 0
     assert goal > stays(run, record)[4].first  # the bend
     before = slice(0, goal - 20)
     channels = {name: values[before] for name, values in record.channels.items()}
     early = replace(record, time=record.time[before], channels=channels, qpos=record.qpos[before])
-    assert Discovery.of(run, early).goals[0] == len(early.time)  # never
+    assert Landmarks.of(run, early).goals[0] == len(early.time)  # never
     frames = render_frames(run, times=[0.0, 5.0, 10.0], camera="follow", width=64, height=36)
     assert len(frames) == 3
 
@@ -197,10 +197,10 @@ def test_a_robot_with_a_map_meets_its_plates():
     end = route.centreline.length
     record = legs_trajectory((route,), [np.arange(0.1, end - 0.08, 0.004)], [1])
     run = sample_result(record, scenario=scenario, legs=(Leg(OVER, 1, 0.1, end, 0, ""),))
-    discovery = Discovery.of(run, record)
-    assert not discovery.parts.any()
-    assert not discovery.goals.any()
-    tip = end - record["distance"][discovery.plates[0]] - scenario.robot.length / 2
+    landmarks = Landmarks.of(run, record)
+    assert not landmarks.parts.any()
+    assert not landmarks.goals.any()
+    tip = end - record["distance"][landmarks.plates[0]] - scenario.robot.length / 2
     assert 0.04 < tip <= 0.08
 
 
@@ -223,12 +223,12 @@ def test_film_and_page_show_the_same_map(runs):
     grey = np.full((720, 1280, 3), 90, np.uint8)
     drawn = []
     for row in (0, 300, 500, len(record.time) - 1):
-        discovery = panel.discovery
-        parts = {i for i, first in enumerate(discovery.parts) if first <= row}
+        landmarks = panel.landmarks
+        parts = {i for i, first in enumerate(landmarks.parts) if first <= row}
         pieces = [piece for piece in page["pieces"] if piece["from"] <= row]
         view = panel.view.segments(run.pipes.parts)
         assert len(pieces) == sum(number in parts for number, _ in view)
-        assert sum(p["from"] <= row for p in page["plates"]) == (discovery.plates <= row).sum()
+        assert sum(p["from"] <= row for p in page["plates"]) == (landmarks.plates <= row).sum()
         frame = grey.copy()
         panel.write(frame, row)
         drawn.append(int((np.abs(frame.astype(int) - [120, 131, 144]).sum(axis=-1) < 20).sum()))

@@ -22,6 +22,15 @@ from omnitrack_sim.record.timeline import passage_indices
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result
 
+SHADES = {
+    "straight": "#f1f3f5",
+    "elbow": "#d7e4f2",
+    "reducer": "#e8dcec",
+    "run to branch": "#f8dfbd",
+    "branch to run": "#f3c9bb",
+    "over the run": "#d3eadb",
+}
+"""Colours of the bands of parts over time, by manoeuvre."""
 STEP = 0.02
 """Distance of the points along a line of sight, and travel between two looks, m: less than a port's
 distance from any other, so that no part is overlooked."""
@@ -42,6 +51,11 @@ class Stay:
     words: str
     first: int
     last: int
+
+    @property
+    def colour(self) -> str:
+        """Colour of its band over time."""
+        return SHADES.get(self.words, SHADES["straight"])
 
 
 def stays(result: Result, trajectory: Trajectory) -> list[Stay]:
@@ -78,8 +92,8 @@ def _words(part: Part, ends: Array) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Discovery:
-    """First samples at which the map in a picture has the true parts, plates and goals.
+class Landmarks:
+    """True parts, plates and goals, and the first sample at which the map in a picture has each.
 
     The number of samples stands for what is never on it. A robot with a map has all parts and goals
     on it from the first sample on, and plates, which it does not know of, when its tip is there. A
@@ -87,14 +101,18 @@ class Discovery:
     fitting, as far as it can see.
 
     Attributes:
-        parts: (P,) of each part of the network.
-        plates: (Q,) of each plate of the scenario.
-        goals: (G,) of each goal point.
+        parts: (P,) first sample of each part of the network.
+        plates: (Q,) first sample of each plate of the scenario.
+        goals: (G,) first sample of each goal.
+        plate_rims: (Q, 25, 3) m, world frame.
+        goal_points: (G, 3) m, world frame.
     """
 
     parts: NDArray[np.intp]
     plates: NDArray[np.intp]
     goals: NDArray[np.intp]
+    plate_rims: Array
+    goal_points: Array
 
     def count(self, row: int) -> int:
         """Return the number of parts, plates and goals that are on the map at a sample."""
@@ -102,7 +120,7 @@ class Discovery:
 
     @classmethod
     def of(cls, result: Result, trajectory: Trajectory) -> Self:
-        """Return what a run discovers, by its record or what of it is sound."""
+        """Return the landmarks of a run, by its record or what of it is sound."""
         parts, exploration = result.pipes.parts, result.scenario.exploration
         never, rows = len(trajectory.time), _rows(trajectory)
         plates = result.plate_rims()
@@ -125,34 +143,15 @@ class Discovery:
             np.zeros(len(parts), np.intp) if exploration is None else first,
             first_near(plates.mean(axis=1) if len(plates) else plates),
             first_near(goals) if searches else np.zeros(len(goals), np.intp),
+            plates,
+            goals,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Landmarks:
-    """Marks on a map beside the pipes, and the time at which each appears.
-
-    Attributes:
-        rims: (Q, 25, 3) m, world frame, of plates that close ports.
-        goals: (G, 3) m, world frame.
-        discovery: from which sample on pipes, plates and goals are on the map.
-    """
-
-    rims: Array
-    goals: Array
-    discovery: Discovery
-
-    @classmethod
-    def of(cls, result: Result, trajectory: Trajectory) -> Self:
-        """Return the landmarks of a run, by its record or what of it is sound."""
-        return cls(result.plate_rims(), result.goal_points(), Discovery.of(result, trajectory))
 
     @classmethod
     def none(cls, network: Assembly) -> Self:
-        """Return no landmarks; all pipes are on the map from the first sample on."""
-        nothing = np.zeros(0, np.intp)
-        discovery = Discovery(np.zeros(len(network.parts), np.intp), nothing, nothing)
-        return cls(np.zeros((0, 25, 3)), np.zeros((0, 3)), discovery)
+        """Return pipes that are on the map from the first sample on, and nothing beside them."""
+        nothing, parts = np.zeros(0, np.intp), np.zeros(len(network.parts), np.intp)
+        return cls(parts, nothing, nothing, np.zeros((0, 25, 3)), np.zeros((0, 3)))
 
 
 def _rows(trajectory: Trajectory) -> NDArray[np.intp]:

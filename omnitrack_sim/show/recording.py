@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import cached_property
 from itertools import pairwise
@@ -26,20 +27,23 @@ from omnitrack_sim.record.channels import Display
 from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, StatusText
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
-from omnitrack_sim.show.film.overlay import LEFT, ForceArrows, MapPanel, StatusPanel
-from omnitrack_sim.show.film.stage import STANDARD, Stage
-from omnitrack_sim.show.landmarks import Landmarks
+from omnitrack_sim.show.film.overlay import ForceArrows
+from omnitrack_sim.show.film.stage import STANDARD
+from omnitrack_sim.show.landmarks import Landmarks, Stay
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
-from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
-from omnitrack_sim.show.replay.contents import Pack, PageRun, map_table, page_data
+from omnitrack_sim.show.replay.contents import (
+    Pack,
+    PageRun,
+    fittings_table,
+    map_table,
+    page_data,
+)
 from omnitrack_sim.show.surfaces import DRAWN
 from omnitrack_sim.walls.around import InPipe, Pipes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from omnitrack_sim.show.film.stage import Panel
 
 FIELDS = (
     "qpos",
@@ -67,7 +71,6 @@ SOONER = 1e-9
 HIDDEN_GROUPS = 3
 """Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
 _BORE, _REACH = 0.16, 0.16  # m: bore, and reach of a robot about its body, of pictures of size 1
-_STATUS = 108  # height of the panel of status, pixels of a film with 720 lines
 _EXTREMES = 20  # samples by which the robot's reach is judged
 _LONGEST = 0.5  # length of the arrow of nearly the largest force, in bores
 
@@ -333,11 +336,11 @@ class Recording:
             name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
         }
 
-    def stays(self) -> list[tuple[Part, int, int]]:
-        """Return the parts that the body was in, in order of time, each with its first sample and
-        the first one after it, or the last."""
-        part, parts = self.places.part, self.pipes.assembly.parts
-        return [(parts[part[a]], a, b) for a, b in spans(part) if part[a] >= 0]
+    def stays(self) -> list[Stay]:
+        """Return the stays of the body in the parts, in order of time."""
+        index, parts = self.places.part, self.pipes.assembly.parts
+        runs = [(parts[index[a]], a, b) for a, b in spans(index) if index[a] >= 0]
+        return [Stay(part, part.fitting.kind, a, b) for part, a, b in runs]
 
     # What pictures and pages show
 
@@ -416,25 +419,8 @@ class Recording:
         away = self.bodies[rows][:, moving[moving > 0], :3] - position[rows][:, None]
         return max(bore / _BORE, float(np.linalg.norm(away, axis=-1).max()) / _REACH)
 
-    def stage(
-        self, size: tuple[int, int], camera: str, *, inset: bool, fine: bool, overlay: bool
-    ) -> Stage:
-        """Return the stage of films, with the pipes cut away and the walls' forces drawn.
-
-        Args:
-            size: width and height of the pictures, pixels.
-            camera: ``side`` shows the pipes on the way, ``follow`` stays with the robot, and a
-                camera of the model looks from its body, by its own lamp.
-            inset: pictures that do not show all pipes have a map of them.
-            fine: paint with twice the width and height, and reduce.
-            overlay: pictures have a panel of status.
-        """
-        playback = self.playback()
-        drawn: list[Panel] = []
-        if overlay:
-            drawn.append(StatusPanel(self._status(), *size, full=_STATUS))
-        if inset and camera != "side" and len(self.pipes.assembly.parts) > 1:
-            drawn.append(MapPanel(playback, Landmarks.none(playback.network), size))
+    def force_arrows(self) -> ForceArrows:
+        """Return the arrows of the walls' forces; nearly the largest is half a bore long."""
         contacts = self.contacts
         begins = np.searchsorted(contacts.sample, np.arange(len(self) + 1))
 
@@ -442,33 +428,25 @@ class Recording:
             these = slice(*begins[row : row + 2])
             return contacts.position[these], contacts.force[these]
 
-        arrows = ForceArrows(forces, self.force_scale())
-        covered = (LEFT + _STATUS) / 720 if overlay else 0.0
-        return Stage(
-            playback, size, camera, panels=drawn, forces=arrows, covered=covered, fine=fine
-        )
-
-    def force_scale(self) -> float:
-        """Return the length of a force's arrow, m/N: nearly the largest is half a bore long."""
-        sizes = np.linalg.norm(self.contacts.force, axis=1)
+        sizes = np.linalg.norm(contacts.force, axis=1)
         large = float(np.percentile(sizes, 98)) if len(sizes) else 0.0
         bore = 2 * self.pipes.assembly.parts[0].fitting.radius
-        return _LONGEST * bore / large if large > 0 else 0.0
+        return ForceArrows(forces, _LONGEST * bore / large if large > 0 else 0.0)
 
-    def _status(self) -> Any:
-        """Return what tells the text of the status panel at a sample."""
-        places, force = self.places, self.wall_force()
-        count = np.bincount(self.contacts.sample, minlength=len(self))
-        distance, time = self.progress()[0], self.time
-        speed = np.gradient(distance, time) if len(time) > 1 else np.zeros(len(time))
-        names = [part.name for part in self.pipes.assembly.parts]
+    def status(self) -> Callable[[int], StatusText]:
+        """Return the function that gives the text of the status panel at a sample."""
+        part, parts, time = self.places.part, self.pipes.assembly.parts, self.time
+        curves = {name: curve.display.scale * curve.values for name, curve in self.curves().items()}
 
         def text(row: int) -> StatusText:
-            part = places.part[row]
-            move = f"{time[row]:.2f} s     {1e3 * distance[row]:.0f} mm"
-            move += f"     {1e3 * speed[row]:z.0f} mm/s"
-            touch = f"{count[row]} contacts, {force[row]:.3g} N on the walls"
-            return StatusText(f"in {names[part]}" if part >= 0 else "outside", (move, touch))
+            distance, speed, count, force = (
+                float(curves[name][row, 0])
+                for name in ("distance", "speed", "contact_count", "wall_force")
+            )
+            move = f"{time[row]:.2f} s     {1e3 * distance:.0f} mm     {speed:z.0f} mm/s"
+            touch = f"{count:.0f} contacts, {force:.3g} N on the walls"
+            place = f"in {parts[part[row]].name}" if part[row] >= 0 else "outside"
+            return StatusText(place, (move, touch))
 
         return text
 
@@ -505,7 +483,7 @@ class Recording:
             playback=playback,
             curves={name: curve.values for name, curve in self.curves().items()},
             phases=[],
-            fittings=self._bands(),
+            fittings=fittings_table(self.stays(), playback, leg=None),
             events={"events": [], "notes": []},
             arrows=self._arrows(),
             onboard=mounts[0] if mounts else None,
@@ -558,22 +536,6 @@ class Recording:
             "provenance": [["mujoco", mujoco.__version__]],
         }
         return finite(heading)
-
-    def _bands(self) -> list[dict[str, Any]]:
-        """Return the parts that the body was in as bands of a page's time line."""
-        time = self.time
-        return [
-            {
-                "name": part.name,
-                "manoeuvre": part.fitting.kind,
-                "colour": SHADES.get(part.fitting.kind, SHADES["straight"]),
-                "leg": None,
-                "tail": False,
-                "start": float(time[first]),
-                "end": float(time[last]),
-            }
-            for part, first, last in self.stays()
-        ]
 
     def _arrows(self) -> list[ForceArrow]:
         """Return the walls' forces on each body that touches them, where they act in the mean."""

@@ -23,6 +23,8 @@ from omnitrack_sim.show.projection import axis_lines, clearest
 
 LEFT, WIDTH, HEIGHT = 18, 337, 224
 """Margin, width and height of the status panel."""
+SHORT = 108
+"""Height of a status panel without bars."""
 CAMERA_HEIGHT = 206
 """Height of the panel of the robot's cameras, which stands above the status panel."""
 BOTH_PANELS = (LEFT + HEIGHT + 10 + CAMERA_HEIGHT + 14) / 720
@@ -220,10 +222,10 @@ class MapPanel(_Panel):
         super().__init__(*size)
         self.unit = _FINER * self.scale  # pixels of the large map
         self.playback, self._parts = playback, playback.network.parts
-        self.view, self.discovery = clearest(playback.network), landmarks.discovery
+        self.view, self.landmarks = clearest(playback.network), landmarks
         self._fit(*size)
-        self._plates = [self._pixels(rim) for rim in landmarks.rims]
-        self._goals = self._pixels(landmarks.goals)
+        self._plates = [self._pixels(rim) for rim in landmarks.plate_rims]
+        self._goals = self._pixels(landmarks.goal_points)
         self._show_discovered(0)
         self._rows = playback.path
         self._points = self._pixels(playback.position)  # (T, 2)
@@ -232,7 +234,7 @@ class MapPanel(_Panel):
 
     def _fit(self, width: int, height: int) -> None:
         """Choose the size of the map and its scale."""
-        ever = self.discovery.parts < len(self.playback.time)
+        ever = self.landmarks.parts < len(self.playback.time)
         parts = [part for part, seen in zip(self._parts, ever, strict=True) if seen]
         axes = np.concatenate([self.view.flat(line) for p in parts for line in axis_lines(p)])
         radius = max(part.fitting.radius for part in parts)
@@ -248,7 +250,7 @@ class MapPanel(_Panel):
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Draw the map as of sample ``row`` into ``frame`` (h, w, 3)."""
-        if self._shown != self.discovery.count(row):
+        if self._shown != self.landmarks.count(row):
             self._show_discovered(row)
         self._travel(int(np.searchsorted(self._rows, row, side="right")))
         panel = self._large.copy()
@@ -262,12 +264,12 @@ class MapPanel(_Panel):
 
     def _show_discovered(self, row: int) -> None:
         """Draw panel, pipes, plates and goals that are on the map at sample ``row``."""
-        discovery, self._shown = self.discovery, self.discovery.count(row)
+        landmarks, self._shown = self.landmarks, self.landmarks.count(row)
         self._background = Image.new("RGBA", self.size, (0, 0, 0, 0))
         draw, unit = ImageDraw.Draw(self._background), self.unit
         edges = (0, 0, self.size[0] - 1, self.size[1] - 1)
         draw.rounded_rectangle(edges, round(10 * unit), fill=_PANEL)
-        parts = [self._parts[i] for i in np.flatnonzero(discovery.parts <= row)]
+        parts = [self._parts[i] for i in np.flatnonzero(landmarks.parts <= row)]
         for number, ends in self.view.segments(parts):  # from the farthest to the nearest
             corners = self.offset + self.metre * ends * [1, -1]
             line = [tuple(corner) for corner in corners.tolist()]
@@ -278,13 +280,13 @@ class MapPanel(_Panel):
             draw.line(line, fill=_PIPE, width=round(thick))
             for corner in corners:
                 _disc(draw, corner, thick / 2, fill=_PIPE)
-        for i in np.flatnonzero(discovery.plates <= row):
+        for i in np.flatnonzero(landmarks.plates <= row):
             line = [tuple(corner) for corner in self._plates[i].tolist()]
             draw.polygon(line, fill=_PLATE)
             draw.line(line, fill=_PLATE, width=round(3 * unit))
         angle = np.pi * np.arange(10) / 5
         star = np.where(np.arange(10) % 2 == 0, 9.0, 4.0) * [np.sin(angle), -np.cos(angle)]
-        for i in np.flatnonzero(discovery.goals <= row):
+        for i in np.flatnonzero(landmarks.goals <= row):
             _polygon(draw, self._goals[i] + unit * star.T, _GOAL)
         self._large, self._travelled = self._background.copy(), 0
 

@@ -32,6 +32,8 @@ from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import (
     BOTH_PANELS,
+    LEFT,
+    SHORT,
     CameraPanel,
     MapPanel,
     StatusPanel,
@@ -218,7 +220,7 @@ def _time(shown: Result | Recording) -> Array:
 
 
 def run_stage(
-    result: Result | Recording,
+    shown: Result | Recording,
     size: tuple[int, int],
     camera: str,
     *,
@@ -226,31 +228,40 @@ def run_stage(
     fine: bool = True,
     overlay: bool = True,
 ) -> Stage:
-    """Return the stage of a scenario's run, or of a recording.
+    """Return the stage of a scenario's run, or of a recording, whose forces are drawn.
 
     Args:
-        result: the run.
+        shown: the run or recording.
         size: width and height of the pictures, pixels.
         camera: one of ``cameras_of`` it.
         inset: pictures of a long route have a map.
         fine: paint with twice the width and height, and reduce.
         overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
-    if isinstance(result, Recording):
-        return result.stage(size, camera, inset=inset, fine=fine, overlay=overlay)
     from omnitrack_sim.show.film.stage import Stage
 
-    playback, trajectory = playback_of(result), sound(result)
     panels: list[Panel] = []
-    covered = 0.0
-    if overlay:
-        covered = PANEL if result.album is None else BOTH_PANELS
-        panels.append(StatusPanel(_status_of(result, trajectory), *size))
-        if result.album is not None:
-            panels.append(CameraPanel(result.album, playback, *size))
-    if inset and camera != "side" and needs_map(result):
-        panels.append(MapPanel(playback, Landmarks.of(result, trajectory), size))
-    return Stage(playback, size, camera, panels=panels, covered=covered, fine=fine)
+    forces, landmarks = None, None
+    has_map = inset and camera != "side"
+    if isinstance(shown, Recording):
+        playback, covered = shown.playback(), (LEFT + SHORT) / 720
+        panels.append(StatusPanel(shown.status(), *size, full=SHORT))
+        forces = shown.force_arrows()
+        if has_map and len(playback.network.parts) > 1:
+            landmarks = Landmarks.none(playback.network)
+    else:
+        playback, trajectory, covered = playback_of(shown), sound(shown), PANEL
+        panels.append(StatusPanel(_status_of(shown, trajectory), *size))
+        if shown.album is not None:
+            covered = BOTH_PANELS
+            panels.append(CameraPanel(shown.album, playback, *size))
+        if has_map and needs_map(shown):
+            landmarks = Landmarks.of(shown, trajectory)
+    if not overlay:
+        panels, covered = [], 0.0
+    if landmarks is not None:
+        panels.append(MapPanel(playback, landmarks, size))
+    return Stage(playback, size, camera, panels=panels, forces=forces, covered=covered, fine=fine)
 
 
 def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:

@@ -23,7 +23,7 @@ from omnitrack_sim.record.timeline import (
 )
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import stays
+from omnitrack_sim.show.landmarks import SHADES, stays
 from omnitrack_sim.show.plots.network_figure import draw_names, draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     ALARM,
@@ -42,15 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHADES = {
-    "straight": "#f1f3f5",
-    "elbow": "#d7e4f2",
-    "reducer": "#e8dcec",
-    "run to branch": "#f8dfbd",
-    "branch to run": "#f3c9bb",
-    "over the run": "#d3eadb",
-}
-"""Colours of the bands of parts, by manoeuvre."""
 EXPLORED = "#b5dcc6"
 """Colour of pipes that are in the map of a robot that explores."""
 SPEED_WINDOW = 0.2
@@ -330,7 +321,7 @@ class _Mission:
         leg, time = self.trajectory["leg"].astype(int), self.trajectory.time
         shades: dict[str, str] = {}
         for stay in stays(self.result, self.trajectory):
-            shade = shades[stay.words] = SHADES.get(stay.words, SHADES["straight"])
+            shade = shades[stay.words] = stay.colour
             start, end = float(time[stay.first]), float(time[stay.last])
             for axis in panels:
                 axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.pipes import Assembly, Part
+from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.channels import (
     MODULE_COLOURS,
     MODULE_COUNT,
@@ -26,7 +26,7 @@ from omnitrack_sim.record.metrics import KNOWN
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, told
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.plots.mission_figure import SHADES
+from omnitrack_sim.show.landmarks import Stay
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -46,10 +46,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 LINES: tuple[dict[str, Any], ...] = ({"lw": 0.9}, {"lw": 1.9, "alpha": 0.5}, {"lw": 0.9})
 """Module 2 is drawn broad and pale below module 3, so that both are seen where they coincide."""
@@ -523,7 +519,7 @@ def plot_recording(
     network: Assembly,
     time: Array,
     curves: Mapping[str, Curve],
-    stays: Sequence[tuple[Part, int, int]],
+    stays: Sequence[Stay],
 ) -> Figure:
     """Draw the figure of ``Recording.plot``.
 
@@ -533,7 +529,7 @@ def plot_recording(
         network: the pipes.
         time: (T,) s.
         curves: by name; ``position`` (T, 3) m is drawn into the pipes, too.
-        stays: parts that the body was in, with first and last sample.
+        stays: of the body in the parts.
     """
 
     def draw() -> Figure:
@@ -568,14 +564,11 @@ def plot_recording(
     return page(draw, path, None)
 
 
-def _draw_curve(
-    axis: Axes, time: Array, curve: Curve, stays: Sequence[tuple[Part, int, int]]
-) -> None:
+def _draw_curve(axis: Axes, time: Array, curve: Curve, stays: Sequence[Stay]) -> None:
     """Draw one panel, with the parts as bands behind it."""
     display = curve.display
-    for part, first, last in stays:
-        colour = SHADES.get(part.fitting.kind, SHADES["straight"])
-        axis.axvspan(time[first], time[last], color=colour, lw=0, zorder=0)
+    for stay in stays:
+        axis.axvspan(time[stay.first], time[stay.last], color=stay.colour, lw=0, zorder=0)
     shown = display.scale * curve.values
     for column, values in enumerate(shown.T):
         look: dict[str, Any] = {"color": INK}

@@ -24,9 +24,8 @@ from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
-from omnitrack_sim.show.landmarks import Landmarks, stays
+from omnitrack_sim.show.landmarks import Landmarks, Stay
 from omnitrack_sim.show.playback import Playback
-from omnitrack_sim.show.plots.mission_figure import SHADES
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
@@ -195,20 +194,22 @@ def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
     ]
 
 
-def fittings_table(result: Result, trajectory: Trajectory) -> list[dict[str, Any]]:
-    """The fittings that the robot's centre was in, in order, with times in s."""
-    leg, several = trajectory["leg"].astype(int), len(result.routes()) > 1
+def fittings_table(
+    stays: Iterable[Stay], playback: Playback, leg: Array | None
+) -> list[dict[str, Any]]:
+    """The fittings that the robot's centre was in, in order, with times in s; ``leg`` (T,) is the
+    index of the leg where there are several."""
     return [
         {
             "name": stay.part.name,
             "manoeuvre": stay.words,
-            "colour": SHADES.get(stay.words, SHADES["straight"]),
-            "leg": int(leg[stay.first]) + 1 if several else None,
-            "tail": bool(trajectory["gear"][stay.first] < 0),
-            "start": float(trajectory.time[stay.first]),
-            "end": float(trajectory.time[stay.last]),
+            "colour": stay.colour,
+            "leg": None if leg is None else int(leg[stay.first]) + 1,
+            "tail": bool(playback.backward[stay.first]),
+            "start": float(playback.time[stay.first]),
+            "end": float(playback.time[stay.last]),
         }
-        for stay in stays(result, trajectory)
+        for stay in stays
     ]
 
 
@@ -250,7 +251,7 @@ def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str,
     right and up, each with the sample from which on it is on the map; where the robot goes, and
     when backward."""
     network, end = playback.network, len(playback.time)
-    parts, view, discovery = network.parts, clearest(network), landmarks.discovery
+    parts, view = network.parts, clearest(network)
     pieces = view.segments(parts)
 
     def shown(key: str, shapes: Iterable[Array], first: Iterable[int]) -> list[dict[str, Any]]:
@@ -266,10 +267,10 @@ def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str,
         "pieces": [
             {"radius": round(parts[number].fitting.radius, 4)} | piece
             for number, ends in pieces
-            for piece in shown("ends", [ends], [discovery.parts[number]])
+            for piece in shown("ends", [ends], [landmarks.parts[number]])
         ],
-        "goals": shown("point", view.flat(landmarks.goals), discovery.goals),
-        "plates": shown("rim", map(view.flat, landmarks.rims), discovery.plates),
+        "goals": shown("point", view.flat(landmarks.goal_points), landmarks.goals),
+        "plates": shown("rim", map(view.flat, landmarks.plate_rims), landmarks.plates),
     }
 
 

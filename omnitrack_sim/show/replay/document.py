@@ -19,7 +19,7 @@ from omnitrack_sim.base.writing import check_file, format_of, write_file
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import Landmarks
+from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
@@ -188,7 +188,11 @@ def _page_run(result: Result) -> contents.PageRun:
         playback=playback,
         curves=contents.curves_of(trajectory, display),
         phases=contents.phases_table(trajectory),
-        fittings=contents.fittings_table(result, trajectory),
+        fittings=contents.fittings_table(
+            stays(result, trajectory),
+            playback,
+            trajectory["leg"] if len(result.routes()) > 1 else None,
+        ),
         events=contents.events_table(result),
         arrows=display.arrows(trajectory, list(np.moveaxis(badges, 1, 0))),
         onboard=display.onboard(robot),
