@@ -16,7 +16,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.record.trajectory import RECORDED
-from omnitrack_sim.sim import recorder
+from omnitrack_sim.record import trajectory as recording
 
 
 def _short_tee(**changes):
@@ -132,7 +132,7 @@ def test_samples_are_kept_in_blocks_without_a_gap(monkeypatch):
     """A record of several blocks, the last one not full, is that of a single block, bit for bit."""
     scenario = override(load_scenario("straight"), {"run.time_limit": 0.5})
     whole = run(scenario)
-    monkeypatch.setattr(recorder, "BLOCK", 7)
+    monkeypatch.setattr(recording, "BLOCK", 7)
     pieces = run(scenario)
     assert len(whole.trajectory.time) == 26
     assert _equal(whole, pieces)

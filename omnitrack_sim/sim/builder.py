@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import json
 import math
@@ -58,16 +59,16 @@ def batch_key(data: Mapping[str, Any]) -> str:
     Args:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
     """
-    own: dict[str, Any] = {}
+    shared = copy.deepcopy(dict(data))
     for path in _own_paths(str(data.get("robot", {}).get("kind", STANDARD))):
-        place = own
         *tables, key = path.split(".")
+        place: Any = shared
         for table in tables:
-            place = place.setdefault(table, {})
-        # None marks a key to be left out; what stands above it are tables.
-        place[key] = None
+            place = place.get(table) if isinstance(place, dict) else None
+        if isinstance(place, dict):
+            place.pop(key, None)
     # Sorted, so that the order of keys in a file does not part what belongs together.
-    return json.dumps(_without(data, own), sort_keys=True)
+    return json.dumps(shared, sort_keys=True)
 
 
 @functools.cache
@@ -81,21 +82,9 @@ def _own_paths(kind: str) -> tuple[str, ...]:
 
 
 @functools.cache
-def is_shared(path: str, kind: str = STANDARD) -> bool:
-    """Return True if the scenarios of a batch with a ``kind`` of robot share the value at a dotted
-    path."""
-    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(kind))
-
-
-def _without(data: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """``data`` less the keys of ``own``, table by table."""
-    shared = {}
-    for key, value in data.items():
-        inner = own.get(key, ())
-        if inner is None:
-            continue
-        shared[key] = _without(value, inner) if inner and isinstance(value, Mapping) else value
-    return shared
+def is_shared(path: str) -> bool:
+    """Return True if the scenarios of a batch share the value at a dotted path."""
+    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(STANDARD))
 
 
 def each(scenarios: Sequence[Scenario], name: str) -> NDArray:

@@ -19,7 +19,7 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.record.metrics import Metric, summarise
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.record.trajectory import Recorder, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
@@ -36,9 +36,8 @@ from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
-from omnitrack_sim.sim.recorder import Recorder
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
-from omnitrack_sim.sim.supervisor import Ending, HeldCommand, Supervisor
+from omnitrack_sim.sim.supervisor import Ending, Supervisor, held_command
 from omnitrack_sim.sim.tail_load import TailLoad
 
 Progress = Callable[[float, str], None]
@@ -143,7 +142,7 @@ class Simulation:
         )
         self.supervisor = Supervisor(self.scenarios, self.legs, self.senses, self.monitor)
         self.supervisor.reset(np.arange(self.n), self.readings, notes)
-        self._command = HeldCommand(self.plant.command)
+        self._command = self.plant.command
         self.setup = ControlSetup(
             routes=self.legs.routes,
             robot=robot,
@@ -202,7 +201,7 @@ class Simulation:
         self.readings = self.plant.read()
         self.senses.reset(rows, scenarios, self.readings)
         self.supervisor.reset(rows, self.readings, notes)
-        self._command.reset(rows, self.plant.command)
+        self._command = with_command_rows(self._command, rows, self.plant.command)
         self.setup = replace(
             self.setup,
             settings=self.setup.settings.with_rows(rows, settings),
@@ -287,12 +286,12 @@ class Simulation:
         start = self.plant.command
         check_is(type(start), where, command)
         command, given_up = self.senses.guard(checked(command, start))
-        held, active = self._command, self.active
-        held.take(self.plant.carried_out(command, self.legs.gear), active)
+        active, carried_out = self.active, self.plant.carried_out(command, self.legs.gear)
+        self._command = held_command(carried_out, self._command, active)
         self.supervisor.note(command.events)
         if self._tail is not None:
             self._tail.act(self.time, self.location)
-        self.plant.step(active, held.now, self._substeps)
+        self.plant.step(active, self._command, self._substeps)
         self._tick += 1
         self.readings = self.plant.read()
         self.senses.read(self.readings, active)
@@ -308,8 +307,8 @@ class Simulation:
 
     def _settle(self, robots: NDArray[np.bool_], given_up: NDArray[np.bool_]) -> None:
         """Have ``robots`` (n,) judged, of which ``given_up`` (n,) search no longer; record."""
-        held, diverged = self._command, self.plant.diverged
-        self.supervisor.judge(robots, held, self.plant.saturated, diverged, given_up)
+        plant = self.plant
+        self.supervisor.judge(robots, self._command, plant.saturated, plant.diverged, given_up)
         if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
             self._record()
 
@@ -328,7 +327,7 @@ class Simulation:
                 "tilt": location.tilt,
                 "theta5": location.theta5,
                 "phase": held.phase,
-                **self.plant.commanded(held.now),
+                **self.plant.commanded(held),
                 **self.senses.estimates(),
                 **({} if self._tail is None else self._tail.values()),
             },

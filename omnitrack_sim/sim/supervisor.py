@@ -13,7 +13,7 @@ from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.base.rotations import Array, heading, set_rows, with_rows
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.events import Event, Note, Outcome
-from omnitrack_sim.robots.control import MOMENTARY, with_command_rows
+from omnitrack_sim.robots.control import MOMENTARY
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor, Verdict
@@ -28,57 +28,28 @@ class Ending:
     reason: str
 
 
-class HeldCommand:
-    """Command that n robots carry out: what the last one has left out is as in those before.
+def held_command(command: Any, held: Any, active: NDArray[np.bool_]) -> Any:
+    """Return the command that n robots carry out: what it leaves out is as in the one ``held`` so
+    far, and so is all of robots that are not ``active`` (n,).
 
-    Args:
-        start: command at the start, with an array in every field.
-
-    Attributes:
-        now: the command; a field that holds for one period is None where it was left out.
-        phase, resting, over: see ``Actuation``.
+    A field that holds for one period is None where it is left out.
     """
-
-    def __init__(self, start: Any) -> None:
-        self.now = start
-
-    def reset(self, rows: NDArray[np.intp], start: Any) -> None:
-        """Have robots ``rows`` (k,) stand as at the start; ``start`` is that of all n robots."""
-        self.now = with_command_rows(self.now, rows, start)
-
-    @property
-    def phase(self) -> NDArray[np.int_]:
-        """Index (n,) into the controller's phases."""
-        return self.now.phase
-
-    @property
-    def resting(self) -> NDArray[np.bool_]:
-        """Robots (n,) that rest or drive backward on purpose."""
-        return self.now.resting
-
-    @property
-    def over(self) -> NDArray[np.bool_]:
-        """Robots (n,) whose run is over."""
-        return self.now.over
-
-    def take(self, command: Any, active: NDArray[np.bool_]) -> None:
-        """Take a command for those robots (n,) that are active."""
-        nobody = np.zeros(len(active), bool)
-        values: dict[str, Any] = {}
-        all_active = np.count_nonzero(active) == len(active)
-        for name, value, before in zip(command._fields, command, self.now, strict=True):
-            if name in MOMENTARY:
-                values[name] = nobody if value is None and name in ("resting", "over") else value
-            elif value is None:
-                values[name] = before
-            elif all_active:
-                # Copies: whoever made the command may write into its arrays again.
-                values[name] = value.copy()
-            else:
-                # Robots whose run is over keep what they were asked last.
-                rows = active.reshape(-1, *[1] * (value.ndim - 1))
-                values[name] = np.where(rows, value, before)
-        self.now = type(command)(**values)
+    nobody = np.zeros(len(active), bool)
+    values: dict[str, Any] = {}
+    all_active = np.count_nonzero(active) == len(active)
+    for name, value, before in zip(command._fields, command, held, strict=True):
+        if name in MOMENTARY:
+            values[name] = nobody if value is None and name in ("resting", "over") else value
+        elif value is None:
+            values[name] = before
+        elif all_active:
+            # Copies: whoever made the command may write into its arrays again.
+            values[name] = value.copy()
+        else:
+            # Robots whose run is over keep what they were asked last.
+            rows = active.reshape(-1, *[1] * (value.ndim - 1))
+            values[name] = np.where(rows, value, before)
+    return type(command)(**values)
 
 
 class Supervisor:
@@ -143,7 +114,7 @@ class Supervisor:
     def judge(
         self,
         robots: NDArray[np.bool_],
-        command: HeldCommand,
+        command: Any,
         saturated: NDArray[np.bool_],
         diverged: NDArray[np.bool_],
         given_up: NDArray[np.bool_],
@@ -158,7 +129,7 @@ class Supervisor:
             given_up: (n,) robots that have searched for their pose in vain.
         """
         # Averages first: the cause of a failure is read from them.
-        self._monitor.average(self._readings, command.now, saturated, robots)
+        self._monitor.average(self._readings, command, saturated, robots)
         # Before the verdicts: a look may lengthen the leg at whose end the robot seems to be.
         self._look_ahead(robots)
         location = self._senses.location
