@@ -15,8 +15,8 @@ from omnitrack_sim import (
     run,
     run_batch,
 )
-from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.record import trajectory as recording
+from omnitrack_sim.record.trajectory import RECORDED
 
 
 def _short_tee(**changes):

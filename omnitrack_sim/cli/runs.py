@@ -130,7 +130,7 @@ def print_result(result: Result, target: Path) -> None:
         out.say(
             f"  tilt: largest; slip: mean ratio; force: least normal force of a {part}, 0.1 s mean"
         )
-    out.print(_module_table(result))
+    out.print(_figure_table(result))
     metrics = result.metrics
     out.say(
         f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
@@ -217,39 +217,21 @@ def _slip(result: Result) -> str:
     return f"; slip reads {excess} high by the time step, and {without_load}"
 
 
-_ROWS = {
-    "slip_ratio_mean": ("mean slip ratio", "1", 3),
-    "slip_distance_m": ("slip distance", "m", 4),
-    "traction_rms_n": ("traction, rms", "N", 2),
-    "normal_force_mean_n": ("mean normal force", "N", 1),
-    "contact_fraction": ("time in contact", "1", 3),
-    "spring_travel_max_m": ("largest spring travel", "m", 4),
-    "motor_torque_max_nm": ("largest motor torque", "N m", 3),
-    "torque_rms_nm": ("motor torque, rms", "N m", 3),
-    "torque_change_nm_s": ("change of torque", "N m/s", 2),
-    "time_at_limit_s": ("time at the torque limit", "s", 2),
-    "stall_time_s": ("time stalled", "s", 2),
-}
-
-
 def _figure_table(result: Result) -> Table:
-    """Figures of a robot whose metrics have one value each."""
-    table = table_of("figure", "unit", "value")
-    for metric in result.scenario.robot.metrics:
+    """Figures of each module, or of a robot whose metrics have one value each."""
+    from omnitrack_sim.record.metrics import TITLES
+
+    metrics = result.scenario.robot.metrics
+    of_modules = [metric for metric in metrics if metric.per_module]
+    heads = [f"module {i}" for i in (1, 2, 3)] if of_modules else ["value"]
+    table = table_of("figure", "unit", *heads)
+    for metric in of_modules or metrics:
         value = result.metrics[metric.name]
         if isinstance(value, float):
             table.add_row(metric.name, metric.unit, f"{value:.4g}")
-    return table
-
-
-def _module_table(result: Result) -> Table:
-    if not all(key in result.metrics for key in _ROWS):
-        return _figure_table(result)
-    table = table_of("figure", "unit", *(f"module {i}" for i in (1, 2, 3)))
-    for key, (label, unit, digits) in _ROWS.items():
-        values = result.metrics[key]
-        assert isinstance(values, list)
-        table.add_row(label, unit, *(f"{v:.{digits}f}" for v in values))
+        elif isinstance(value, list) and metric.name in TITLES:
+            title, digits = TITLES[metric.name]
+            table.add_row(title, metric.unit, *(f"{v:.{digits}f}" for v in value))
     return table
 
 

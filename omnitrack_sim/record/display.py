@@ -130,7 +130,7 @@ class PageDisplay:
         arrows: returns the arrows of forces, of a trajectory and of positions, m, and quaternions
             (T, 7) of the ``badges``.
         state: channel, words before its value, scale, digits and words behind it, below the phase.
-        headline: metrics in the head, with words for them.
+        headline: metrics in the head.
         onboard: returns the camera on board, as of ``RobotDisplay``.
     """
 
@@ -144,7 +144,7 @@ class PageDisplay:
     pitch: Callable[[Any], float]
     arrows: Callable[[Trajectory, Sequence[Array]], list[ForceArrow]]
     state: tuple[tuple[str, str, float, int, str], ...]
-    headline: Mapping[str, str]
+    headline: tuple[str, ...]
     onboard: Callable[[Any], CarriedCamera]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -372,6 +372,27 @@ COMMON_METRICS: tuple[Metric, ...] = (
     _PHASES,
 )
 """Metrics of every other robot, in the order of ``result.json``."""
+
+
+TITLES: Mapping[str, tuple[str, int]] = {
+    "distance_m": ("distance", 3),
+    "mean_speed_m_s": ("mean speed", 4),
+    "tilt_max_deg": ("largest tilt", 1),
+    "energy_j": ("energy", 1),
+    "wall_force_max_n": ("largest force on the wall", 1),
+    "slip_ratio_mean": ("mean slip ratio", 3),
+    "slip_distance_m": ("slip distance", 4),
+    "traction_rms_n": ("traction, rms", 2),
+    "normal_force_mean_n": ("mean normal force", 1),
+    "contact_fraction": ("time in contact", 3),
+    "spring_travel_max_m": ("largest spring travel", 4),
+    "motor_torque_max_nm": ("largest motor torque", 3),
+    "torque_rms_nm": ("motor torque, rms", 3),
+    "torque_change_nm_s": ("change of torque", 2),
+    "time_at_limit_s": ("time at the torque limit", 2),
+    "stall_time_s": ("time stalled", 2),
+}
+"""Title of a metric for people, and digits after the point, by its name."""
 
 
 def summarise(run: Run, metrics: Iterable[Metric] = METRICS) -> Metrics:

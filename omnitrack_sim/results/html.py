@@ -13,32 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.text import clipped, printable
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import Trajectory, spans
 
 LONGEST = 200
 """Characters of a name, value or event."""
-_COLOURS = ("#f28c0d", "#1a73cc", "#0d9e6b")
-"""Of the modules, as on the model."""
 _INK, _GREY, _SHADES = "#22262b", "#7a7f87", ("#ffffff", "#e3e7ed", "#f2ede3")
 _LEFT, _WIDTH, _HEIGHT, _BETWEEN = 112, 380, 44, 12  # pixels
 _MOST_POINTS = 380
 """Points of a line: one a pixel; of more samples the least and the largest of each pixel."""
-_ROWS = (
-    ("distance", "m", 1.0),
-    ("tilt", "deg", 180 / np.pi),
-    ("normal_force", "N", 1.0),
-    ("wall_force", "N", 1.0),
-)
-"""Channel, unit and factor; those that the robot has."""
+_ROWS = ("distance", "tilt", "normal_force", "wall_force")
+"""Channels; those that the robot has."""
 
 
 def sketch(trajectory: Trajectory) -> str:
     """Distance, tilt and normal forces over time as an SVG element, phases behind them."""
-    known = [row for row in _ROWS if row[0] in trajectory.channels]
+    known = [name for name in _ROWS if name in trajectory.channels]
     height = len(known) * (_HEIGHT + _BETWEEN) + 20
     rows = [
-        _row(trajectory, *row, top=_BETWEEN // 2 + i * (_HEIGHT + _BETWEEN))
-        for i, row in enumerate(known)
+        _row(trajectory, name, top=_BETWEEN // 2 + i * (_HEIGHT + _BETWEEN))
+        for i, name in enumerate(known)
     ]
     end = float(trajectory.time[-1])
     axis = _text(_LEFT, height - 8, "0 s") + _text(
@@ -50,18 +44,22 @@ def sketch(trajectory: Trajectory) -> str:
     )
 
 
-def _row(trajectory: Trajectory, channel: str, unit: str, scale: float, top: int) -> str:
+def _row(trajectory: Trajectory, channel: str, top: int) -> str:
     """One channel: phases behind it, its range at the left, and its lines."""
-    values = scale * np.asarray(trajectory[channel], float).reshape(len(trajectory.time), -1)
+    display = trajectory.schema[channel].display
+    values = display.scale * np.asarray(trajectory[channel], float).reshape(
+        len(trajectory.time), -1
+    )
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     time = trajectory.time - trajectory.time[0]
     x = _LEFT + _WIDTH * (time / max(float(time[-1]), 1e-9))
     # SVG counts y downward; a constant channel has no range to divide by.
     y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
-    colours = cycle(_COLOURS if values.shape[1] > 1 else (_INK,))
+    modules = ["#" + bytes(round(255 * part) for part in rgb).hex() for rgb in MODULE_COLOURS]
+    colours = cycle(modules if values.shape[1] > 1 else (_INK,))
     lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=False)]
-    name = f"{channel.replace('_', ' ')}, {unit}"
+    name = f"{channel.replace('_', ' ')}, {display.unit}"
     texts = [
         _text(2, top + _HEIGHT / 2 + 3, name, "start"),
         _text(_LEFT - 4, top + 8, f"{high:.3g}", "end"),

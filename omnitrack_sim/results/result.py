@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
-from omnitrack_sim.record.metrics import Metric, Metrics
+from omnitrack_sim.record.metrics import TITLES, Metric, Metrics
 from omnitrack_sim.record.timeline import Visit, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.files import (
@@ -103,7 +103,9 @@ class Result:
             f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>{outcome}</b> after "
             f"{self.duration_s:.2f} s<br>{safe(self.reason)}</p>"
         )
-        figures = [_headline(self, *row) for row in _HEADLINE if row[0] in self.metrics]
+        known = [metric for metric in self.scenario.robot.metrics if metric.name in _HEADLINE]
+        known.sort(key=lambda metric: _HEADLINE.index(metric.name))
+        figures = [_headline(metric, self.metrics[metric.name]) for metric in known]
         table = table_html(("figure", "unit", "value"), figures)
         picture = sketch(self.trajectory)
         beside = f"<div style='display:flex;gap:2em;flex-wrap:wrap'>{table}{picture}</div>"
@@ -244,15 +246,10 @@ class Result:
 
 
 _HEADLINE = (
-    ("distance_m", "distance", "m", 3),
-    ("mean_speed_m_s", "mean speed", "m/s", 4),
-    ("tilt_max_deg", "largest tilt", "deg", 1),
-    ("energy_j", "energy", "J", 1),
-    ("slip_ratio_mean", "mean slip ratio", "", 3),
-    ("normal_force_mean_n", "mean normal force", "N", 1),
-    ("motor_torque_max_nm", "largest motor torque", "N m", 3),
+    *("distance_m", "mean_speed_m_s", "tilt_max_deg", "energy_j"),
+    *("slip_ratio_mean", "normal_force_mean_n", "motor_torque_max_nm"),
 )
-"""Metric, what people call it, unit, digits."""
+"""Metrics that notebooks show."""
 _MOST_EVENTS = 12
 END_TOLERANCE = 1e-6
 """Largest distance of the last sample from the end of the run, s."""
@@ -421,7 +418,8 @@ def _check_trajectory(result: Result, routes: int) -> None:
         )
 
 
-def _headline(result: Result, key: str, name: str, unit: str, digits: int) -> tuple[str, ...]:
-    value = result.metrics[key]
+def _headline(metric: Metric, value: Any) -> tuple[str, ...]:
+    title, digits = TITLES[metric.name]
     numbers: Sequence[Any] = value if isinstance(value, list) else [value]
-    return name, unit, " / ".join("-" if n is None else f"{n:.{digits}f}" for n in numbers)
+    texts = ["-" if number is None else f"{number:.{digits}f}" for number in numbers]
+    return title, "" if metric.unit == "1" else metric.unit, " / ".join(texts)

@@ -113,13 +113,7 @@ PAGE = PageDisplay(
     pitch=lambda robot: 1.0,
     arrows=lambda trajectory, carriers: [],
     state=(("distance", "", 1e3, 0, " mm"), ("tilt", "tilt ", 180 / math.pi, 1, "\u00b0")),
-    headline={
-        "distance_m": "distance",
-        "mean_speed_m_s": "mean speed",
-        "tilt_max_deg": "largest tilt",
-        "wall_force_max_n": "largest force on the wall",
-        "energy_j": "energy",
-    },
+    headline=("distance_m", "mean_speed_m_s", "tilt_max_deg", "wall_force_max_n", "energy_j"),
     onboard=_onboard,
 )
 DISPLAY = RobotDisplay(

@@ -208,13 +208,7 @@ _PAGE = PageDisplay(
     pitch=look_pitch,
     arrows=force_arrows,
     state=(("distance", "", 1e3, 0, " mm"), ("tilt", "tilt ", 180 / math.pi, 1, "\u00b0")),
-    headline={
-        "distance_m": "distance",
-        "mean_speed_m_s": "mean speed",
-        "tilt_max_deg": "largest tilt",
-        "slip_ratio_mean": "mean slip ratio, modules 1, 2, 3",
-        "energy_j": "energy",
-    },
+    headline=("distance_m", "mean_speed_m_s", "tilt_max_deg", "slip_ratio_mean", "energy_j"),
     onboard=_page_onboard,
 )
 DISPLAY = RobotDisplay(
