@@ -109,9 +109,7 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
 
 def _trials(seconds: list[float], outcomes: list[str]) -> pa.Table:
     """Table of trials that took so long, each with its outcome."""
-    figures = {
-        name: [1.0] * len(seconds) for measure in CONTROL.measures for name in measure.columns
-    }
+    figures = {measure.name: [1.0] * len(seconds) for measure in CONTROL.measures}
     figures |= {"duration_s": seconds, "success": [one == "reached_goal" for one in outcomes]}
     figures |= {"reason": [""] * len(outcomes)}
     return pa.table({"outcome": outcomes, **figures})

@@ -14,6 +14,7 @@ from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
+from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.trials.store import numbers_of
 from omnitrack_sim.trials.sweep import Sweep
 
@@ -88,7 +89,8 @@ class BenchMeasure:
         name: of its columns.
         unit: of its values.
         words: what it is, short.
-        columns: of the tables of sweeps, of which it is the mean: one, or one a module.
+        column: of the tables of sweeps, or the modules' columns, of which it is the mean; empty:
+            as its name.
         over: column that it is divided by; empty for none.
         of_failures: it counts for all runs, else for those that passed.
     """
@@ -96,16 +98,18 @@ class BenchMeasure:
     name: str
     unit: str
     words: str
-    columns: tuple[str, ...]
+    column: str = ""
     over: str = ""
     of_failures: bool = False
 
     def of(self, table: pa.Table) -> Array:
         """Return the figure of each trial of a table; not a number where there is none."""
+        own, there = self.column or self.name, table.column_names
+        columns = [own] if own in there else [f"{own}_{i + 1}" for i in range(MODULE_COUNT)]
         # Robots differ in their metrics: what one of them does not have is no fault.
-        if not {*self.columns, *filter(None, [self.over])} <= {*table.column_names}:
+        if not {*columns, *filter(None, [self.over])} <= {*there}:
             return np.full(len(table), np.nan)
-        mean = np.mean([numbers_of(table, name) for name in self.columns], axis=0)
+        mean = np.mean([numbers_of(table, name) for name in columns], axis=0)
         return mean / numbers_of(table, self.over) if self.over else mean
 
     @property

@@ -16,7 +16,7 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.omnitrack import GRAVITY, MODULES
+from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
@@ -175,10 +175,6 @@ _DRAWN = (
 )
 
 
-def _of_modules(name: str, unit: str, words: str) -> BenchMeasure:
-    return BenchMeasure(name, unit, words, tuple(f"{name}_{i + 1}" for i in range(MODULES)))
-
-
 SUITE = Suite(
     "control",
     "Controllers compared",
@@ -193,11 +189,11 @@ SUITE = Suite(
     entries=shipped_entries,
     entry_of=entry_of,
     measures=(
-        BenchMeasure("duration_s", "s", "time", ("duration_s",)),
-        _of_modules("slip_ratio_mean", "1", "slip"),
-        BenchMeasure("energy_j", "J", "energy", ("energy_j",)),
-        _of_modules("torque_change_nm_s", "N m/s", "torque change"),
-        BenchMeasure("tilt_max_deg", "deg", "largest tilt", ("tilt_max_deg",)),
+        BenchMeasure("duration_s", "s", "time"),
+        BenchMeasure("slip_ratio_mean", "1", "slip"),
+        BenchMeasure("energy_j", "J", "energy"),
+        BenchMeasure("torque_change_nm_s", "N m/s", "torque change"),
+        BenchMeasure("tilt_max_deg", "deg", "largest tilt"),
     ),
     default=DEFAULT,
     of_controllers=True,

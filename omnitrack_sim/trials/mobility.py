@@ -412,12 +412,12 @@ SUITE = Suite(
     entries=shipped_entries,
     entry_of=entry_of,
     measures=(
-        BenchMeasure("duration_s", "s", "time", ("duration_s",)),
-        BenchMeasure("mean_speed_m_s", "m/s", "speed", ("mean_speed_m_s",)),
-        BenchMeasure("energy_per_metre", "J/m", "energy", ("energy_j",), over="distance_m"),
-        BenchMeasure("contact_force_max_n", "N", "wall force", ("contact_force_max_n",)),
-        BenchMeasure("pull_held_n", "N", "pull left over", ("pull_held_n",), of_failures=True),
-        BenchMeasure("pose_error", "m", "pose error", ("localisation_error_mean_m",)),
+        BenchMeasure("duration_s", "s", "time"),
+        BenchMeasure("mean_speed_m_s", "m/s", "speed"),
+        BenchMeasure("energy_per_metre", "J/m", "energy", "energy_j", over="distance_m"),
+        BenchMeasure("contact_force_max_n", "N", "wall force"),
+        BenchMeasure("pull_held_n", "N", "pull left over", of_failures=True),
+        BenchMeasure("pose_error", "m", "pose error", "localisation_error_mean_m"),
     ),
     scores=(BenchScore("least_friction", "least friction", least_friction),),
 )
