@@ -91,8 +91,8 @@ def _tell(message: str) -> None:
 
 
 def _tell_usage(error: Any) -> int:
-    """Tell what is wrong with the options, which Typer would print in full, however long;
-    returns the exit status."""
+    """Print what is wrong with the options, clipped, which Typer would not do; return the exit
+    status."""
     if type(error).__name__ != "NoArgsIsHelpError":  # which has printed the help already
         _tell(error.format_message())
         if error.ctx is not None:

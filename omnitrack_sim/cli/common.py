@@ -44,9 +44,9 @@ app = typer.Typer(
 )
 _Loaded = TypeVar("_Loaded")
 WAIT = 5.0
-"""Between two lines at least, and before the first one, s: what is over sooner tells nothing."""
+"""Least time before the first line and between two lines, s: shorter work prints nothing."""
 STEP, LONGEST = 0.1, 300.0
-"""A line is due when so much of the work is done since the last one, or so many seconds ago."""
+"""Part of the work, and time in s, after which the next line is due."""
 
 
 class Screen(Console):
@@ -254,7 +254,7 @@ class _Lines:
             self._say(", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
 
     def end(self) -> None:
-        """Tell how long the work took, if anything was told of it."""
+        """Print how long the work took, if any line was printed."""
         if self._told_any:
             self._say(f"done in {clock(time.monotonic() - self._began)}")
 

@@ -124,7 +124,7 @@ def _paths() -> Iterator[tuple[str, str]]:
 
 
 def _below(path: str, table: Any) -> Iterator[tuple[str, str]]:
-    """The values of a table, and of those in it; none of what is no table."""
+    """Yield path and meaning of the values of a table and of the tables in it."""
     from pydantic import BaseModel
 
     if not isinstance(table, BaseModel):

@@ -223,7 +223,7 @@ COLOURS = {
     "FAILS": "red",
     "STUDY": "dim",
 }
-"""Of the verdicts, by name."""
+"""Colours of the verdicts, by name."""
 
 
 @app.command()

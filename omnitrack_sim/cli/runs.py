@@ -89,8 +89,8 @@ def run(
 
 
 def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
-    """Add plots and replay page to a saved run, and the film where a camera is given; one that
-    cannot be made is told as a warning and costs only itself."""
+    """Add plots and replay page to a saved run, and the film where a camera is given; warn of those
+    that cannot be made."""
     from omnitrack_sim.show.plots.run_figures import plot_summary
     from omnitrack_sim.show.plots.style import attempt
     from omnitrack_sim.show.projection import needs_map
@@ -372,7 +372,8 @@ def filmed(
     fps: int = 25,
     **size: Any,
 ) -> None:
-    """Film a run, with a progress bar unless ``quiet``, by as many processes as pay if not told."""
+    """Film a run, with a progress bar unless ``quiet``; ``processes``: the fastest number if
+    None."""
     from omnitrack_sim.show.film.render import render_video
 
     if processes is None:

@@ -92,7 +92,7 @@ def passport(
 
 
 def _print_ways(summary: dict[str, Any]) -> None:
-    """Print what a robot passes, and what it does not fit."""
+    """Print success rates by kind of fitting, and the courses that a robot does not fit."""
     rows = []
     for row in summary["ways"]:
         low, high = row["success_95"]
@@ -193,7 +193,7 @@ def _tether(length: float | None, keys: Sequence[str]) -> Tether | None:
 
 
 def _print_reach(summary: dict[str, Any]) -> None:
-    """Print what openings add, and what stops the robot."""
+    """Print the length that each opening adds, and the causes that stop the robot."""
     from omnitrack_sim.towns.reach_files import length_text
 
     rows = [[row["opening"], length_text(row["adds_m"])] for row in summary["openings"]]

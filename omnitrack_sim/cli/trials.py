@@ -210,7 +210,7 @@ def bench(
 
 
 def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
-    """Robots with their controllers; "" for what is not there."""
+    """Pair robots with their controllers; "" stands for a missing one."""
     if robots and controllers and len(robots) != len(controllers):
         problem = "give one for each --robot, or none"
         raise InputError(Fault("--controller", problem))

@@ -1,5 +1,5 @@
-"""One statement of a paper, what the simulation says about it, and what it is expected to say; and
-the runs that claims on robots are measured on."""
+"""A statement of a paper with its measurement and expected verdict; and runs that claims about
+robots are measured on."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def runs_of(scenario: str, changes: Iterable[Mapping[str, Any]]) -> list[Result]
 
 
 FACTORS = 0.7, 1.4
-"""By which assumed sizes are varied, one at a time."""
+"""Factors by which assumed sizes are varied, one at a time."""
 
 
 def varied(robot: Robot, names: Iterable[str]) -> list[dict[str, Any]]:

@@ -25,7 +25,7 @@ _WINDOW = 10
 _TURNING = 0.15
 """Rotation rate above which a sample counts as turning, rad/s."""
 _SECTOR, _MARGIN = 96.54, 11.78
-"""Singular sector, and what is safe on either side, as the paper prints them, degrees."""
+"""Singular sector and safe margin on either side as the paper prints them, degrees."""
 _AS_PRINTED = 0.02
 """Tolerance of figures that the paper prints with two decimals, in their own unit."""
 

@@ -420,7 +420,7 @@ def _row(claim: Claim) -> str:
 
 
 def _article(claim: Claim) -> str:
-    """A claim with all that is known of it."""
+    """Return a claim with all of its fields."""
     question = "asked" if claim.verdict is ClaimVerdict.STUDY else "true if"
     rows = (
         ("source", claim.source),

@@ -29,8 +29,8 @@ JOINT_POSITIONS = 7 + len(JOINTS_OF_A_MODULE) * MODULE_COUNT
 the modules. Shafts of a drive come after them."""
 
 BLOCK = 1024
-"""Samples that are put together into one array as soon as there are so many of them: an array of
-its own for each sample takes seven times the memory."""
+"""Number of samples that are stacked into one array: an array for each sample takes seven times the
+memory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ NOISE = 1e-9
 """Part of the larger of two numbers by which they may differ and count as the same: what the order
 of a sum, or one version of a library, makes of a run is far below it."""
 _DIGITS, _MOST_DIGITS = 4, 12
-"""Of a number as people read it, and at most where two numbers hardly differ."""
+"""Digits of a number, and most digits where two numbers hardly differ."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
 _UNITS = {metric.name: metric.unit for metric in (*METRICS, *COMMON_METRICS)}

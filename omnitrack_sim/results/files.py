@@ -105,8 +105,8 @@ def reading(path: Path) -> Iterator[Path]:
 
 
 def opened(path: Path) -> pq.ParquetFile:
-    """Return a Parquet file to read without threads, which abort a process that ends while they
-    begin: ``pq.read_table`` begins one even where it is told to use none."""
+    """Open a Parquet file for reading without threads, which abort a process that ends while they
+    start: ``pq.read_table`` starts one even with ``use_threads=False``."""
     import pyarrow.parquet as pq
 
     return pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)

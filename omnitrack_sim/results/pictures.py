@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 PICTURES_FILE = "pictures.parquet"
-"""Of a run's folder, where ``record.pictures`` is true."""
+"""File in a run's folder, where ``record.pictures`` is true."""
 MILLIMETRE = 1e-3
 """Step of the distances that are kept, m."""
 _GROUP = 2**20

@@ -18,7 +18,7 @@ from omnitrack_sim.results.result import Result
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 FARTHEST = 1e5
-"""Size of positions, m, and of all that is shown beside them, beyond which a sample is unsound."""
+"""Largest magnitude of positions, m, and other shown values of a valid sample."""
 
 POINTS_APART = 0.01
 """Travel between two points of a path on a map, m: more of them only take longer to draw."""
@@ -131,8 +131,7 @@ def _path(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def sound(result: Result) -> Trajectory:
-    """Return the trajectory of a run with the last sound sample in the place of each that physics
-    which has diverged left without a pose.
+    """Return the trajectory of a run, diverged samples replaced by the last finite one.
 
     Raises:
         RenderError: no sample is sound.

@@ -87,8 +87,8 @@ def _elevation(across: int, along: int) -> Projection:
 
 
 def clearest(pipes: Assembly) -> Projection:
-    """Of elevations and oblique views from above the one in which the fewest pipes lie over others
-    or are seen end on. World z is up."""
+    """Choose the elevation or oblique view from above with the fewest pipes that overlap or are
+    seen end on. World z is up."""
     lines = [line for part in pipes.parts for line in axis_lines(part, SPACING)]
     points = np.concatenate(lines)
     # All pairs are compared, so that their number has to be bounded for networks of any size.

@@ -25,7 +25,7 @@ from omnitrack_sim.walls.meshes import (
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
-"""Of the weld between two parts, m: along the pipe, and into the bore."""
+"""Size of the weld between two parts, m: along the pipe, and into the bore."""
 DRAWN = (
     mujoco.mjtGeom.mjGEOM_SPHERE,
     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -36,8 +36,7 @@ DRAWN = (
 )
 """Shapes of geoms that have a surface here."""
 _FINE, _ROUND, _THIN, _THIN_RADIUS = 24, 16, 8, 0.005
-"""Sides of what is round and no mesh: where one comes near, in films, and in films of what is
-thinner than this radius, m."""
+"""Sides of round primitives: seen closely, in films, and in films below the last radius, m."""
 UNPAINTED, PLAIN = (0.5, 0.5, 0.5, 1.0), (0.95, 0.55, 0.05)
 """MuJoCo's colour of geoms that state none, which is hard to tell from pipes, and ours."""
 CREASE_DEG = 50.0
@@ -51,7 +50,7 @@ Faces = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles with what is seen of them.
+    """Triangles with normals and colours.
 
     Attributes:
         position: (V, 3) m, in the frame of the vertex's body.
@@ -92,8 +91,8 @@ def geoms_surface(model: mujoco.MjModel, geoms: Iterable[int], fine: bool = Fals
 
 
 def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
-    """Centres (bodies, 3) m, in the bodies' frames, and radii (bodies,) m of spheres around what is
-    seen of each body; the radius is 0 where nothing is."""
+    """Return bounding spheres of the visible bodies: centres (bodies, 3) m in the bodies' frames,
+    and radii (bodies,) m, 0 for invisible ones."""
     centres, radii = np.zeros((bodies, 3)), np.zeros(bodies)
     for body in np.unique(surface.body):
         points = surface.position[surface.body == body]

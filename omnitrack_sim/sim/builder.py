@@ -1,4 +1,4 @@
-"""From scenarios to what a batch needs: model, start values, control settings."""
+"""Batch key, start values and control settings of a batch of scenarios."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.
 def settings_of(
     scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]
 ) -> tuple[Settings, list[list[str]]]:
-    """Control settings of each robot, and notes on what it will not do as its scenario says.
+    """Return control settings of each robot, and notes where they differ from its scenario.
 
     The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
     motor's speed limits the cruise speed. Belts are capped at what the motor holds.

@@ -33,7 +33,7 @@ class Legs:
         number: (n,) legs done so far.
         gear: (n,) 1 nose first, -1 tail first.
         end: (n,) m, arc length along the route where the leg at hand is over.
-        near: (n,) m, arc length where each robot took itself to be last, or where its leg begins.
+        near: (n,) m, last estimated arc length of each robot, or the beginning of its leg.
         look_at: (n,) m, arc length where each robot looks ahead next; infinite where it does not.
     """
 

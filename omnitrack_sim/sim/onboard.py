@@ -208,9 +208,8 @@ class Onboard:
     def _check_turns(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
     ) -> None:
-        """Have robots that stand before a fitting check that they are turned as they believe, when
-        they come there and every second from then on: a wrong turn may fit its surroundings so well
-        that small steps do not lead out of it."""
+        """Verify the estimated orientation of robots in front of a fitting, on arrival and then
+        every second: a wrong one may be a local minimum that small corrections do not leave."""
         before = self._before(location)
         time, shot = self.readings["time"], self.localiser.shot
         assert shot is not None
@@ -233,7 +232,7 @@ class Onboard:
     def _look_along_the_way(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
     ) -> None:
-        """Have robots whose pictures are not those of the map compare all poses around."""
+        """Compare the pictures of inconsistent robots with the map at all poses along the route."""
         localiser, routes = self.localiser, self._legs.routes
         robots = np.flatnonzero(localiser.inconsistent & active)
         shot = localiser.shot
@@ -341,8 +340,7 @@ class Onboard:
         return ahead
 
     def metrics(self, robot: int) -> Mapping[str, float]:
-        """See ``Senses``: how often a robot that explores is right about what it sees; not a number
-        where it has not looked."""
+        """See ``Senses``: recognition rate of a robot that explores; NaN without any look."""
         if self._legs.pilots[robot].belief is None:
             return {}
         count = self._comparable[robot]
@@ -358,8 +356,8 @@ class Onboard:
         return True
 
     def update_maps(self, robots: Collection[int]) -> None:
-        """See ``Senses``. Where the part of the map moves that a robot is in, its estimate moves
-        along: it knows its pose by what is around it."""
+        """See ``Senses``. The estimate moves along with the part of the map that the robot is in,
+        since its pose is known relative to its surroundings."""
         for robot in robots:
             before = self._networks[robot]
             if not self._renew(robot):
@@ -417,8 +415,8 @@ class Onboard:
     def _shoot(
         self, facing: NDArray[np.int_], due: NDArray[np.bool_], active: NDArray[np.bool_]
     ) -> None:
-        """Have robots that are ``due`` (n,) and ``active`` (n,) take a picture of the pipes as they
-        are; ``facing`` (n,): 1 from the nose, -1 from the tail."""
+        """Take pictures of the true pipes for robots that are ``due`` (n,) and ``active`` (n,);
+        ``facing`` (n,): 1 from the nose, -1 from the tail."""
         state, compared = self._state, self.localiser.pixels
         # A recorded picture has all pixels. Noise belongs to a pixel, so the compared ones are the
         # same.
@@ -473,7 +471,7 @@ class Onboard:
 
 
 def _at_rest(state: State) -> Felt:
-    """Return what robots feel that have not moved yet."""
+    """Return proprioceptive measurements of robots at rest."""
     known = {name: state[name] for name in ("time", "roll", "slide")}
     nothing = {field.name: np.zeros_like(state["roll"]) for field in fields(Felt)}
     return Felt(**nothing | known)

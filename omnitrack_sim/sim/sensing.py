@@ -84,7 +84,7 @@ class Senses(Protocol):
         return command, np.zeros(len(self.location.distance), bool)
 
     def look(self, robot: int, back: bool) -> Look:
-        """Have a robot look ahead and, with ``back``, the other way too."""
+        """Return a robot's look ahead and, with ``back``, behind it too."""
         ...
 
     def update_maps(self, robots: Collection[int]) -> None:

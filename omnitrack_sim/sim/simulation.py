@@ -1,4 +1,4 @@
-"""The loop, opened: n robots of one model, every one a control step on at each call of ``step``."""
+"""The closed loop, step by step: n robots of one model, advanced by a control step at each call."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from omnitrack_sim.sim.supervisor import Ending, Supervisor, held_command
 from omnitrack_sim.sim.tail_load import TailLoad
 
 Progress = Callable[[float, str], None]
-"""Called with the part done, 0 to 1, which never falls, and with simulated time and place."""
+"""Called with the part done, 0 to 1, which never decreases, and with simulated time and place."""
 MakePlant = Callable[[Scenario, Start, int], Plant]
 """Makes a plant from the first scenario of a batch, the start values of all, and the number of
 threads."""
@@ -170,8 +170,8 @@ class Simulation:
         return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
 
     def reset(self, rows: Sequence[int] | NDArray, scenarios: Sequence[Scenario]) -> None:
-        """Have robots begin new runs, each to the bytes of a simulation of its own; the others are
-        left as they are. The controller is not told: who calls this gives the commands.
+        """Start new runs of some robots, each to the bytes of a simulation of its own; the others
+        are unchanged. The controller is not reset: the caller gives the commands.
 
         Args:
             rows: numbers of the robots, k, ascending.
@@ -306,7 +306,7 @@ class Simulation:
                 progress(*self.supervisor.progress(self.phase))
 
     def _settle(self, robots: NDArray[np.bool_], given_up: NDArray[np.bool_]) -> None:
-        """Have ``robots`` (n,) judged, of which ``given_up`` (n,) search no longer; record."""
+        """Judge ``robots`` (n,), of which ``given_up`` (n,) search no longer, and record."""
         plant = self.plant
         self.supervisor.judge(robots, self._command, plant.saturated, plant.diverged, given_up)
         if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):

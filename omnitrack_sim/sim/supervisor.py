@@ -1,4 +1,4 @@
-"""Supervises n robots: finds them on their legs, has their pilots decide, ends their runs."""
+"""Supervision of n robots: locates them on their legs, asks their pilots, ends their runs."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Ending:
 
 
 def held_command(command: Any, held: Any, active: NDArray[np.bool_]) -> Any:
-    """Return the command that n robots carry out: what it leaves out is as in the one ``held`` so
-    far, and so is all of robots that are not ``active`` (n,).
+    """Return the command that n robots carry out: fields that it omits, and all fields of robots
+    that are not ``active`` (n,), are kept from the command ``held`` so far.
 
     A field that holds for one period is None where it is left out.
     """
@@ -96,7 +96,7 @@ class Supervisor:
         self.locate(readings)
 
     def locate(self, readings: Mapping[str, Array]) -> None:
-        """Find the robots on their routes by ``readings``, and where they take themselves to be."""
+        """Locate the robots on their routes by ``readings``, and update their estimates."""
         self._readings, legs = readings, self._legs
         frames = heading(readings["rotation"], legs.gear)
         self.location = legs.routes.locate(readings["position"], frames, legs.route, self._near)
@@ -196,7 +196,7 @@ class Supervisor:
         return pilot.on_blockage(time, distance - 2 * float(senses.distance_std[robot]), goal)
 
     def _look_ahead(self, robots: NDArray[np.bool_]) -> None:
-        """Have those of ``robots`` (n,) look ahead that have come to where they want to."""
+        """Let those of ``robots`` (n,) look ahead that have reached their next viewpoint."""
         looking = (self._senses.location.distance >= self._legs.look_at) & robots
         if not np.count_nonzero(looking) or not self._senses.can_look:
             return
@@ -208,7 +208,7 @@ class Supervisor:
         self._locate_again(rows)
 
     def _follow(self, robot: int, decision: Decision) -> None:
-        """Have a robot do what its pilot has decided, and give it time for that."""
+        """Carry out a pilot's decision for a robot, and extend its time limit accordingly."""
         length = self._legs.follow(robot, decision)
         if decision.shift:
             self._senses.shift(robot, decision.shift)
@@ -251,8 +251,8 @@ class Supervisor:
         set_rows(self, np.array([robot]), active=False, end_time=time)
 
     def _judged_map(self, robot: int, reason: str) -> tuple[Outcome, str]:
-        """Return the outcome and reason of a robot that is where it wanted to be, in view of its
-        map: what it says that it has not explored may be missing."""
+        """Return outcome and reason of a robot at its goal, judged by its map; parts that it
+        reports as unexplored may be missing."""
         left, network = self._legs.pilots[robot].left, self._legs.map(robot)
         exploration = self._scenarios[robot].exploration
         # Who searches for goals has no need of a whole map.
@@ -267,8 +267,8 @@ class Supervisor:
         return Outcome.REACHED_GOAL if right else Outcome.WRONG_MAP, f"{difference}; {reason}"
 
     def progress(self, phase: Sequence[str]) -> tuple[float, str]:
-        """Return the part of all tasks that is done, 0 to 1, which never falls, and time and place;
-        ``phase`` is of each robot."""
+        """Return the part of all tasks that is done, 0 to 1, which never decreases, and time and
+        place; ``phase`` is of each robot."""
         running, distance, legs = np.flatnonzero(self.active), self.location.distance, self._legs
         part = np.ones(len(self.active))
         part[running] = [legs.pilots[i].done_at(float(distance[i])) for i in running]

@@ -25,7 +25,7 @@ VAGUE_CAUSES = (Outcome.STUCK, Outcome.STALLED, Outcome.SLIPPING)
 
 @dataclass(frozen=True)
 class TailSettings:
-    """Numerics of tethers, and what is told of them.
+    """Numerical parameters of tethers, and threshold of their reports.
 
     Attributes:
         softening: part of mass over period² that a tether's stiffness may have. It acts once a
@@ -187,7 +187,7 @@ class Tethers:
         return self._tether.tensions(segments, gravity, tension)
 
     def _follow(self, row: int, tail: float) -> None:
-        """Count what is out from a robot's tail at arc length ``tail`` m of the leg at hand."""
+        """Measure the paid-out length from the tail at arc length ``tail`` m of the leg at hand."""
         self._number = with_rows(self._number, np.array([row]), self._legs.number[row])
         self._route = with_rows(self._route, np.array([row]), self._legs.route[row])
         self._from_out[row], self._from_tail[row] = self.out[row], tail

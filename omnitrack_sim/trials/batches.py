@@ -43,7 +43,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Batch:
-    """Trials that share a model and run together, with all that a worker needs.
+    """Trials that share a model and run together, with all data that a worker needs.
 
     Attributes:
         number: of the batch in its folder.

@@ -132,7 +132,7 @@ def run_bench(
 def _tables(
     sweeps: Mapping[tuple[str, str], Sweep], folder: Path | None, engine: Engine
 ) -> dict[tuple[str, str], pa.Table]:
-    """Run what is not done yet of sweeps, and return the table of each."""
+    """Run the missing trials of sweeps, and return the table of each."""
     stores = {
         key: sweep_store(sweep, None if folder is None else folder.joinpath(TRIALS, *key))
         for key, sweep in sweeps.items()

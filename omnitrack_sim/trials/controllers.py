@@ -105,7 +105,7 @@ def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
 
 
 SEED = 71_000
-"""Of the first course; the others count on from it."""
+"""Seed of the first course; the others follow it."""
 FIRST_NETWORK = 71_000_000
 """Seed of the first random network."""
 DRY, SLIPPERY = (0.7, 1.0), (0.5, 0.7)

@@ -34,7 +34,7 @@ from omnitrack_sim.trials.sweep import Sweep
 
 VERSION = 2
 SEED = 72_000
-"""Of the first course; the others count on from it."""
+"""Seed of the first course; the others follow it."""
 FIRST_NETWORK = 72_000_000
 """Seed of the first random network."""
 LADDER = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)

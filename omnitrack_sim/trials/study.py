@@ -166,7 +166,7 @@ class Final(Table):
 
 
 class SearchPlan(Table):
-    """Plan of a search, its variables, objectives and extent: all that it knows of a study.
+    """Plan of a search: its variables, objectives and extent.
 
     Attributes:
         variables: what is varied.
@@ -235,8 +235,8 @@ _ENDS = ("low", "high")
 
 
 FOR_THE_RECORD = ("name", "generations", "final")
-"""Keys of a study that what is tried first does not depend on: with another number of generations
-it goes on, or stops earlier."""
+"""Keys of a study that its first candidates do not depend on: with another number of generations it
+continues, or stops earlier."""
 
 
 class StudyFile(SearchPlan):

@@ -262,7 +262,7 @@ def run_study(
     executor: Executor | MakeExecutor | None = None,
     progress: Progress | None = None,
 ) -> StudyResult:
-    """Run what is not done yet of a study.
+    """Run the missing trials of a study.
 
     The history depends on the study alone: not on the number of workers, and not on interruptions.
 

@@ -241,7 +241,7 @@ class Sweep(_SweepTable):
 
 
 def trial_count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
-    """Return the number of trials of so many bases, axes and samples."""
+    """Return the number of trials of a number of bases with these axes and samples."""
     combinations = bases * math.prod(axis.size for axis in axes if axis.crossed)
     return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
 
@@ -515,7 +515,7 @@ def _excess(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
 
 
 def excess_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
-    """Yield the fault of a batch of so many trials that has more samples than fit into memory."""
+    """Yield the fault of a batch of ``together`` trials with more samples than fit into memory."""
     for scenario in bases:
         samples = samples_of(scenario)
         if samples * together > MOST_SAMPLES:

@@ -50,11 +50,15 @@ _LIGHT = ((0, 0, 0), (255, 250, 240))
 """Colours from far to near, and from dark to bright, at even steps."""
 
 
-class _Panel:
-    """Base of panels in frames of one size: scale and background."""
+class Panel:
+    """Base of panels over painted frames of one size: scale and background."""
 
     def __init__(self, width: int, height: int) -> None:
         self.scale = min(height / 720, width / 1280)
+
+    def write(self, frame: NDArray[np.uint8], row: int) -> None:
+        """Draw the panel at sample ``row`` into ``frame`` (h, w, 3)."""
+        raise NotImplementedError
 
     def _px(self, size: float) -> int:
         return max(1, round(size * self.scale))
@@ -74,7 +78,7 @@ class _Panel:
         return corner, image, draw
 
 
-class StatusPanel(_Panel):
+class StatusPanel(Panel):
     """Text and bars about the moment, in the lower left corner."""
 
     def __init__(
@@ -122,7 +126,7 @@ class StatusPanel(_Panel):
         draw.text((left + px(300), top), text, font=self._small, fill=_TEXT, anchor="ra")
 
 
-class CameraPanel(_Panel):
+class CameraPanel(Panel):
     """The last pictures of the robot's cameras ahead and behind, above the status panel."""
 
     def __init__(self, pictures: Pictures, playback: Playback, width: int, height: int) -> None:
@@ -211,7 +215,7 @@ class ForceArrows:
         frame[:] = np.asarray(image)
 
 
-class MapPanel(_Panel):
+class MapPanel(Panel):
     """A map of the true pipes in the upper right corner: the travelled path, the robot, its goals.
 
     The pipes are drawn once, or again whenever the robot discovers more of them; of the path, what
@@ -291,8 +295,7 @@ class MapPanel(_Panel):
         self._large, self._travelled = self._background.copy(), 0
 
     def _travel(self, count: int) -> None:
-        """Have the path drawn up to the first ``count`` of its points, in the colour of the
-        gear."""
+        """Draw the path up to its first ``count`` points, in the colour of the gear."""
         if count < self._travelled:
             self._large, self._travelled = self._background.copy(), 0
         rows = self._rows[max(0, self._travelled - 1) : count]

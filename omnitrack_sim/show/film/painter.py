@@ -33,7 +33,7 @@ _FILLS_ITS_MAP = (1.5, 4.0)
 BLOCK = 4
 """Width of the blocks in which edges are looked for, pixels."""
 LEAST_CONTRAST = 0.06
-"""Of green, from 0 to 1, from which on there is an edge."""
+"""Least contrast of green, 0 to 1, that counts as an edge."""
 
 Image = NDArray[np.uint8]
 
@@ -59,7 +59,7 @@ class Painted:
             glVertexAttribPointer(place, size, GL.GL_FLOAT, False, data.strides[0], start)
 
     def draw(self) -> None:
-        """With the program in use."""
+        """Draw the surface with the program in use."""
         GL.glBindVertexArray(self._array)
         GL.glDrawElements(GL.GL_TRIANGLES, self.surface.faces.size, GL.GL_UNSIGNED_INT, None)
 
@@ -88,8 +88,8 @@ class Program:
         self._places: dict[str, int] = {}
 
     def use(self, **values: int | float | ArrayLike) -> None:
-        """From here on, with these values: of a texture's number, a number, vectors of 3, rows of
-        vectors of 4, or a matrix (4, 4)."""
+        """Use the program with these uniforms: texture units, numbers, vectors of 2 or 3, rows of
+        vectors of 4, or matrices (4, 4)."""
         GL.glUseProgram(self.id)
         for name, value in values.items():
             if name not in self._places:
@@ -134,12 +134,12 @@ class Canvas:
             GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, target, store)
 
     def begin(self) -> None:
-        """Paint here from now on."""
+        """Make the canvas the target of painting."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._buffer)
         GL.glViewport(0, 0, self.width, self.height)
 
     def copy(self, source: Canvas) -> None:
-        """Take over another canvas of this size."""
+        """Copy the colours of another canvas of this size."""
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source._buffer)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._buffer)
         box = (0, 0, self.width, self.height)
@@ -157,7 +157,7 @@ class Canvas:
 
 
 class Points:
-    """Points that are others each time."""
+    """Points in a buffer that is filled anew for each picture."""
 
     def __init__(self) -> None:
         self._array, self._buffer = GL.glGenVertexArrays(1), GL.glGenBuffers(1)
@@ -167,7 +167,7 @@ class Points:
         glVertexAttribPointer(0, 2, GL.GL_FLOAT, False, 8, ctypes.c_void_p(0))
 
     def draw(self, places: NDArray) -> None:
-        """Points at ``places`` (n, 2), with the program in use."""
+        """Draw points at ``places`` (n, 2) with the program in use."""
         if len(places):
             data = places.astype(np.float32)
             GL.glBindVertexArray(self._array)
@@ -177,7 +177,7 @@ class Points:
 
 
 class ShadowMap:
-    """Depths as a sun sees them."""
+    """Shadow map: depths from the direction of a sun."""
 
     def __init__(self, size: int):
         self.size = size
@@ -207,14 +207,13 @@ class ShadowMap:
 
 
 def bind(unit: int, texture: int) -> None:
-    """Have a texture looked up by this number."""
+    """Bind a texture to a texture unit."""
     GL.glActiveTexture(int(GL.GL_TEXTURE0) + unit)
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
 
 
 def _test_depths(front: int) -> None:
-    """Paint what is nearest alone, without faces that look away; ``front``: the order of corners
-    of those that do not."""
+    """Enable the depth test and cull back faces; ``front``: winding of front faces."""
     GL.glEnable(GL.GL_DEPTH_TEST)
     GL.glDepthMask(True)
     GL.glDepthFunc(GL.GL_LEQUAL)
@@ -227,7 +226,7 @@ def _attach(place: int, texture: int) -> None:
 
 
 def _texture(kind: int, form: int, width: int, height: int) -> int:
-    """A texture that is looked up between its pixels, and at its edge beyond it."""
+    """Make a texture with linear filtering, clamped to its edge."""
     texture = GL.glGenTextures(1)
     bind(0, texture)
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, kind, width, height, 0, form, GL.GL_UNSIGNED_BYTE, None)
@@ -349,7 +348,7 @@ class Painter:
         return self._finished()
 
     def _draw(self, clearness: Sequence[float]) -> None:
-        """The pipes, then those that are partly clear."""
+        """Draw the opaque pipes, then the translucent ones."""
         for pipe, share in zip(self.pipes, clearness, strict=True):
             if share >= 1:
                 pipe.draw()
@@ -366,7 +365,7 @@ class Painter:
             GL.glDepthMask(True)
 
     def _finished(self) -> Image:
-        """Smoothed, reduced and read."""
+        """Smooth, reduce and read the picture."""
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glDisable(GL.GL_CULL_FACE)
         # Pixels that are not smoothed stay as they were drawn.

@@ -36,6 +36,7 @@ from omnitrack_sim.show.film.overlay import (
     SHORT,
     CameraPanel,
     MapPanel,
+    Panel,
     StatusPanel,
     font,
 )
@@ -46,11 +47,11 @@ from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
 
 if TYPE_CHECKING:
-    from omnitrack_sim.show.film.stage import Panel, Stage
+    from omnitrack_sim.show.film.stage import Stage
 
 CAMERAS = ("side", "follow", "onboard")
-"""Of a scenario's run: ``side`` shows the pipes on the way, ``follow`` stays with the robot,
-``onboard`` looks ahead."""
+"""Cameras of a scenario's run: ``side`` shows the pipes along the route, ``follow`` stays with the
+robot, ``onboard`` looks ahead."""
 MOST_PIXELS = 7680
 """Longest side of a picture, pixels."""
 MOST_FPS = 240
@@ -186,7 +187,7 @@ _stages: list[Stage] = []  # of a worker: the one that it paints, once there is 
 
 
 def check_amount(frames: int, size: tuple[int, int]) -> None:
-    """Raise an ``InputError`` for more than ``MOST_FILM`` pixels in so many frames."""
+    """Raise an ``InputError`` if ``frames`` of this size have more than ``MOST_FILM`` pixels."""
     if frames * size[0] * size[1] > MOST_FILM:
         pixels, most = f"{size[0]} x {size[1]} pixels", int(MOST_FILM // (size[0] * size[1]))
         problem = f"are {frames} of {pixels}; at most {most} of this size"
@@ -194,16 +195,16 @@ def check_amount(frames: int, size: tuple[int, int]) -> None:
 
 
 Shown = Result | Recording | str | os.PathLike[str]
-"""What pictures show: a run, the folder of a saved one, or a recording of any model."""
+"""Subject of pictures: a run, the folder of a saved run, or a recording of any model."""
 
 
 def cameras_of(shown: Shown) -> tuple[str, ...]:
-    """Return the cameras of what is shown."""
+    """Return the names of a subject's cameras."""
     return shown.cameras if isinstance(shown, Recording) else CAMERAS
 
 
 def subject_of(shown: Shown) -> Result | Recording:
-    """Return what is shown itself, loaded from its folder.
+    """Return the run or recording itself, loaded where it is a folder.
 
     Raises:
         InputError: a recording has no samples.
@@ -265,7 +266,7 @@ def run_stage(
 
 
 def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:
-    """Return what tells the text of the status panel of a run at a sample."""
+    """Return the function that gives the text of a run's status panel at a sample."""
     visits, status = stays(result, trajectory), result.scenario.display.status
     begins = [stay.first for stay in visits]
 

@@ -1,4 +1,4 @@
-"""Eyes and suns: from where pictures are seen and lit, and what of the world comes into them."""
+"""Eyes and suns: viewpoint, light and visible parts of pictures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from omnitrack_sim.walls.pipe_looks import (
 
 @dataclass(frozen=True)
 class Eye:
-    """From where and how a picture is seen.
+    """Viewpoint of a picture.
 
     Attributes:
         position: (3,) m.
@@ -51,8 +51,8 @@ class Eye:
         return view @ _rigid(self.frame.T, -self.frame.T @ self.position)
 
     def pixels(self, points: Array, size: tuple[int, int]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return where points (n, 3) m are in a picture of so many pixels, (n, 2) to the right and
-        down, and which (n,) lie before the eye."""
+        """Project points (n, 3) m into a picture of ``size``: pixels (n, 2) to the right and down,
+        and which (n,) lie in front of the eye."""
         matrix = self.matrix(size[0] / size[1])
         clip = points @ matrix[:, :3].T + matrix[:, 3]
         ahead = clip[:, 3] > self.near
@@ -102,14 +102,14 @@ def _rigid(rotation: Array, place: Array) -> Array:
 
 
 DISTANCE = 0.68
-"""From the robot's centre to the viewer, m; like all lengths here of a robot in a bore of 160 mm,
-and in proportion to its ``Playback.size`` for others."""
+"""Distance of the viewer from the robot's centre, m. Lengths here are for a bore of 160 mm, and are
+scaled by ``Playback.size``."""
 SPACING = 0.06
 """Travel between two neighbouring places for which a direction is chosen, m."""
 SUN_UP, SUN_RIGHT = 0.55, -0.40
 """Height of the sun above the viewer, and offset to the right, over the viewer's distance."""
 WALL = 0.004
-"""Depth in its wall up to which a pipe hides what is behind it, m."""
+"""Thickness of a pipe's wall for occlusion, m."""
 _ELEVATIONS, _AZIMUTHS = np.radians([-15, 0, 15, 30, 45, 60]), np.radians(np.arange(0, 360, 22.5))
 _NEAR = 0.08  # m before and behind a bend or tee in which the viewer looks across its plane, too
 _SIGHT = np.linspace(0.16, 1.0, 8)  # places on the sight line, 0 at the robot and 1 at the viewer
@@ -239,7 +239,7 @@ SHADOW_REACH = 0.17
 """Length of the robot's shadow, m."""
 _MARGIN = 1.06
 PANEL = 0.33
-"""Of the picture's height: the panel in the lower left corner."""
+"""Height of the panel in the lower left corner, as a part of the picture's."""
 _PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way

@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.show.film.overlay import ForceArrows
+from omnitrack_sim.show.film.overlay import ForceArrows, Panel
 from omnitrack_sim.show.film.shots import (
     FilmCamera,
     FollowCamera,
@@ -32,13 +31,6 @@ APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 STANDARD = ("side", "follow")
 """Cameras of every playback: one shows the pipes on the way, the other stays with the robot."""
 _REACH = 1.1  # of the robot about its centre, over what it is at the start
-
-
-class Panel(Protocol):
-    """Drawing over a painted frame."""
-
-    def write(self, frame: NDArray[np.uint8], row: int) -> None:
-        """Draw what belongs to sample ``row`` into ``frame`` (h, w, 3)."""
 
 
 class Stage:

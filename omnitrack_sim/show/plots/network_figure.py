@@ -62,7 +62,7 @@ _SHIFT, _FAR = 3.0, 6.0  # cost of a point (1/72 inch) along the part, and away 
 _GAPS = np.array([0.7, 2.5, 5.0, 8.0, 13.0])
 """Distances at which a name may stand beside its part, points."""
 _TIED = 3.5
-"""From which gap on a line ties it to the part, points."""
+"""Gap from which on a leader line joins name and part, points."""
 _MARGIN = np.array([1.8, 0.3])  # points that are kept free beside a name, and above and below it
 _ANCHORS = (0.5, 0.35, 0.65, 0.2, 0.8)
 """Places along a part where its name may stand, as parts of its length."""

@@ -136,7 +136,7 @@ def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
 
 
 def _in_words(scale: ObjectiveAxis, values: Array, best: int) -> str:
-    """How many candidates have the same value of an objective as the best one."""
+    """Say how many candidates share the best one's value of an objective."""
     count = np.count_nonzero(values == values[best])
     name = scale.label.partition(",")[0]
     return f"{name} is {values[best]:g} for {count} of {counted(len(values), 'candidate')}"
@@ -182,10 +182,9 @@ def _draw_candidates(axis: Axes, x: Array, y: Array, feasible: NDArray[np.bool_]
 
 
 def _draw_marks(axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: Tried) -> None:
-    """Draw what the checked candidates have shown on other trials, each tied to what it had
-    shown in the search, the start, place 0, in its own colour; and a ring about the best
-    candidate. ``x`` and ``y`` hold the values (C,) of the candidates and (F,) of their
-    checks."""
+    """Draw the checked candidates at their values on other trials, each joined to its values in
+    the search, the start (place 0) in its own colour; and a ring around the best candidate.
+    ``x`` and ``y`` hold the values (C,) of the candidates and (F,) of their checks."""
     places = np.asarray(tried.places, int)
     known = np.isfinite([x[1], y[1]]).all(axis=0)
     for own, label, colour in (

@@ -34,7 +34,7 @@ CURVE_COLOURS = (
 PAGE, COLUMN = 7.16, 3.5
 """Widths of what fills a page and of what fills one of two columns of a paper, inches."""
 DPI = 220
-"""Dots per inch of bitmaps: a page is 1575 pixels wide, and so is what is wider than a page."""
+"""Dots per inch of bitmaps: a page, and any wider figure, is 1575 pixels wide."""
 FORMATS = ("png", "svg", "pdf")
 _NOTEBOOK_DPI = 110
 """Dots per inch in a notebook, where a page is then as wide as the text."""
@@ -88,7 +88,7 @@ _Drawn = TypeVar("_Drawn")
 
 
 class PictureWarning(UserWarning):
-    """A picture could not be made; what it shows is saved all the same."""
+    """A picture could not be made; its data are saved."""
 
 
 def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
@@ -199,7 +199,7 @@ def chart(
 
 
 def _check_ax(ax: object) -> None:
-    """Raise a TypeError for what is no axes of matplotlib."""
+    """Raise a TypeError unless ``ax`` is an axes of matplotlib."""
     from matplotlib.axes import Axes
 
     if isinstance(ax, Axes):
@@ -220,8 +220,8 @@ def _check_format(path: str | Path | None, format: str | None) -> None:
 def headline(
     figure: Figure, name: str, text: str, left: float, good: bool = True, right: float = 0.08
 ) -> None:
-    """Write the head of a page: a name on the left, and what came of it on the right, red where
-    it is not ``good``; margins in inches."""
+    """Write the head of a page: a name on the left and its outcome on the right, red unless
+    ``good``; margins in inches."""
     top = 1 - 0.07 / figure.get_figheight()
     figure.text(left / PAGE, top, clipped(name, 60), size=10, weight="bold", color=INK, va="top")
     colour = INK if good else ALARM

@@ -44,11 +44,11 @@ _REAL: dict[str, Any] = {"color": INK, "lw": 1.1, "ls": (0, (4, 2))}
 """Lines at the margin of the real geometry."""
 THETA5 = "start.theta5_deg"
 MOST_ORIENTATIONS = 240
-"""Up to how many different orientations each has a cell of its own; more are rounded to degrees."""
+"""Most distinct orientations that have a cell each; more are rounded to degrees."""
 MOST_ROWS = 4
 """Rows of a map over orientation."""
 MOST_CELLS = 40
-"""Up to how many different values of a number each has a cell of its own."""
+"""Most distinct values of a number that have a cell each."""
 BINS, QUANTILES, FEW = 8, 10, 5
 """Bins along each side of a map, and bins of a main effect.
 

@@ -94,7 +94,7 @@ class Pack:
 
 
 def rounded(values: ArrayLike, digits: int) -> Any:
-    """Numbers as lists for JSON, with so many digits after the point."""
+    """Return numbers as lists for JSON, rounded to ``digits`` after the point."""
     return (np.round(np.asarray(values, float), digits) + 0.0).tolist()  # 0.0, not -0.0
 
 
@@ -309,7 +309,7 @@ def _leading(pictures: Pictures, trajectory: Trajectory) -> list[int]:
 
 
 LAMP_AHEAD = 0.004
-"""Of the lamp before the camera on board, m."""
+"""Distance of the lamp in front of the onboard camera, m."""
 SECTIONS = 96
 """Corners of a pipe's cross-section: a reader may come as near as he likes."""
 NORMAL_STEPS = 127

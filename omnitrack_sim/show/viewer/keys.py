@@ -71,7 +71,7 @@ VIEW = (
     Key("Home", "from the start again", {HOME: Do.RESET}),
     _HELP,
 )
-"""Of a scenario that runs under its controller."""
+"""Keys of a scenario that runs under its controller."""
 REPLAY = (
     Key("Space", "pause, go on", {SPACE: Do.PAUSE}),
     Key("Right  Left", "a sample on, back", {RIGHT: Do.STEP, LEFT: Do.STEP_BACK}),
@@ -80,7 +80,7 @@ REPLAY = (
     _TIME,
     _HELP,
 )
-"""Of a saved run."""
+"""Keys of a saved run."""
 DRIVE = (
     Key("Up  Down", "faster forward, backward", {UP: Do.FORWARD, DOWN: Do.BACK}),
     Key(
@@ -96,7 +96,7 @@ DRIVE = (
     Key("Delete", "end the run, save, close", {DELETE: Do.FINISH}),
     _HELP,
 )
-"""Of a robot that is driven by keyboard."""
+"""Keys of a robot that is driven by keyboard."""
 
 
 def action_of(keys: Sequence[Key], code: int) -> Do | None:

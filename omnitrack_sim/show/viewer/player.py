@@ -41,7 +41,7 @@ LATE_FRAME = 0.25
 STINT = 0.1
 """Wall time that steps may take before keys are looked at again, s."""
 MOST_OVERDUE = 0.5
-"""Wall time by which steps may be late, s: what is later is given up."""
+"""Largest delay of steps, s of wall time; beyond it simulated time falls behind."""
 _MEASURED = 1.0  # s of wall time over which the reached speed is measured
 _ROUNDING = 1e-9  # s
 
@@ -139,12 +139,12 @@ class Pace:
 SPEED_STEPS = 4
 """Presses from standing still to the cruise speed."""
 HEADING_STEP = math.radians(15.0)
-"""By which one press turns the heading, rad."""
+"""Change of the heading by one press, rad."""
 FARTHEST_HEADING = math.radians(120.0)
 """Angle of the heading from the nose beyond which no press takes it, rad: past half a turn the
 robot would turn the other way round."""
 ROLL_STEP_DEG = 15.0
-"""By which one press rolls the modules, degrees: the robot turns by a third of that and less."""
+"""Change of the modules' roll by one press, degrees; the robot turns by at most a third of it."""
 MOST_ROLL_DEG = 3600.0
 """Roll either way that an order can ask for, degrees."""
 
@@ -272,9 +272,8 @@ class ShownRun:
 
 
 class LiveRun(ShownRun):
-    """A simulation of one robot, shown with the model with looks. It is stepped by
-    ``Simulation.step`` and by nothing else, so what is seen is what ``omnitrack run``
-    computes."""
+    """A simulation of one robot, shown in the model with visual geoms. Only ``Simulation.step``
+    advances it, so the window shows what ``omnitrack run`` computes."""
 
     def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
         self.simulation = simulation

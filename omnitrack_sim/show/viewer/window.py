@@ -40,8 +40,8 @@ ROBOT = 0.2
 
 
 def covers_robot(lines: Lines, width: int, height: int) -> bool:
-    """Return True if a panel in an upper corner of a window of so many pixels lies over the robot,
-    which is in the middle."""
+    """Return True if a panel in an upper corner of a window of this size, pixels, overlaps the
+    robot in the middle."""
     letters = sum(max(len(line[column]) for line in lines) for column in (0, 1))
     beside = LETTER * letters + MARGIN <= width / 2 - ROBOT * height
     above = LINE * len(lines) <= (0.5 - ROBOT) * height
