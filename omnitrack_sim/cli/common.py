@@ -70,14 +70,14 @@ def plain(text: str) -> str:
     return escape(printable(text))
 
 
-def table_of(*heads: str, gap: int = 2) -> Table:
+def plain_table(*heads: str, gap: int = 2) -> Table:
     """Return an empty table without lines, with ``gap`` blanks beside each column."""
     return Table(*heads, box=None, padding=(0, gap))
 
 
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
     """Print a table without lines; its texts as they are, but for those with a style."""
-    table = table_of(*heads)
+    table = plain_table(*heads)
     for row in rows:
         table.add_row(*(plain(cell) if isinstance(cell, str) else cell for cell in row))
     out.print(table)
@@ -107,6 +107,9 @@ NetworkArgument = typer.Argument(
     help="A network file, or the name of a shipped one.",
     autocompletion=complete.networks,
 )
+PlotOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
+]
 FolderOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder of the results; one below out/ by default."),

@@ -12,6 +12,7 @@ from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli.common import (
     JsonOption,
     NetworkArgument,
+    PlotOption,
     app,
     out,
     plain,
@@ -38,9 +39,7 @@ def network(
         list[str] | None,
         typer.Option("--avoid", metavar="FITTING", help="Fitting the route does not enter."),
     ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
-    ] = None,
+    plot: PlotOption = None,
     export: Annotated[
         Path | None,
         typer.Option(

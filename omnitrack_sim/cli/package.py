@@ -17,9 +17,9 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
+    plain_table,
     print_json,
     print_table,
-    table_of,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def parameters(
         print_json([vars(row) for row in rows])
         return
     columns = ("parameter", "value", "range", "unit", "provenance", "source")
-    table = table_of(*columns, gap=1)
+    table = plain_table(*columns, gap=1)
     table.columns[0].overflow = "fold"
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
@@ -223,7 +223,7 @@ def _print_policy(policy: Policy, as_json: bool) -> None:
         "sha256": policy.sha256,
         **{key: str(value) for key, value in record.items() if value not in (None, "")},
     }
-    table = table_of()
+    table = plain_table()
     table.show_header = False
     for key, value in rows.items():
         table.add_row(key.replace("_", " "), plain(value))

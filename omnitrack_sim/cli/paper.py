@@ -15,14 +15,15 @@ from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FolderOption,
     JsonOption,
+    PlotOption,
     app,
     err,
     out,
     plain,
+    plain_table,
     print_json,
     print_saved,
     progress,
-    table_of,
 )
 
 if TYPE_CHECKING:
@@ -64,9 +65,7 @@ def singularity(
         typer.Option(help="Also judge this orientation and plan the roll out of the region."),
     ] = None,
     roll_deg: Annotated[float, typer.Option(help="Roll of the modules now, for the plan.")] = 0.0,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
-    ] = None,
+    plot: PlotOption = None,
     figure: Annotated[
         str,
         typer.Option(help="Which one: all, sections, orientations, sector, definitions or map."),
@@ -177,7 +176,7 @@ def _print_singularity(summary: dict[str, Any]) -> None:
         f"turn {summary['turn_angle_deg']:g} deg, {summary['modules']} modules, "
         f"best theta5 {summary['best_theta5_deg']:g} deg"
     )
-    table = table_of("region", "sector, deg", "margin, deg", "failure rate", "success rate")
+    table = plain_table("region", "sector, deg", "margin, deg", "failure rate", "success rate")
     for name, rates in summary["definitions"].items():
         table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
     table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))
@@ -271,7 +270,7 @@ def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
     """The verdicts and what they follow from, then why some claims do not hold, then counts."""
     from omnitrack_sim.paper.claim import tally
 
-    table = table_of("verdict", "claim", "measured")
+    table = plain_table("verdict", "claim", "measured")
     table.columns[1].no_wrap = True
     for claim in claims:
         table.add_row(_verdict(claim), claim.id, plain(claim.measured))

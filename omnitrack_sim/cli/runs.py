@@ -22,10 +22,10 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
+    plain_table,
     print_json,
     print_saved,
     progress,
-    table_of,
 )
 
 if TYPE_CHECKING:
@@ -43,6 +43,13 @@ GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
 """Size and rate of films, and of a GIF, which is not compressed as well."""
 FRAMES_A_PROCESS = 150
 """Frames for which another process pays, which takes 2 s to begin."""
+CameraOption = Annotated[
+    str | None,
+    typer.Option(
+        help="side, follow or onboard; when not given follow for a mission and side otherwise.",
+        autocompletion=complete.cameras,
+    ),
+]
 RunArgument = Annotated[
     Path, typer.Argument(metavar="RUN_DIR", help="A folder that `omnitrack run` wrote.")
 ]
@@ -54,16 +61,7 @@ def run(
     assignments: SetOption = None,
     folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help=(
-                "Camera of the video: side, follow or onboard; when not given follow for a "
-                "mission and side otherwise."
-            ),
-            autocompletion=complete.cameras,
-        ),
-    ] = None,
+    camera: CameraOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
@@ -224,7 +222,7 @@ def _figure_table(result: Result) -> Table:
     metrics = result.scenario.robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
     heads = [f"module {i}" for i in (1, 2, 3)] if of_modules else ["value"]
-    table = table_of("figure", "unit", *heads)
+    table = plain_table("figure", "unit", *heads)
     for metric in of_modules or metrics:
         value = result.metrics[metric.name]
         if isinstance(value, float):
@@ -258,13 +256,7 @@ def processes_for(duration: float, fps: int) -> int:
 @app.command()
 def render(
     run_dir: RunArgument,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help="side, follow or onboard; when not given follow for a mission and side otherwise.",
-            autocompletion=complete.cameras,
-        ),
-    ] = None,
+    camera: CameraOption = None,
     file: Annotated[
         Path | None,
         typer.Option(
@@ -527,7 +519,7 @@ def _print_comparison(comparison: Comparison) -> None:
 
 
 def _print_rows(heads: tuple[str, ...], rows) -> None:
-    table = table_of()
+    table = plain_table()
     for head in heads:
         numbers = head in ("A", "B", "B - A")
         table.add_column(head, justify="right" if numbers else "left", overflow="fold")

@@ -23,10 +23,10 @@ from omnitrack_sim.cli.common import (
     err,
     out,
     plain,
+    plain_table,
     print_json,
     print_table,
     progress,
-    table_of,
     with_changes,
 )
 
@@ -321,7 +321,7 @@ def _print_sweep(result: SweepResult, target: Path) -> None:
             f"all {result.sweep.size} are in {place}"
         )
         return
-    table = table_of("group", "passed", "of", "rate", "95 % interval")
+    table = plain_table("group", "passed", "of", "rate", "95 % interval")
     table.add_row("all", *_rate(summary), style="bold")
     for name, rows in summary["groups"].items():
         for row in rows:
@@ -389,7 +389,7 @@ def _print_study(result: StudyResult, target: Path) -> None:
     from omnitrack_sim.trials.study_run import BEST_FILE
 
     summary, study = result.summary, result.study
-    table = table_of("", "start", "best")
+    table = plain_table("", "start", "best")
     for name in study.columns:
         for key, of in (("search", name), ("check", f"{name}, other trials")):
             pair = [summary[which][key] for which in ("start", "best")]
@@ -425,7 +425,7 @@ def _print_bench(result: BenchResult, target: Path) -> None:
     figures = [one for one in (*suite.measures, *suite.scores) if _is_known(result.rows, one.name)]
     heads = [one.head.replace(", ", "\n").replace(" ", "\n") for one in figures]
     for name, words in headings(result.bench, result.rows).items():
-        table = table_of("entry", "passed", "95 %\ninterval\n%", *heads, gap=1)
+        table = plain_table("entry", "passed", "95 %\ninterval\n%", *heads, gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns:
             column.no_wrap = True

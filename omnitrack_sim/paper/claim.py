@@ -151,7 +151,7 @@ class Claim:
         return {name: getattr(self, name) for name in _COLUMNS}
 
 
-Measure = Callable[[bool], Claim | list[Claim]]
+ClaimMeasure = Callable[[bool], Claim | list[Claim]]
 """Function that measures claims about a robot; True asks for the quick form. ``Robot.claims`` names
 a tuple of them."""
 

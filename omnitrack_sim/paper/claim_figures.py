@@ -15,7 +15,7 @@ from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, MODULE_COUNT
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.show.plots.run_figures import LINES, limits_of, values_of
+from omnitrack_sim.show.plots.run_figures import LINES, display_values, limits_of
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, style
 from omnitrack_sim.show.plots.success import PASSED_COLOUR
 
@@ -75,7 +75,7 @@ def angular_velocity_figure(result: Result) -> Figure:
     speed.set_ylabel("angular velocity [rad/s]")
     roll.set_ylabel("module roll [deg]")
     roll.set_xlabel("time [s]")
-    limits = limits_of(DISPLAYS["roll"], values_of(trajectory, "roll"))
+    limits = limits_of(DISPLAYS["roll"], display_values(trajectory, "roll"))
     roll.set_ylim(*(limits or (None, None)))
     _legend(figure)
     return figure
@@ -94,7 +94,7 @@ def along_figure(result: Result) -> Figure:
     figure = new_figure((7.2, 6.2), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     for axis, name in zip(axes, ("traction", "normal_force", "slip_velocity"), strict=True):
-        _lines(axis, trajectory, trajectory["distance"], values_of(trajectory, name))
+        _lines(axis, trajectory, trajectory["distance"], display_values(trajectory, name))
         _shade(axis, trajectory, trajectory["distance"])
         axis.set_ylabel(DISPLAYS[name].label())
     axes[-1].set_xlabel("arc length of the robot's centre [m]")

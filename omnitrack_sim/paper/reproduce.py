@@ -22,7 +22,7 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, turns
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measure, tally
+from omnitrack_sim.paper.claim import Claim, ClaimMeasure, ClaimVerdict, tally
 from omnitrack_sim.paper.claim_figures import (
     along_figure,
     angular_velocity_figure,
@@ -175,7 +175,7 @@ def claims_of(
     kind = robot_class(robot)
     if not kind.claims:
         raise InputError(Fault("ROBOT", f"{robot!r} names no claims: its class has no `claims`"))
-    measures: tuple[Measure, ...] = named(kind.claims, "claims", {})
+    measures: tuple[ClaimMeasure, ...] = named(kind.claims, "claims", {})
     claims: list[Claim] = []
     for i, function in enumerate(measures):
         if progress is not None:

@@ -204,7 +204,7 @@ def _unit(name: str) -> str:
 
 def value_row(one: ComparedValue) -> tuple[str, ...]:
     """Path, unit, A and B of a value of the scenarios as text."""
-    return one.name, one.unit, told(one.a), told(one.b)
+    return one.name, one.unit, value_text(one.a), value_text(one.b)
 
 
 def figure_row(one: ComparedValue) -> tuple[str, ...]:
@@ -214,7 +214,7 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
     """
     a, b, exact = one.a, one.b, one.difference
     if exact is None or not math.isfinite(exact):
-        return one.name, one.unit, told(a), told(b), told(exact)
+        return one.name, one.unit, value_text(a), value_text(b), value_text(exact)
     digits = _DIGITS
     while True:
         texts = [f"{n:.{digits}g}" if isinstance(n, float) else str(n) for n in (a, b)]
@@ -224,10 +224,10 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
         if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
         digits += 1
-    return one.name, one.unit, *texts, told(shown)
+    return one.name, one.unit, *texts, value_text(shown)
 
 
-def told(value: Any) -> str:
+def value_text(value: Any) -> str:
     """Text of a value: four digits for numbers, a dash for a missing one."""
     if value is None:
         return "-"

@@ -20,7 +20,7 @@ BASE = "base"
 Path = Annotated[str, Field(min_length=1)]
 Paths = Path | Annotated[tuple[Path, ...], Field(min_length=1)]
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Spread = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
+PositiveNumber = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]
 """All combinations of the crossed axes share their draws, or each has its own.
@@ -168,7 +168,7 @@ class NormalAxis(AxisTable):
     dimensions: ClassVar[int] = 1
     kind: Literal["normal"]
     mean: Number
-    std: Spread
+    std: PositiveNumber
     low: Number | None = None
     high: Number | None = None
     clipped: Annotated[bool, Field(exclude_if=lambda clipped: not clipped)] = False
@@ -198,7 +198,7 @@ class DirectionAxis(AxisTable):
 
     dimensions: ClassVar[int] = 2
     kind: Literal["direction"]
-    magnitude: Spread = 9.81
+    magnitude: PositiveNumber = 9.81
 
     def draw(self, points: Array) -> list[Any]:
         """Return vectors, lists of three numbers, made of points (n, 2) of the unit square."""

@@ -134,7 +134,7 @@ class Measure:
         part = self._part_of[objective.trials]
         if objective.metric == SUCCESS_RATE:
             return passed[:, part].mean(axis=1)
-        figures = figures_of(objective, table).reshape(passed.shape)
+        figures = metric_values(objective, table).reshape(passed.shape)
         # A trial that broke must not help its candidate, as it would if it were left out.
         worst = without | ~np.isfinite(figures)
         if objective.failed == "worst":
@@ -166,7 +166,7 @@ class Measure:
             part = np.resize(self._part_of[objective.trials], len(ran)) & ran
             if objective.metric == SUCCESS_RATE or not part.any():
                 continue
-            if not np.isfinite(figures_of(objective, table)[part]).any():
+            if not np.isfinite(metric_values(objective, table)[part]).any():
                 ran_there = counted(int(part.sum()), "trial")
                 problem = f"{objective.metric!r} has no finite value in {ran_there}"
                 faults.append(Fault(f"objectives.{i}.metric", problem))
@@ -179,7 +179,7 @@ class Measure:
             raise StudyError(faults)
 
 
-def figures_of(objective: Objective, table: pa.Table) -> Array:
+def metric_values(objective: Objective, table: pa.Table) -> Array:
     """Metric of an objective in each trial; NaN where a trial has none."""
     name, module = objective.metric, objective.module
     if module is None or isinstance(module, int):

@@ -24,7 +24,7 @@ from omnitrack_sim.record.channels import (
 from omnitrack_sim.record.display import Curve
 from omnitrack_sim.record.metrics import KNOWN
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.results.comparison import Comparison, compare, told
+from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.landmarks import Stay
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
@@ -75,7 +75,7 @@ _LONGEST_LEGEND = 80
 """Characters of a legend that fit into one line."""
 
 
-def values_of(trajectory: Trajectory, channel: str) -> NDArray[np.float64]:
+def display_values(trajectory: Trajectory, channel: str) -> NDArray[np.float64]:
     """Values of a channel as they are displayed: (T,), or (T, n) with a line each."""
     scale = trajectory.schema[channel].display.scale
     values = np.asarray(trajectory[channel], float) * scale
@@ -93,9 +93,9 @@ def has_modules(channel: Channel) -> bool:
 def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None = None) -> None:
     """Lines of a channel over time: one a module in its colour, or those of one ``module`` (1 to
     3), with the command where there is one. Phases are not drawn; see ``shade``."""
-    time, values = trajectory.time, values_of(trajectory, name)
+    time, values = trajectory.time, display_values(trajectory, name)
     display = trajectory.schema[name].display
-    command = values_of(trajectory, display.command) if display.command else None
+    command = display_values(trajectory, display.command) if display.command else None
     if module is not None:
         values = values[:, module - 1]
         command = None if command is None else command[:, module - 1]
@@ -311,7 +311,7 @@ def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] 
     """Limits for the panels of single modules: one scale, so that they can be compared."""
     display = trajectory.schema[channel].display
     names = (channel, display.command) if display.command else (channel,)
-    return limits_of(display, np.stack([values_of(trajectory, name) for name in names]))
+    return limits_of(display, np.stack([display_values(trajectory, name) for name in names]))
 
 
 def _outcome(result: Result) -> str:
@@ -391,7 +391,7 @@ def _labels(comparison: Comparison) -> list[str]:
     first, rest = comparison.values[0], len(comparison.values) - 1
     unit = "" if first.unit in ("", "1") else f" {first.unit}"
     more = f" and {rest} more" if rest else ""
-    return [f"{first.name} = {told(value)}{unit}{more}" for value in (first.a, first.b)]
+    return [f"{first.name} = {value_text(value)}{unit}{more}" for value in (first.a, first.b)]
 
 
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:
@@ -405,7 +405,7 @@ def _comparison(comparison: Comparison, names: list[str]) -> Figure:
         for row, channel in enumerate(channels):
             display = comparison.a.trajectory.schema[channel].display
             axis = grid.add(row, column, display.label(row or None))
-            values = [values_of(run.trajectory, channel) for run in runs]
+            values = [display_values(run.trajectory, channel) for run in runs]
             for run, look, drawn in zip(runs, _RUNS, values, strict=True):
                 line = drawn[:, row - 1] if row else drawn
                 last = [len(line) - 1]
