@@ -11,6 +11,7 @@ import json
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -291,43 +292,6 @@ def run_study(
         return _StudyRun(study, out, engine).result()
 
 
-class CandidateTrials:
-    """Evaluation of candidates by their trials: an ``Evaluate``.
-
-    Every candidate is put through the same trials: one with the same number has the same draws.
-
-    Attributes:
-        makers: versions and commits that the batches were made by, as JSON.
-
-    Args:
-        study: with variables and objectives.
-        sweeps: whose trials they are.
-        store: of the batches.
-        engine: runs those that the store lacks.
-    """
-
-    def __init__(self, study: Study, sweeps: Sequence[Sweep], store: Store, engine: Engine):
-        self._study, self._sweeps, self._store, self._engine = study, sweeps, store, engine
-        self._measure = Measure(study, sweeps)
-        self.makers: set[str] = set()
-
-    def __call__(self, candidates: Sequence[Candidate]) -> list[Measured]:
-        """Run the trials of candidates and evaluate the objectives.
-
-        Raises:
-            StudyError: no trial of the first generation could run, or gave an objective.
-        """
-        batches = batches_of(self._study, self._sweeps, candidates)
-        tables = self._engine.run([(self._store, batch) for batch in batches])
-        self.makers |= {made_by(table) for table in tables}
-        table = self._store.columns.merged(tables)
-        # Only the first generation can tell a wrong set-up from candidates that are merely bad.
-        if candidates[0].number == 0 and self._sweeps is self._study.trials:
-            refuse_all_invalid(table, "variables", "the first ", StudyError)
-            self._measure.refuse_unmeasured(table)
-        return self._measure(table, len(candidates))
-
-
 def batches_of(
     study: Study, sweeps: Sequence[Sweep], candidates: Sequence[Candidate]
 ) -> list[Batch]:
@@ -368,9 +332,8 @@ class _StudyRun:
         columns = TrialColumns(base for sweep in study.trials for base in sweep.bases.values())
         data = study.model_dump(mode="json")
         self.folder = None if out is None else StudyFolder(out, study.hash, data, columns)
-        store = self.folder or Store(columns)
-        self.search = CandidateTrials(study, study.trials, store, engine)
-        self.check = CandidateTrials(study, study.unseen, store, engine)
+        self.store = self.folder or Store(columns)
+        self.makers: set[str] = set()  # versions and commits of the batches, as JSON
         self.ran = 0
 
     def result(self) -> StudyResult:
@@ -380,7 +343,8 @@ class _StudyRun:
         study, engine = self.study, self.engine
         check = study.most_checked(study.final.candidates) * self._size_of_check
         engine.begin(study.candidate_count * study.size + check, "generation 1")
-        history = explore(study, self.search, self._after_generation)
+        search = partial(self._evaluate, study.trials)
+        history = explore(study, search, self._after_generation)
         checked = self._checked(history)
         final = None if checked is None else final_table(study, checked)
         rows = history if checked is None else checked
@@ -408,6 +372,22 @@ class _StudyRun:
         """Trials of a candidate in the check."""
         return sum(sweep.size for sweep in self.study.unseen)
 
+    def _evaluate(self, sweeps: Sequence[Sweep], candidates: Sequence[Candidate]) -> list[Measured]:
+        """Put all candidates through the trials of ``sweeps``, and evaluate the objectives.
+
+        Raises:
+            StudyError: no trial of the first generation could run, or gave an objective.
+        """
+        batches = batches_of(self.study, sweeps, candidates)
+        tables = self.engine.run([(self.store, batch) for batch in batches])
+        self.makers |= {made_by(table) for table in tables}
+        table, measure = self.store.columns.merged(tables), Measure(self.study, sweeps)
+        # Only the first generation can tell a wrong set-up from candidates that are merely bad.
+        if candidates[0].number == 0 and sweeps is self.study.trials:
+            refuse_all_invalid(table, "variables", "the first ", StudyError)
+            measure.refuse_unmeasured(table)
+        return measure(table, len(candidates))
+
     def _after_generation(self, history: History) -> None:
         """Keep the history so far, unless all of the generation was there before."""
         status = self.engine.status
@@ -428,13 +408,13 @@ class _StudyRun:
         chosen = to_be_checked(self.study, history, most)
         total = self.engine.status.done + len(chosen) * self._size_of_check
         self.engine.enter("check of the best", total)
-        return list(zip(chosen, self.check(chosen), strict=True))
+        return list(zip(chosen, self._evaluate(self.study.unseen, chosen), strict=True))
 
     def _summary(
         self, history: History, checked: History | None, best: Candidate
     ) -> dict[str, Any]:
         """Contents of ``summary.json``."""
-        study, makers = self.study, sorted(self.search.makers | self.check.makers)
+        study, makers = self.study, sorted(self.makers)
         in_check = {one.number: own for one, own in checked or ()}
         compared = {}
         for name, number in (("start", 0), ("best", best.number)):
