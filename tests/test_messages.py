@@ -201,7 +201,7 @@ def test_json_of_a_run_is_strict(omnitrack, monkeypatch, tmp_path):
     monkeypatch.setattr(
         "omnitrack_sim.show.plots.run_figures.plot_summary", lambda result, path: path.touch()
     )
-    monkeypatch.setattr("omnitrack_sim.sim.run.run", lambda scenario, progress: result)
+    monkeypatch.setattr("omnitrack_sim.run", lambda scenario, progress: result)
     status, stdout, _ = omnitrack(
         "run", "straight", "--no-video", "--json", "--out", str(tmp_path / "a")
     )
@@ -239,7 +239,7 @@ def test_a_command_that_is_interrupted_says_so(omnitrack, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("omnitrack_sim.sim.run.run", interrupt)
+    monkeypatch.setattr("omnitrack_sim.run", interrupt)
     status, printed, told = omnitrack("run", "straight", "--no-video")
     assert (status, printed, told.strip()) == (130, "", "interrupted")
 

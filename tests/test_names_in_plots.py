@@ -106,14 +106,14 @@ def test_plots_that_fail_cost_no_run(tmp_path, monkeypatch):
         raise RuntimeError("no such colour")
 
     for target in (
-        "omnitrack_sim.show.plots.run_figures.plot_summary",
-        "omnitrack_sim.show.plots.mission_figure.plot_mission",
-        "omnitrack_sim.show.replay.document.render_replay",
-        "omnitrack_sim.show.film.render.render_video",
+        "omnitrack_sim.plot_summary",
+        "omnitrack_sim.plot_mission",
+        "omnitrack_sim.render_replay",
+        "omnitrack_sim.render_video",
     ):
         monkeypatch.setattr(target, fails)
     result = named_result("chain")
-    monkeypatch.setattr("omnitrack_sim.sim.run.run", lambda *_, **__: result)
+    monkeypatch.setattr("omnitrack_sim.run", lambda *_, **__: result)
     with pytest.warns(PictureWarning) as told:
         runs.run("straight", folder=tmp_path / "run", as_json=False, camera=None, video=True)
     assert [str(w.message).partition(":")[0] for w in told] == [

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -17,12 +17,10 @@ from rich.table import Table
 from rich.text import Text
 from typer.core import TyperGroup
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError, gathered
 from omnitrack_sim.base.text import printable, strict_json
 from omnitrack_sim.cli import complete
-
-if TYPE_CHECKING:
-    from omnitrack_sim.scenario import Scenario
 
 
 class _Commands(TyperGroup):
@@ -125,11 +123,9 @@ SetOption = Annotated[
 ]
 
 
-def load(source: str, assignments: Sequence[str] | None) -> Scenario:
+def load(source: str, assignments: Sequence[str] | None) -> ot.Scenario:
     """Load the scenario of a file or name, with the values of ``--set``."""
-    from omnitrack_sim.scenario import load_scenario
-
-    return with_changes(lambda changes: load_scenario(source, changes), assignments)
+    return with_changes(lambda changes: ot.load_scenario(source, changes), assignments)
 
 
 def with_changes(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.naming import ShippedKind, shipped_files
 
 if TYPE_CHECKING:
@@ -101,18 +102,16 @@ def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
     from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
     from omnitrack_sim.robots.control import controller_of, parameters_model
-    from omnitrack_sim.robots.omnitrack import Omnitrack
-    from omnitrack_sim.scenario import Scenario
     from omnitrack_sim.scenario.tables import ControlTable, Pipe
 
     # Without validation, which would ask for pipes.
-    scenario = Scenario.model_construct()
+    scenario = ot.Scenario.model_construct()
     for name, table in scenario:
         if name == "robot":
-            yield from ((f"robot.{row.name}", row.source) for row in Omnitrack().parameters())
+            yield from ((f"robot.{row.name}", row.source) for row in ot.Omnitrack().parameters())
         else:
             yield from _below(name, table)
-    controller = parameters_model(controller_of(ControlTable().kind, Omnitrack.controllers))
+    controller = parameters_model(controller_of(ControlTable().kind, ot.Omnitrack.controllers))
     yield from _below("control.parameters", controller())
     # Keys that several fittings have are offered once.
     keys = {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.cli.common import (
     JsonOption,
@@ -23,7 +24,7 @@ from omnitrack_sim.cli.common import (
 
 if TYPE_CHECKING:
     from omnitrack_sim.pipes import Route
-    from omnitrack_sim.pipes.network import Network, NetworkFitting
+    from omnitrack_sim.pipes.network import NetworkFitting
 
 
 @app.command()
@@ -121,7 +122,6 @@ def import_file(
 ) -> None:
     """Import a network from another program's file; list what was assumed, mended and left out."""
     from omnitrack_sim.base.writing import check_file, write_file
-    from omnitrack_sim.pipes.importing import import_network
 
     if to_file is not None:
         check_file(to_file)
@@ -135,7 +135,7 @@ def import_file(
         "schedule": schedule,
     }
     asked = {key: value for key, value in options.items() if value is not None}
-    imported = import_network(source, **asked)
+    imported = ot.import_network(source, **asked)
     if to_file is not None:
         write_file(to_file, imported.network.to_toml().encode())
     if as_json:
@@ -163,29 +163,23 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
         check_folder(export)
 
 
-def _network(source: str | None, seed: int | None, fittings: int | None) -> Network:
-    from omnitrack_sim.base.naming import shipped_files
-    from omnitrack_sim.pipes.network import load_network
-    from omnitrack_sim.pipes.random import random_network
+def _network(source: str | None, seed: int | None, fittings: int | None) -> ot.Network:
 
     # Exactly one of the two says where the network comes from.
     if (source is None) == (seed is None):
-        raise NetworkError(
-            Fault("NETWORK", "give a file or name, or --random", tuple(shipped_files("networks")))
-        )
+        shipped = tuple(ot.shipped_files("networks"))
+        raise NetworkError(Fault("NETWORK", "give a file or name, or --random", shipped))
     if seed is None:
         if fittings is not None:
             raise NetworkError(Fault("--fittings", "is for --random"))
-        return load_network(str(source))
-    return random_network(seed) if fittings is None else random_network(seed, fittings)
+        return ot.load_network(str(source))
+    return ot.random_network(seed) if fittings is None else ot.random_network(seed, fittings)
 
 
 def _asked_route(
-    net: Network, start: str | None, goal: str | None, avoid: list[str]
+    net: ot.Network, start: str | None, goal: str | None, avoid: list[str]
 ) -> Route | None:
     """Plan the route that the options ask for; None where they ask for none."""
-    from omnitrack_sim.pipes.planning import shortest_route
-
     if (start is None) != (goal is None):
         raise NetworkError(Fault("--from, --to", "give both or none", net.open_ends))
     if avoid and start is None:
@@ -195,12 +189,12 @@ def _asked_route(
     # Faults name arguments of the Python function; here they go by the option.
     options = {"start": "--from", "goal": "--to", "avoid": "--avoid"}
     try:
-        return shortest_route(net, start, goal, avoid)
+        return ot.shortest_route(net, start, goal, avoid)
     except NetworkError as error:
         raise NetworkError([f.at(options.get(f.where, f.where)) for f in error.faults]) from None
 
 
-def _text(net: Network, to_file: Path) -> str:
+def _text(net: ot.Network, to_file: Path) -> str:
     """Return what a file of the network holds, by its ending."""
     from omnitrack_sim.pipes.importing.isometric import network_pcf
     from omnitrack_sim.walls.export import network_geojson
@@ -213,7 +207,7 @@ def _text(net: Network, to_file: Path) -> str:
 
 
 def _save(
-    net: Network,
+    net: ot.Network,
     route: Route | None,
     to_file: Path | None,
     plot: Path | None,
@@ -225,9 +219,7 @@ def _save(
     if to_file is not None:
         write_file(to_file, _text(net, to_file).encode())
     if plot is not None:
-        from omnitrack_sim.show.plots.network_figure import plot_network
-
-        plot_network(net, path=plot, route=route)
+        ot.plot_network(net, path=plot, route=route)
     written = [path for path in (to_file, plot) if path is not None]
     if export is not None:
         from omnitrack_sim.walls.export import export_network
@@ -236,7 +228,7 @@ def _save(
     return written
 
 
-def _summary(net: Network, route: Route | None) -> dict[str, Any]:
+def _summary(net: ot.Network, route: Route | None) -> dict[str, Any]:
     named = {port: name for name, port in net.ports.items()}
     summary: dict[str, Any] = {
         "name": net.name,
@@ -262,7 +254,7 @@ def _summary(net: Network, route: Route | None) -> dict[str, Any]:
     return summary
 
 
-def _position(net: Network, port: str) -> list[float]:
+def _position(net: ot.Network, port: str) -> list[float]:
     index, name = net.end("", port)
     return [float(x) for x in net.pipes.parts[index].port(name).position]
 
@@ -281,7 +273,7 @@ def _passages(route: Route) -> list[dict[str, Any]]:
     ]
 
 
-def _print_network(net: Network) -> None:
+def _print_network(net: ot.Network) -> None:
     named = {port: name for name, port in net.ports.items()}
     rows: list[tuple[str | Text, ...]] = []
     for i, part in enumerate(net.fittings):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError, OutputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
@@ -21,9 +22,6 @@ from omnitrack_sim.cli.common import (
     print_json,
     print_table,
 )
-
-if TYPE_CHECKING:
-    from omnitrack_sim.robots.omnitrack.policy.file import Policy
 
 
 @app.command()
@@ -151,11 +149,10 @@ def _text(target: Path, source: str) -> str:
     """The text of the new file, which is read as the scenario that it begins from."""
     from omnitrack_sim.base.reading import SCENARIO, read_file
     from omnitrack_sim.cli.complete import comment
-    from omnitrack_sim.scenario import load_scenario
     from omnitrack_sim.scenario.template import template
 
     path, data = read_file(source, SCENARIO, ScenarioError)
-    scenario = load_scenario(source)
+    scenario = ot.load_scenario(source)
     title = f"{comment(path)} From the scenario {scenario.name}."
     return template(target.stem, title.strip(), _moved(data, path, target), scenario)
 
@@ -187,14 +184,11 @@ def policies(
 ) -> None:
     """List the policies of the package, or describe one; `control.parameters.policy` names
     them."""
-    from omnitrack_sim.base.naming import shipped_files
-    from omnitrack_sim.robots.omnitrack.policy.file import load_policy
-
     if policy is not None:
-        _print_policy(load_policy(policy), as_json)
+        _print_policy(ot.load_policy(policy), as_json)
         return
     shipped = {
-        name: _contents(load_policy(path)) for name, path in shipped_files("policies").items()
+        name: _contents(ot.load_policy(path)) for name, path in ot.shipped_files("policies").items()
     }
     if as_json:
         print_json(shipped)
@@ -209,7 +203,7 @@ def policies(
     print_table(("policy", "acts", "network", "what it is"), rows)
 
 
-def _print_policy(policy: Policy, as_json: bool) -> None:
+def _print_policy(policy: ot.Policy, as_json: bool) -> None:
     contents = _contents(policy)
     if as_json:
         print_json(contents)
@@ -230,7 +224,7 @@ def _print_policy(policy: Policy, as_json: bool) -> None:
     out.print(table)
 
 
-def _contents(policy: Policy) -> dict[str, Any]:
+def _contents(policy: ot.Policy) -> dict[str, Any]:
     """The contents of a policy's file, its size and its hash."""
     return policy.header().model_dump(mode="json") | {
         "widths": list(policy.network.widths),

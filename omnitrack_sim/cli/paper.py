@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
@@ -28,7 +29,6 @@ from omnitrack_sim.cli.common import (
 
 if TYPE_CHECKING:
     from omnitrack_sim.paper.claim import Claim
-    from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 
 MOST_DEGREES = 1e6
@@ -91,13 +91,13 @@ def _case(
     turn_angle: float,
     sector_deg: float | None,
     options: dict[str, Any],
-) -> TurnCase:
+) -> ot.TurnCase:
     """Turn case, robot and tee; its reach is that given, or gives the sector ``sector_deg``."""
-    from omnitrack_sim.robots.omnitrack.singularity import TurnCase, reach_from_sector
+    from omnitrack_sim.robots.omnitrack.singularity import reach_from_sector
 
     # Options that are left out take the defaults of `TurnCase`, which are the robot's.
     fields = {name: value for name, value in options.items() if value is not None}
-    case = TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
+    case = ot.TurnCase(pipe_radius=pipe_radius, turn_angle=turn_angle, **fields)
     if sector_deg is None:
         return case
     if "reach" in fields:
@@ -107,15 +107,14 @@ def _case(
     return replace(case, reach=float(reach))
 
 
-def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
+def _orientation(case: ot.TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
-    from omnitrack_sim.robots.omnitrack import Omnitrack
     from omnitrack_sim.robots.omnitrack.control.alignment import Obstacle, plan_roll
     from omnitrack_sim.robots.omnitrack.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)
     # A module that rolls on the wall by phi turns the robot by -phi r / R.
-    radius_ratio = Omnitrack().lug_radius / case.pipe_radius
+    radius_ratio = ot.Omnitrack().lug_radius / case.pipe_radius
     plan = plan_roll(theta5, roll, case.best, case.margin, radius_ratio, modules=case.modules)
     return {
         "theta5_deg": theta5_deg,
@@ -133,20 +132,18 @@ def _orientation(case: TurnCase, theta5_deg: float, roll_deg: float) -> dict[str
 
 
 def _report(
-    case: TurnCase,
+    case: ot.TurnCase,
     orientation: dict[str, Any] | None,
     plot: Path | None,
     figure: str,
     as_json: bool,
 ) -> None:
     """Write the figure if one is asked for, and print everything as a table or as JSON."""
-    from omnitrack_sim.paper.region import plot_singularity
-
     summary = case.summary()
     if orientation is not None:
         summary["orientation"] = orientation
     if plot is not None:
-        plot_singularity(case, path=plot, figure=figure)
+        ot.plot_singularity(case, path=plot, figure=figure)
     if as_json:
         print_json(summary)
     else:

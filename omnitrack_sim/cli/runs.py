@@ -6,11 +6,12 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
@@ -27,12 +28,6 @@ from omnitrack_sim.cli.common import (
     print_saved,
     progress,
 )
-
-if TYPE_CHECKING:
-    from omnitrack_sim.pipes.map_difference import MapDifference
-    from omnitrack_sim.results.comparison import Comparison
-    from omnitrack_sim.results.result import Result
-    from omnitrack_sim.scenario import Scenario
 
 PAGE = "replay.html"
 """Name of the page in the folder of its run."""
@@ -67,7 +62,6 @@ def run(
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
     from omnitrack_sim.base.writing import check_folder
     from omnitrack_sim.results.files import RESULT_FILE
-    from omnitrack_sim.sim.run import run as run_scenario
 
     loaded = load(scenario, assignments)
     camera = camera or usual_camera(loaded)
@@ -77,7 +71,7 @@ def run(
     target = folder or Path("out") / loaded.name
     check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
-        result = run_scenario(loaded, progress=report)
+        result = ot.run(loaded, progress=report)
     result.save(target)
     draw(result, target, camera if video else None, as_json)
     if as_json:
@@ -86,13 +80,11 @@ def run(
         print_result(result, target)
 
 
-def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
+def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> None:
     """Add plots and replay page to a saved run, and the film where a camera is given; warn of those
     that cannot be made."""
-    from omnitrack_sim.show.plots.run_figures import plot_summary
     from omnitrack_sim.show.plots.style import attempt
     from omnitrack_sim.show.projection import needs_map
-    from omnitrack_sim.show.replay.document import render_replay
 
     def picture(name: str, plot: Callable[..., object], called: str) -> None:
         file = target / name
@@ -100,19 +92,17 @@ def draw(result: Result, target: Path, camera: str | None, quiet: bool) -> None:
         attempt(name, lambda: plot(result, path=file), again)
 
     # After the run has been saved: a plot that fails costs nothing of it.
-    picture("summary.png", plot_summary, "ot.plot_summary")
+    picture("summary.png", ot.plot_summary, "ot.plot_summary")
     if needs_map(result):
-        from omnitrack_sim.show.plots.mission_figure import plot_mission
-
-        picture("map.png", plot_mission, "ot.plot_mission")
-    picture(PAGE, render_replay, "ot.render_replay")
+        picture("map.png", ot.plot_mission, "ot.plot_mission")
+    picture(PAGE, ot.render_replay, "ot.render_replay")
     if camera is not None:
         film = target / "video.mp4"
         again = f"`omnitrack render {target} --camera {camera} --out {film}`"
         attempt("video", lambda: filmed(result, film, camera, quiet), again)
 
 
-def print_result(result: Result, target: Path) -> None:
+def print_result(result: ot.Result, target: Path) -> None:
     colour = "green" if result.success else "yellow"
     advice = result.scenario.robot.advice(result.outcome)
     out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(advice)}")
@@ -147,7 +137,7 @@ def print_result(result: Result, target: Path) -> None:
     out.say(f"  saved in {plain(str(target))}")
 
 
-def _map_in_words(difference: MapDifference) -> str:
+def _map_in_words(difference: ot.MapDifference) -> str:
     """Text of the quality of an explorer's map."""
     pairs = {
         "kind": difference.kinds,
@@ -165,7 +155,7 @@ def _map_in_words(difference: MapDifference) -> str:
     return "; ".join([parts, lengths, *faults])
 
 
-def _is_mission(result: Result) -> bool:
+def _is_mission(result: ot.Result) -> bool:
     """True if the timeline is worth printing: several legs, or two bends, tees or reducers."""
     routes = result.routes()
     turns = [
@@ -177,7 +167,7 @@ def _is_mission(result: Result) -> bool:
     return len(routes) > 1 or len(turns) > 1
 
 
-def _visit_table(result: Result) -> Table:
+def _visit_table(result: ot.Result) -> Table:
     """The columns of the timeline that matter most."""
     legs = len(result.routes()) > 1
     heads = ("enter\ns", "time\ns", "theta5\ndeg", "tilt\ndeg", "slip\n1", "force\nN")
@@ -205,7 +195,7 @@ def _visit_table(result: Result) -> Table:
     return table
 
 
-def _slip(result: Result) -> str:
+def _slip(result: ot.Result) -> str:
     """Words on the slip of a robot that has a slip without load."""
     metrics = result.metrics
     if not result.scenario.robot.slips:
@@ -215,7 +205,7 @@ def _slip(result: Result) -> str:
     return f"; slip reads {excess} high by the time step, and {without_load}"
 
 
-def _figure_table(result: Result) -> Table:
+def _figure_table(result: ot.Result) -> Table:
     """Figures of each module, or of a robot whose metrics have one value each."""
     from omnitrack_sim.record.metrics import TITLES
 
@@ -241,7 +231,7 @@ def check_camera(camera: str) -> None:
         raise ScenarioError(Fault("--camera", f"is {camera!r}", CAMERAS, given=camera))
 
 
-def usual_camera(scenario: Scenario) -> str:
+def usual_camera(scenario: ot.Scenario) -> str:
     """Return the camera that sees a robot all along: one that stands still would lose it in a
     network, where pipes turn away from the plane of the first."""
     return "side" if scenario.mission is None else "follow"
@@ -317,14 +307,13 @@ def _strip(
     if count is not None and times is not None and count != len(times):
         raise InputError(Fault("--strip", f"is {count}, but --at has {len(times)} times"))
     # Loaded this late, since faults of the options should not wait for a renderer.
-    from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.film.render import FRAMES, render_strip
+    from omnitrack_sim.show.film.render import FRAMES
 
     target = file or run_dir / "strip.png"
     count = FRAMES if count is None else count
-    result = load_result(run_dir)
+    result = ot.load_result(run_dir)
     camera = camera or usual_camera(result.scenario)
-    render_strip(result, path=target, count=count, times=times, camera=camera, **size)
+    ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
     print_saved(target)
 
 
@@ -337,7 +326,6 @@ def _film(
     processes: int | None,
 ) -> None:
     from omnitrack_sim.base.writing import check_file
-    from omnitrack_sim.results.result import load_result
     from omnitrack_sim.show.film.render import CAMERAS, check_request, film_format
 
     format = "mp4" if file is None else film_format(file)
@@ -348,7 +336,7 @@ def _film(
     check_request(camera or CAMERAS[0], **wanted, format=format, processes=painters)
     if file is not None:
         check_file(file)
-    result = load_result(run_dir)
+    result = ot.load_result(run_dir)
     camera = camera or usual_camera(result.scenario)
     target = file or run_dir / f"{camera}.mp4"
     filmed(result, target, camera, False, processes, **wanted)
@@ -356,7 +344,7 @@ def _film(
 
 
 def filmed(
-    result: Result,
+    result: ot.Result,
     target: Path,
     camera: str,
     quiet: bool,
@@ -366,12 +354,10 @@ def filmed(
 ) -> None:
     """Film a run, with a progress bar unless ``quiet``; ``processes``: the fastest number if
     None."""
-    from omnitrack_sim.show.film.render import render_video
-
     if processes is None:
         processes = processes_for(result.duration_s, fps)
     with progress("video", quiet) as report:
-        render_video(
+        ot.render_video(
             result,
             path=target,
             camera=camera,
@@ -415,18 +401,17 @@ def replay(
     ] = None,
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
-    from omnitrack_sim.results.result import load_result
-    from omnitrack_sim.show.replay.document import pipes_mismatch, render_replay
+    from omnitrack_sim.show.replay.document import pipes_mismatch
 
     # A run that cannot be read is the clearer message of the two.
-    result = load_result(run_dir)  # before the place of the page, which may be in its folder
-    other = None if compare is None else load_result(compare)
+    result = ot.load_result(run_dir)  # before the place of the page, which may be in its folder
+    other = None if compare is None else ot.load_result(compare)
     if other is not None and (problem := pipes_mismatch(result, other)):
         hint = "compares figures and scenarios of any two runs"
         problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"
         raise InputError(Fault(f"--compare {compare}", problem))
     target = file or run_dir / PAGE
-    render_replay(result, path=target, compare=other)
+    ot.render_replay(result, path=target, compare=other)
     print_saved(target)
 
 
@@ -445,10 +430,8 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
-    from omnitrack_sim.results.comparison import compare as compare_runs
-
     _check_target(target)
-    comparison = compare_runs(a, b)
+    comparison = ot.compare(a, b)
     if as_json:
         print_json(comparison.summary())
     else:
@@ -480,16 +463,15 @@ def _check_target(target: Path | None) -> None:
         check_folder(target)
 
 
-def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
+def _save_comparison(comparison: ot.Comparison, target: Path | None) -> list[Path]:
     """Write what ``--out`` asks for; returns the files written."""
     from omnitrack_sim.base.text import strict_json
     from omnitrack_sim.base.writing import write_files
-    from omnitrack_sim.show.plots.run_figures import plot_compare
     from omnitrack_sim.show.plots.style import figure_bytes, save_figure
 
     if target is None:
         return []
-    figure = plot_compare(comparison.a, comparison.b)
+    figure = ot.plot_compare(comparison.a, comparison.b)
     if _is_figure(target):
         save_figure(figure, target)
         return [target]
@@ -499,7 +481,7 @@ def _save_comparison(comparison: Comparison, target: Path | None) -> list[Path]:
     return write_files(files)
 
 
-def _print_comparison(comparison: Comparison) -> None:
+def _print_comparison(comparison: ot.Comparison) -> None:
     from omnitrack_sim.results.comparison import figure_row, value_row
 
     for side, run in (("A", comparison.a), ("B", comparison.b)):

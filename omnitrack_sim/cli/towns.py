@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
@@ -36,9 +37,6 @@ from omnitrack_sim.cli.trials import (
     worker_options,
 )
 
-if TYPE_CHECKING:
-    from omnitrack_sim.robots.tail import Tether
-
 
 @app.command()
 def passport(
@@ -64,14 +62,14 @@ def passport(
 ) -> None:
     """Measure what a robot passes, how surely, and at what cost; the same command resumes after an
     interruption."""
-    from omnitrack_sim.towns.passport import FULL, PASSPORT_FILE, QUICK, run_passport
+    from omnitrack_sim.towns.passport import FULL, PASSPORT_FILE, QUICK
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
     options = worker_options(workers, dask)
     with trials_bar(f"passport {name}") as report:
         made = with_changes(
-            lambda changes: run_passport(
+            lambda changes: ot.run_passport(
                 robot,
                 controller=controller,
                 changes=changes,
@@ -151,16 +149,13 @@ def reach(
 ) -> None:
     """Map where a robot gets to in a network and back, how surely, at what cost, and what stops
     it."""
-    from omnitrack_sim.pipes.network import load_network
-    from omnitrack_sim.towns.passport import load_passport
-    from omnitrack_sim.towns.reach import Supply, map_reach
-    from omnitrack_sim.towns.reach_files import save_reach, summary_of
+    from omnitrack_sim.towns.reach_files import summary_of
 
-    supply = Supply(math.inf if battery is None else battery, efficiency, base_power)
-    measured, network = load_passport(passport_file), load_network(source)
+    supply = ot.Supply(math.inf if battery is None else battery, efficiency, base_power)
+    measured, network = ot.load_passport(passport_file), ot.load_network(source)
     target = folder or Path("out") / f"reach_{Path(source).stem}"
     with progress(f"reach {Path(source).stem}", as_json) as report:
-        made = map_reach(
+        made = ot.map_reach(
             network,
             measured,
             launches or (),
@@ -170,7 +165,7 @@ def reach(
             openings=openings,
             progress=report,
         )
-    paths = save_reach(made, target)
+    paths = ot.save_reach(made, target)
     summary = summary_of(made)
     if as_json:
         print_json(summary)
@@ -180,13 +175,12 @@ def reach(
         print_saved(path)
 
 
-def _tether(length: float | None, keys: Sequence[str]) -> Tether | None:
+def _tether(length: float | None, keys: Sequence[str]) -> ot.Tether | None:
     """Return the tether of the options; None without a length."""
     from omnitrack_sim.base.reading import checked
-    from omnitrack_sim.robots.tail import Tether
 
     if length is not None:
-        return checked(Tether, {"length": length, **dict(map(assignment, keys))}, InputError)
+        return checked(ot.Tether, {"length": length, **dict(map(assignment, keys))}, InputError)
     if keys:
         raise InputError(Fault("--tether", "is for a tether; give its length, --tether-m"))
     return None

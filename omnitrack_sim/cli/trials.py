@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.cli import complete
@@ -31,12 +32,7 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.trials.bench_run import BenchResult
     from omnitrack_sim.trials.dispatch import Status
-    from omnitrack_sim.trials.study import Study
-    from omnitrack_sim.trials.study_run import StudyResult
-    from omnitrack_sim.trials.sweep import Sweep
-    from omnitrack_sim.trials.sweep_run import SweepResult
 
 LISTED = 10
 """Number of trials of a sweep that --list shows."""
@@ -87,10 +83,9 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a sweep; the same command resumes it after an interruption."""
-    from omnitrack_sim.trials.sweep import load_sweep
-    from omnitrack_sim.trials.sweep_run import SweepFolder, run_sweep
+    from omnitrack_sim.trials.sweep_run import SweepFolder
 
-    loaded = with_changes(lambda changes: load_sweep(source, changes), assignments)
+    loaded = with_changes(lambda changes: ot.load_sweep(source, changes), assignments)
     if only_list:
         _print_trials(loaded)
         return
@@ -102,7 +97,7 @@ def sweep(
         )
     options = worker_options(workers, dask)
     with trials_bar(f"sweep {loaded.name}") as report:
-        result = run_sweep(loaded, out=target, shard=share, progress=report, **options)
+        result = ot.run_sweep(loaded, out=target, shard=share, progress=report, **options)
     if as_json:
         print_json(result.summary)
     else:
@@ -127,17 +122,14 @@ def optimise(
     as_json: JsonOption = False,
 ) -> None:
     """Search for the best values of a scenario; the same command resumes an interrupted search."""
-    from omnitrack_sim.trials.study import load_study
-    from omnitrack_sim.trials.study_run import run_study
-
-    study = with_changes(lambda changes: load_study(source, changes), assignments)
+    study = with_changes(lambda changes: ot.load_study(source, changes), assignments)
     if only_list:
         _print_plan(study)
         return
     target = folder or Path("out") / study.name
     options = worker_options(workers, dask)
     with trials_bar(f"optimise {study.name}") as report:
-        result = run_study(study, out=target, progress=report, **options)
+        result = ot.run_study(study, out=target, progress=report, **options)
     if as_json:
         print_json(result.summary)
     else:
@@ -187,13 +179,12 @@ def bench(
 ) -> None:
     """Put robots or controllers through the same courses; the same command resumes after an
     interruption."""
-    from omnitrack_sim.trials.bench import Bench, suite_of
-    from omnitrack_sim.trials.bench_run import run_bench
+    from omnitrack_sim.trials.bench import suite_of
 
     shipped = [] if alone else [*suite_of(suite).entries()]
     entries = [*shipped, *_pairs(robots or [], controllers or [])]
     planned = with_changes(
-        lambda changes: Bench.of(
+        lambda changes: ot.Bench.of(
             suite, courses, entries, quick=quick, trials=trials, changes=changes
         ),
         assignments,
@@ -202,7 +193,7 @@ def bench(
     target = folder or Path("out") / f"bench_{suite}{kind}"
     options = worker_options(workers, dask)
     with trials_bar(f"bench {suite}") as report:
-        result = run_bench(planned, out=target, progress=report, **options)
+        result = ot.run_bench(planned, out=target, progress=report, **options)
     if as_json:
         print_json(result.rows)
     else:
@@ -290,7 +281,7 @@ def _share(text: str | None) -> tuple[int, int] | None:
     return int(numbers[1]), int(numbers[2])
 
 
-def _print_trials(loaded: Sweep) -> None:
+def _print_trials(loaded: ot.Sweep) -> None:
     values = loaded.trials()
     batches = loaded.batches()
     models = {batch.model for batch in batches}
@@ -312,7 +303,7 @@ def _shown(value: Any) -> str:
     return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
 
 
-def _print_sweep(result: SweepResult, target: Path) -> None:
+def _print_sweep(result: ot.SweepResult, target: Path) -> None:
     """Print the summary of a finished sweep, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
     if summary is None:
@@ -345,7 +336,7 @@ def _rate(row: dict[str, Any]) -> list[str]:
     ]
 
 
-def _print_plan(study: Study) -> None:
+def _print_plan(study: ot.Study) -> None:
     """Print variables and objectives of a study, and the amount of work."""
     variables = [
         (one.name, f"{one.low:g}", f"{one.high:g}", one.scale, f"{one.start:g}")
@@ -384,7 +375,7 @@ def _work(candidates: int, trials: int) -> str:
     return f"{counted(candidates, 'candidate')} of {counted(trials, 'trial')}, {total} in all"
 
 
-def _print_study(result: StudyResult, target: Path) -> None:
+def _print_study(result: ot.StudyResult, target: Path) -> None:
     """Print the start and the best candidate side by side."""
     from omnitrack_sim.trials.study_run import BEST_FILE
 
@@ -418,7 +409,7 @@ def _figure(value: Any) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
-def _print_bench(result: BenchResult, target: Path) -> None:
+def _print_bench(result: ot.BenchResult, target: Path) -> None:
     from omnitrack_sim.trials.bench_run import figures_of, headings
 
     suite = result.bench.suite

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli.common import (
     FolderOption,
@@ -57,13 +58,11 @@ def view(
     speed: SpeedOption = "1",
 ) -> None:
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
-    from omnitrack_sim.results.result import load_result
-
     pace = _speed(speed)
     is_saved = _is_folder(source)
     if is_saved and assignments:
         raise InputError(Fault(source, "is a saved run; --set is for scenarios"))
-    result = load_result(source) if is_saved else None
+    result = ot.load_result(source) if is_saved else None
     scenario = load(source, assignments) if result is None else result.scenario
     from omnitrack_sim.show.viewer.player import Player, Replayer
     from omnitrack_sim.show.viewer.window import Window, require_screen
@@ -78,11 +77,9 @@ def view(
 
 def _is_folder(source: str) -> bool:
     """Return whether a source is a folder, and not the name of a shipped scenario."""
-    from omnitrack_sim.base.naming import shipped_files
-
     try:
         # Otherwise a folder that happens to have the name of a shipped scenario would hide it.
-        return Path(source).is_dir() and source not in shipped_files("scenarios")
+        return Path(source).is_dir() and source not in ot.shipped_files("scenarios")
     except OSError:  # too long, no permission; told by whoever reads it
         return False
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from omnitrack_sim.paper.claim import (
     Claim,
+    ClaimMeasure,
     ClaimVerdict,
-    Measure,
     Sample,
     rate,
     runs_of,
@@ -197,4 +197,4 @@ def assumed(quick: bool) -> Claim:
     )
 
 
-MEASURES: tuple[Measure, ...] = (climbing_in, driving_down, bend_speeds, climbs, tee, assumed)
+MEASURES: tuple[ClaimMeasure, ...] = (climbing_in, driving_down, bend_speeds, climbs, tee, assumed)

@@ -11,8 +11,8 @@ import numpy as np
 
 from omnitrack_sim.paper.claim import (
     Claim,
+    ClaimMeasure,
     ClaimVerdict,
-    Measure,
     Sample,
     rate,
     runs_of,
@@ -248,7 +248,7 @@ def assumed(quick: bool) -> Claim:
     )
 
 
-MEASURES: tuple[Measure, ...] = (
+MEASURES: tuple[ClaimMeasure, ...] = (
     speed_law,
     own_weight,
     torque_law,
