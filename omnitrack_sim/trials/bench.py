@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import named
@@ -17,9 +18,6 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.trials.store import numbers_of
 from omnitrack_sim.trials.sweep import Sweep
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SUITES: Mapping[str, str] = {
     "mobility": "omnitrack_sim.trials.mobility:SUITE",

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import OutputError
@@ -29,9 +30,6 @@ from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.store import column, made_by, passed_of, to_csv, to_parquet
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_run import finish_sweep, sweep_store
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 BENCH_FILE = "bench.json"
 TRIALS = "trials"
@@ -315,8 +313,6 @@ def _write(result: BenchResult, folder: Path) -> None:
 
 def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """The rows as a table with all columns, and the units of those that have one."""
-    import pyarrow as pa
-
     names = list(dict.fromkeys(name for row in rows for name in row))
     kinds = {"trials": pa.int64(), "passed": pa.int64()}
     kinds |= dict.fromkeys(("course", "entry", "others", "reason"), pa.string())
@@ -328,8 +324,6 @@ def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
     """All trials of all entries in one table; what a course does not vary is null."""
-    import pyarrow as pa
-
     parts = []
     for (course, entry), table in tables.items():
         # Each sweep's table has its own hash in the metadata; tables with different ones do not

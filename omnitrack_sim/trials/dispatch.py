@@ -13,16 +13,15 @@ from concurrent.futures import (
     wait,
 )
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.workers import LocalPool, WorkersLost, killed_its_worker
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.trials.batches import ERROR, Batch, Row, failed_row, run_trials
 from omnitrack_sim.trials.store import Store
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 DEATHS = 3
 """Number of times that a batch may lose its worker before its trials are run one by one.

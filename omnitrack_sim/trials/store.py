@@ -12,9 +12,12 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import csv
 
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.rotations import Array
@@ -30,9 +33,6 @@ from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.show.plots.style import attempt
 from omnitrack_sim.trials.axes import BASE
 from omnitrack_sim.trials.batches import ERROR, INVALID, Batch, Row
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 XYZ = "xyz"
 PARTS = "parts"
@@ -67,8 +67,6 @@ class TrialColumns:
         values: Mapping[str, Sequence[Any]] | None = None,
         metadata: Mapping[str, str] | None = None,
     ):
-        import pyarrow as pa
-
         self._values: dict[str, Sequence[Any]] = {}
         fields = [column("trial", pa.int64(), "1")]
         kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
@@ -81,8 +79,6 @@ class TrialColumns:
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
         """Return the rows of a batch, with its hash and what made it in the metadata."""
-        import pyarrow as pa
-
         columns = []
         for field in self.schema:
             if field.name in self._values:
@@ -99,8 +95,6 @@ class TrialColumns:
 
     def merged(self, tables: Sequence[pa.Table]) -> pa.Table:
         """Return the rows of batches in the order of the trials, in one piece."""
-        import pyarrow as pa
-
         plain = [table.replace_schema_metadata(self.schema.metadata) for table in tables]
         if not plain:
             return self.schema.empty_table()
@@ -110,8 +104,6 @@ class TrialColumns:
 
 def _result_columns(bases: Iterable[Scenario]) -> list[pa.Field]:
     """Columns of the results of trials of these scenarios."""
-    import pyarrow as pa
-
     # A metric of several bases has one column.
     metrics = {metric.name: metric for base in bases for metric in base.all_metrics}
     return [
@@ -143,8 +135,6 @@ def metric_columns(metric: Metric) -> list[str]:
 
 def column(name: str, kind: pa.DataType, unit: str | None = None) -> pa.Field:
     """Return a column of a table, with its unit in the metadata if it has one."""
-    import pyarrow as pa
-
     return pa.field(name, kind, metadata=None if unit is None else {"unit": unit})
 
 
@@ -169,8 +159,6 @@ def _is_vector(value: Any) -> bool:
 
 def to_parquet(table: pa.Table) -> bytes:
     """Return a table as the bytes of a Parquet file."""
-    import pyarrow.parquet as pq
-
     buffer = io.BytesIO()
     pq.write_table(table, buffer, **PARQUET)
     return buffer.getvalue()
@@ -178,8 +166,6 @@ def to_parquet(table: pa.Table) -> bytes:
 
 def to_csv(table: pa.Table) -> bytes:
     """Return a table as the bytes of a CSV file."""
-    from pyarrow import csv
-
     buffer = io.BytesIO()
     csv.write_csv(table, buffer)
     return buffer.getvalue()
@@ -335,9 +321,6 @@ class Folder(Store):
 
     def read(self, batch: Batch) -> pa.Table | None:
         """Return the rows of a batch; None where its file is missing, damaged, or of others."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
             data = pa.BufferReader(self._part(batch).read_bytes())
             table = pq.read_table(data, page_checksum_verification=True)

@@ -13,9 +13,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is
@@ -74,9 +75,6 @@ from omnitrack_sim.trials.study import (
     metrics_of,
 )
 from omnitrack_sim.trials.sweep import Sweep
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _OF_MODULES = {"mean": np.mean, "max": np.max, "min": np.min, "sum": np.sum}
 LEAVE_OUT = "leave_out"
@@ -338,8 +336,6 @@ class _StudyRun:
 
     def result(self) -> StudyResult:
         """Run search and check, write the files, and return the result."""
-        import pyarrow as pa
-
         study, engine = self.study, self.engine
         check = study.most_checked(study.final.candidates) * self._size_of_check
         engine.begin(study.candidate_count * study.size + check, "generation 1")
@@ -484,8 +480,6 @@ def final_table(study: Study, rows: History) -> pa.Table:
     Success rates have their Wilson intervals beside them, in columns that end in ``_low`` and
     ``_high``.
     """
-    import pyarrow as pa
-
     columns = _history_columns(study, rows)
     for i, (name, objective) in enumerate(zip(study.columns, study.objectives, strict=True)):
         if objective.metric == SUCCESS_RATE:
@@ -502,8 +496,6 @@ def final_table(study: Study, rows: History) -> pa.Table:
 
 
 def _table(study: Study, columns: Sequence[tuple[pa.Field, list[Any]]]) -> pa.Table:
-    import pyarrow as pa
-
     schema = pa.schema([field for field, _ in columns], metadata={"study_sha256": study.hash})
     arrays = [pa.array(values, field.type) for field, values in columns]
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -511,8 +503,6 @@ def _table(study: Study, columns: Sequence[tuple[pa.Field, list[Any]]]) -> pa.Ta
 
 def _history_columns(study: Study, rows: History) -> list[tuple[pa.Field, list[Any]]]:
     """The columns of all tables of candidates, with their values."""
-    import pyarrow as pa
-
     whole, real = pa.int64(), pa.float64()
     candidates, measured = [row[0] for row in rows], [row[1] for row in rows]
     columns = [
