@@ -31,6 +31,7 @@ from omnitrack_sim.show.film.overlay import ForceArrows
 from omnitrack_sim.show.film.stage import STANDARD
 from omnitrack_sim.show.landmarks import Landmarks, Stay
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
+from omnitrack_sim.show.plots.run_figures import plot_recording
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.replay.contents import (
     Pack,
@@ -462,8 +463,6 @@ class Recording:
             InputError: no such format, or a recording without samples.
             OutputError: the file cannot be written.
         """
-        from omnitrack_sim.show.plots.run_figures import plot_recording
-
         self.require_samples()
         return plot_recording(
             path=None if path is None else Path(path),

@@ -22,7 +22,7 @@ from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.robots.robot import STANDARD
 from omnitrack_sim.scenario.model import unit_of
-from omnitrack_sim.show.plots.style import figure_bytes
+from omnitrack_sim.show.plots.style import chart, figure_bytes, page
 from omnitrack_sim.show.plots.success import (
     CHART,
     SingularRange,
@@ -275,8 +275,6 @@ def plot_sweep(
         >>> result = ot.run_sweep(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
         >>> figure = ot.plot_sweep(result)
     """
-    from omnitrack_sim.show.plots.style import chart, page
-
     sweep = check_is(SweepResult, "result", result).sweep
     if result.table.num_rows != sweep.size:
         problem = f"has {result.table.num_rows} of {counted(sweep.size, 'trial')} of {sweep.name!r}"

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from string import ascii_lowercase
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -41,13 +41,11 @@ from omnitrack_sim.show.film.overlay import (
     font,
 )
 from omnitrack_sim.show.film.shots import PANEL
+from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.landmarks import Landmarks, stays
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
-
-if TYPE_CHECKING:
-    from omnitrack_sim.show.film.stage import Stage
 
 CAMERAS = ("side", "follow", "onboard")
 """Cameras of a scenario's run: ``side`` shows the pipes along the route, ``follow`` stays with the
@@ -239,8 +237,6 @@ def run_stage(
         fine: paint with twice the width and height, and reduce.
         overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
-    from omnitrack_sim.show.film.stage import Stage
-
     panels: list[Panel] = []
     forces, landmarks = None, None
     has_map = inset and camera != "side"
