@@ -88,8 +88,9 @@ class Engine:
             raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
         if workers > 1 and executor is not None:
             raise InputError(Fault("workers, executor", "give one of the two"))
-        # Nothing is made here: workers cost seconds, and a finished folder needs none.
-        self._pool = Pool((lambda: LocalPool(workers)) if workers > 1 else executor)
+        self._given = (lambda: LocalPool(workers)) if workers > 1 else executor
+        # Made when it is needed first: workers cost seconds, and a finished folder needs none.
+        self._made: Executor | None = None
         self._progress = progress or (lambda status: None)
         self.status = Status(0)
 
@@ -97,7 +98,45 @@ class Engine:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._pool.close(wait=kind is None)
+        self._close(wait=kind is None)
+
+    def _close(self, wait: bool) -> None:
+        """End the executor that was made here; without ``wait`` its tasks are given up."""
+        # An executor that was handed over belongs to the caller, who may still need it.
+        if self._made is not None:
+            self._made.shutdown(wait=wait, cancel_futures=not wait)
+            self._made = None
+
+    @property
+    def executor(self) -> Executor:
+        """Executor of batches: the given one, or one that a callable makes."""
+        if isinstance(self._given, Executor):
+            return self._given
+        if self._made is None:
+            assert self._given is not None
+            self._made = self._given()
+        return self._made
+
+    def renew(self) -> None:
+        """Replace an executor that has lost its workers.
+
+        Raises:
+            WorkersLost: the executor was given, or new workers die at once.
+        """
+        if isinstance(self._given, Executor):
+            raise WorkersLost(
+                "the workers of the given executor are gone; the finished batches are kept. Give a "
+                "callable that makes an executor, which is then made anew"
+            )
+        # Workers that cannot even say their versions are not the fault of any trial.
+        for _ in range(DEATHS):
+            self._close(wait=False)
+            try:
+                self.executor.submit(environment).result()
+                return
+            except (BrokenExecutor, CancelledError):
+                continue
+        raise WorkersLost("the workers die before they run anything; the finished batches are kept")
 
     def begin(self, total: int, stage: str = "") -> None:
         """Begin to count anew, up to ``total`` trials."""
@@ -130,11 +169,11 @@ class Engine:
             self._progress(self.status)
 
         before = self.status.lost
-        if self._pool.is_here:
+        if self._given is None:
             for job in missing:
                 keep(job, *run_trials(job[1]), lost=0)
         elif missing:
-            _Dispatch(missing, self._pool, keep).run()
+            _Dispatch(missing, self, keep).run()
         return [table for table in tables.values() if table is not None]
 
     def _count(self, table: pa.Table | None, is_old: bool) -> None:
@@ -146,69 +185,6 @@ class Engine:
                 done=status.done + count,
                 successes=status.successes + sum(table["success"].to_pylist()),
             )
-
-
-class Pool:
-    """Executor of batches: a given one, one that a callable makes, or else this process.
-
-    A callable is called when the executor is needed first, and again when its workers are lost.
-    """
-
-    def __init__(self, executor: Executor | MakeExecutor | None):
-        self._now = executor if isinstance(executor, Executor) else None
-        self._make = None if isinstance(executor, Executor) else executor
-
-    @property
-    def is_here(self) -> bool:
-        """True if batches run in this process."""
-        return self._now is None and self._make is None
-
-    def _executor(self) -> Executor:
-        if self._now is None:
-            assert self._make is not None
-            self._now = self._make()
-        return self._now
-
-    def close(self, wait: bool) -> None:
-        """End the executor that was made here; without ``wait`` its tasks are given up."""
-        # An executor that was handed over belongs to the caller, who may still need it.
-        if self._make is not None and self._now is not None:
-            self._now.shutdown(wait=wait, cancel_futures=not wait)
-            self._now = None
-
-    def submit(self, batch: Batch) -> Future:
-        """Hand out a batch."""
-        return self._executor().submit(run_trials, batch)
-
-    @property
-    def room(self) -> int | None:
-        """Number of batches that run at a time; None where the executor does not say.
-
-        No more are handed out, so that only batches that ran are suspected when the executor
-        breaks.
-        """
-        return getattr(self._executor(), "_max_workers", None)
-
-    def renew(self) -> None:
-        """Replace an executor that has lost its workers.
-
-        Raises:
-            WorkersLost: the executor was given, or new workers die at once.
-        """
-        if self._make is None:
-            raise WorkersLost(
-                "the workers of the given executor are gone; the finished batches are kept. Give a "
-                "callable that makes an executor, which is then made anew"
-            )
-        # Workers that cannot even say their versions are not the fault of any trial.
-        for _ in range(DEATHS):
-            self.close(wait=False)
-            try:
-                self._executor().submit(environment).result()
-                return
-            except (BrokenExecutor, CancelledError):
-                continue
-        raise WorkersLost("the workers die before they run anything; the finished batches are kept")
 
 
 @dataclass(eq=False)
@@ -237,10 +213,10 @@ class _Dispatch:
     def __init__(
         self,
         jobs: Sequence[Job],
-        pool: Pool,
+        engine: Engine,
         keep: Callable[[Job, Sequence[Row], Mapping[str, Any], int], None],
     ):
-        self.pool, self.keep = pool, keep
+        self.engine, self.keep = engine, keep
         self.waiting = deque(_Task(job[1], job) for job in jobs)
         self.suspects: deque[_Task] = deque()
         self.flying: dict[Future, _Task] = {}
@@ -258,18 +234,20 @@ class _Dispatch:
                 self.lost += 1
                 while self.flying:  # a broken executor ends all of its tasks
                     self._take_back()
-                self.pool.renew()
+                self.engine.renew()
 
     def _hand_out(self) -> bool:
         """Fill the pool; returns True if it turned out to be broken."""
         # A suspect that flies alone is the only one that can have broken the pool.
         if not self.waiting and not self.flying:
             self.waiting.append(self.suspects.popleft())
-        room = self.pool.room
+        # No more than run at a time, where the executor says how many, so that only batches that
+        # ran are suspected when it breaks.
+        room = getattr(self.engine.executor, "_max_workers", None)
         while self.waiting and (room is None or len(self.flying) < room):
             task = self.waiting.popleft()
             try:
-                self.flying[self.pool.submit(task.batch)] = task
+                self.flying[self.engine.executor.submit(run_trials, task.batch)] = task
             except (BrokenExecutor, RuntimeError):  # the latter by executors that are shut down
                 self.waiting.appendleft(task)
                 return True
