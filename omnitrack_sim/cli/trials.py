@@ -412,11 +412,13 @@ def _figure(value: Any) -> str:
 def _print_bench(result: ot.BenchResult, target: Path) -> None:
     from omnitrack_sim.trials.bench_run import figures_of, headings
 
-    suite = result.bench.suite
-    figures = [one for one in (*suite.measures, *suite.scores) if _is_known(result.rows, one.name)]
-    heads = [one.head.replace(", ", "\n").replace(" ", "\n") for one in figures]
+    figures = {
+        name: head.replace(", ", "\n").replace(" ", "\n")
+        for name, head in result.bench.suite.heads.items()
+        if any(row.get(name) is not None for row in result.rows)
+    }
     for name, words in headings(result.bench, result.rows).items():
-        table = plain_table("entry", "passed", "95 %\ninterval\n%", *heads, gap=1)
+        table = plain_table("entry", "passed", "95 %\ninterval\n%", *figures.values(), gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns:
             column.no_wrap = True
@@ -426,8 +428,3 @@ def _print_bench(result: ot.BenchResult, target: Path) -> None:
             table.add_row(plain(row["entry"]), *figures_of(figures, row))
         out.print(table)
     out.say(f"  saved in {plain(str(target))}")
-
-
-def _is_known(rows: list[dict[str, Any]], name: str) -> bool:
-    """Return whether any row has a value in a column."""
-    return any(row.get(name) is not None for row in rows)

@@ -117,21 +117,6 @@ class BenchMeasure:
 
 
 @dataclass(frozen=True)
-class BenchScore:
-    """A figure of all trials of an entry on a course together.
-
-    Attributes:
-        name: of its column.
-        head: of a column: what it is, short, with its unit.
-        of: from the table of the trials to the figure; not a number where there is none.
-    """
-
-    name: str
-    head: str
-    of: Callable[[pa.Table], float]
-
-
-@dataclass(frozen=True)
 class Suite:
     """A family of courses, and of what may be put through them.
 
@@ -144,7 +129,8 @@ class Suite:
         entry_of: makes an entry from the two texts of the command line: a source, or "" for the
             standard one, and a controller, or "" for the source's own.
         measures: of the trials.
-        scores: of all trials of an entry on a course.
+        scores: by the names of their columns, functions from the table of all trials of an entry on
+            a course to a figure; not a number where there is none.
         default: name of the entry that all others are compared with; empty for none.
         of_controllers: one text alone names a controller, not a robot.
     """
@@ -156,9 +142,15 @@ class Suite:
     entries: Callable[[], Mapping[str, Entry]]
     entry_of: Callable[[str, str], Entry]
     measures: tuple[BenchMeasure, ...]
-    scores: tuple[BenchScore, ...] = ()
+    scores: Mapping[str, Callable[[pa.Table], float]] = field(default_factory=dict)
     default: str = ""
     of_controllers: bool = False
+
+    @property
+    def heads(self) -> dict[str, str]:
+        """Heads of the columns of measures and scores, by name."""
+        words = {name: name.replace("_", " ") for name in self.scores}
+        return {measure.name: measure.head for measure in self.measures} | words
 
 
 def suite_of(name: str) -> Suite:

@@ -25,7 +25,7 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt, figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import INVALID
-from omnitrack_sim.trials.bench import Bench, BenchMeasure, BenchScore, Suite
+from omnitrack_sim.trials.bench import Bench, Suite
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.store import column, made_by, passed_of, to_csv, to_parquet
 from omnitrack_sim.trials.sweep import Sweep
@@ -203,7 +203,7 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
         for measure in suite.measures:
             counts = np.isfinite(passed) if measure.of_failures else passed == 1
             row |= _spread(measure.name, measure.of(table)[counts])
-        row |= finite({score.name: score.of(table) for score in suite.scores})
+        row |= finite({name: score(table) for name, score in suite.scores.items()})
         default = tables.get((course, suite.default), "")
         if not isinstance(default, str) and entry != suite.default:
             row |= _differences(suite, table, default)
@@ -343,13 +343,13 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     version = f"suite {suite.name}, version {suite.version}; {bench.extent}"
     lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
     units = [measure.head for measure in suite.measures]
-    figures = (*suite.measures, *suite.scores)
-    heads = ["entry", "passed", "95 % interval, %", *(one.head for one in figures), "others"]
+    heads = ["entry", "passed", "95 % interval, %", *suite.heads.values(), "others"]
     for name, words in headings(bench, rows).items():
         own = [row for row in rows if row["course"] == name]
         lines += [f"## {name}: {words}", ""]
         cells = [
-            [f"`{row['entry']}`", *figures_of(figures, row), row["others"] or "-"] for row in own
+            [f"`{row['entry']}`", *figures_of(suite.heads, row), row["others"] or "-"]
+            for row in own
         ]
         lines += markdown_table(heads, cells)
         others = [row for row in own if "success_more" in row]
@@ -394,10 +394,11 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
     return [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *lines, ""]
 
 
-def figures_of(figures: Iterable[BenchMeasure | BenchScore], row: Mapping[str, Any]) -> list[str]:
-    """Return the trials passed, their rate's interval, and the ``figures`` of a row, as texts."""
+def figures_of(names: Iterable[str], row: Mapping[str, Any]) -> list[str]:
+    """Return the trials passed, their rate's interval, and the figures ``names`` of a row, as
+    texts."""
     interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f}"
-    values = [row.get(one.name) for one in figures]
+    values = [row.get(name) for name in names]
     # Three digits, and more only before the point.
     texts = [
         "-" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"

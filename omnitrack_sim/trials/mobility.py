@@ -28,7 +28,7 @@ from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, ROBOTS, STANDARD
 from omnitrack_sim.scenario import Scenario, set_value, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
-from omnitrack_sim.trials.bench import BenchMeasure, BenchScore, Changes, Course, Entry, Suite
+from omnitrack_sim.trials.bench import BenchMeasure, Changes, Course, Entry, Suite
 from omnitrack_sim.trials.store import numbers_of, passed_of
 from omnitrack_sim.trials.sweep import Sweep
 
@@ -419,5 +419,5 @@ SUITE = Suite(
         BenchMeasure("pull_held_n", "N", "pull left over", of_failures=True),
         BenchMeasure("pose_error", "m", "pose error", "localisation_error_mean_m"),
     ),
-    scores=(BenchScore("least_friction", "least friction", least_friction),),
+    scores={"least_friction": least_friction},
 )
