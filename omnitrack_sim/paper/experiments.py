@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import GRAVITY, Omnitrack, as_omnitrack
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.run import run_batch
+from omnitrack_sim.sim.simulation import Progress
 
 Runs = Mapping[str, Sequence[Result]]
 """Results, by the names that ``scenarios`` gives to its lists."""
@@ -136,9 +137,7 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
     }
 
 
-def run_all(
-    lists: Mapping[str, Sequence[Scenario]], progress: Callable[[float, str], None] | None = None
-) -> Runs:
+def run_all(lists: Mapping[str, Sequence[Scenario]], progress: Progress | None = None) -> Runs:
     """Run every list on all cores. Scenarios that share a model share a batch across all lists."""
     flat = [scenario for group in lists.values() for scenario in group]
     if progress is not None:

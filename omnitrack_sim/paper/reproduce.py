@@ -37,6 +37,7 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
+from omnitrack_sim.sim.simulation import Progress
 from omnitrack_sim.trials.sweep_run import singular_range
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def reproduce(
     robot: str = STANDARD,
     quick: bool = False,
     format: str = "svg",
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Claim]:
     """Measure what was published of a robot, and write ``claims.json``, ``report.html`` and, of the
     omnidirectional one, ``figures/`` into ``directory``.
@@ -159,9 +160,7 @@ def measure(runs: Runs, quick: bool) -> list[Claim]:
     return [claim for function in MEASURES for claim in _claims(function(runs), quick)]
 
 
-def claims_of(
-    robot: str, quick: bool = False, progress: Callable[[float, str], None] | None = None
-) -> list[Claim]:
+def claims_of(robot: str, quick: bool = False, progress: Progress | None = None) -> list[Claim]:
     """Measure the claims that a robot other than the omnidirectional one names by its class.
 
     Args:

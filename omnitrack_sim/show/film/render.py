@@ -238,24 +238,24 @@ def run_stage(
         overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
     panels: list[Panel] = []
-    forces, landmarks = None, None
+    covered, forces, landmarks = 0.0, None, None
     has_map = inset and camera != "side"
     if isinstance(shown, Recording):
-        playback, covered = shown.playback(), (LEFT + SHORT) / 720
-        panels.append(StatusPanel(shown.status(), *size, full=SHORT))
-        forces = shown.force_arrows()
+        playback, forces = shown.playback(), shown.force_arrows()
+        if overlay:
+            covered = (LEFT + SHORT) / 720
+            panels.append(StatusPanel(shown.status(), *size, full=SHORT))
         if has_map and len(playback.network.parts) > 1:
             landmarks = Landmarks.none(playback.network)
     else:
-        playback, trajectory, covered = playback_of(shown), sound(shown), PANEL
-        panels.append(StatusPanel(_status_of(shown, trajectory), *size))
-        if shown.album is not None:
-            covered = BOTH_PANELS
+        playback, trajectory = playback_of(shown), sound(shown)
+        if overlay:
+            covered = PANEL if shown.album is None else BOTH_PANELS
+            panels.append(StatusPanel(_status_of(shown, trajectory), *size))
+        if overlay and shown.album is not None:
             panels.append(CameraPanel(shown.album, playback, *size))
         if has_map and needs_map(shown):
             landmarks = Landmarks.of(shown, trajectory)
-    if not overlay:
-        panels, covered = [], 0.0
     if landmarks is not None:
         panels.append(MapPanel(playback, landmarks, size))
     return Stage(playback, size, camera, panels=panels, forces=forces, covered=covered, fine=fine)
