@@ -79,19 +79,14 @@ class TrialColumns:
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
         """Return the rows of a batch, with its hash and what made it in the metadata."""
-        columns = []
-        for field in self.schema:
-            if field.name in self._values:
-                values = [self._values[field.name][row["trial"]] for row in rows]
-            else:
-                values = [
-                    batch.model if field.name == "model" else row.get(field.name) for row in rows
-                ]
-            columns.append(pa.array(values, field.type))
+        whole = []
+        for row in rows:
+            values = {name: values[row["trial"]] for name, values in self._values.items()}
+            whole.append({"model": batch.model, **row, **values})
         # The hash makes sure that a part file is not of a batch with other values under the same
         # number.
         metadata = {"part": batch.hash, "made_by": json.dumps(made_by, sort_keys=True)}
-        return pa.Table.from_arrays(columns, schema=self.schema.with_metadata(metadata))
+        return pa.Table.from_pylist(whole, self.schema.with_metadata(metadata))
 
     def merged(self, tables: Sequence[pa.Table]) -> pa.Table:
         """Return the rows of batches in the order of the trials, in one piece."""
