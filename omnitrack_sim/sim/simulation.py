@@ -16,7 +16,7 @@ from omnitrack_sim.base.arguments import check_all, check_is, refuse_taken
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
-from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.channels import Channel, recorded
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.record.metrics import Metric, summarise
 from omnitrack_sim.record.trajectory import Recorder, Trajectory
@@ -156,12 +156,10 @@ class Simulation:
         )
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
-        own = [sensor.channel for sensor in sensors]
-        more = (*self.senses.recorded, *(self._tail.channels if self._tail else ()))
-        self.channels: tuple[Channel, ...] = (*robot.channels.values(), *own, *more)
-        schema = {channel.name: channel for channel in self.channels if channel.recorded}
-        self.recorder = Recorder(self.phases, schema)
-        self._measured = ["time", *(c.name for c in schema.values() if c.source == "plant")]
+        own = [*robot.channels.values(), *(sensor.channel for sensor in sensors)]
+        pull = self._tail.channels if self._tail else ()
+        self.channels: tuple[Channel, ...] = (*own, *self.senses.recorded, *pull)
+        self.recorder = Recorder(self.phases, recorded(self.channels))
         self._settle(self.active, np.zeros(self.n, bool))
 
     def __repr__(self) -> str:
@@ -314,12 +312,13 @@ class Simulation:
 
     def _record(self) -> None:
         location, legs, held = self.location, self.legs, self._command
+        measured = [c.name for c in self.recorder.schema.values() if c.source == "plant"]
         if held.phase.max() >= len(self.phases):
             raise ValueError(f"command.phase is {held.phase.max()}; phases are {self.phases}")
         self.recorder.sample(
             self.plant.qpos,
             {
-                **{name: self.readings[name] for name in self._measured},
+                **{name: self.readings[name] for name in ("time", *measured)},
                 "leg": legs.number,
                 "gear": legs.gear,
                 "distance": location.distance,
