@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from omnitrack_sim.base.text import clipped, printable
+from omnitrack_sim.base.text import clipped, counted, printable
 from omnitrack_sim.record.metrics import COMMON_METRICS, METRICS
 from omnitrack_sim.results.html import LONGEST, safe, table_html
 from omnitrack_sim.results.result import Result, as_result
@@ -85,7 +85,7 @@ class Comparison:
         count = len(self.values)
         if count == 0:
             return "the scenarios are the same"
-        return f"the scenarios differ in {count} {'value' if count == 1 else 'values'}"
+        return f"the scenarios differ in {counted(count, 'value')}"
 
     @cached_property
     def values(self) -> tuple[ComparedValue, ...]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.text import clipped, finite, printable
+from omnitrack_sim.base.text import clipped, counted, finite, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
 from omnitrack_sim.record.metrics import TITLES
 from omnitrack_sim.results.comparison import compare as compare_results
@@ -141,8 +141,7 @@ def pipes_mismatch(one: Result, other: Result) -> str:
 def _part_mismatch(one: Result, other: Result) -> str:
     first, second = (run.pipes.parts for run in (one, other))
     if len(first) != len(second):
-        fittings = "fitting" if len(second) == 1 else "fittings"
-        return f"it has {len(second)} {fittings}, and the first run {len(first)}"
+        return f"it has {counted(len(second), 'fitting')}, and the first run {len(first)}"
     for a, b in zip(first, second, strict=True):
         moved = np.abs(a.pose.position - b.pose.position).max() > SAME_POSE
         turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_POSE
