@@ -48,8 +48,8 @@ STEP, LONGEST = 0.1, 300.0
 
 
 class Screen(Console):
-    """A console that shows control characters instead of sending them: what a user has named may
-    hold any, and only the lines and colours of the messages are to reach the terminal."""
+    """A console that escapes control characters, which names from users may contain; only line
+    feeds and colours of the messages reach the terminal."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str("\n".join(map(printable, text.split("\n"))), **options)

@@ -195,7 +195,7 @@ def _asked_route(
 
 
 def _text(net: ot.Network, to_file: Path) -> str:
-    """Return what a file of the network holds, by its ending."""
+    """Return the contents of a file of the network, by its ending."""
     from omnitrack_sim.pipes.importing.isometric import network_pcf
     from omnitrack_sim.walls.export import network_geojson
 
@@ -213,7 +213,7 @@ def _save(
     plot: Path | None,
     export: Path | None,
 ) -> list[Path]:
-    """Write what the options ask for; returns the files written."""
+    """Write the files that the options ask for, and return their paths."""
     from omnitrack_sim.base.writing import write_file
 
     if to_file is not None:

@@ -264,7 +264,7 @@ def reproduce(
 
 
 def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
-    """The verdicts and what they follow from, then why some claims do not hold, then counts."""
+    """Print verdicts with measurements, reasons of claims that do not hold, and counts."""
     from omnitrack_sim.paper.claim import tally
 
     table = plain_table("verdict", "claim", "measured")

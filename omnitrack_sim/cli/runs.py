@@ -224,7 +224,7 @@ def _figure_table(result: ot.Result) -> Table:
 
 
 def check_camera(camera: str) -> None:
-    """Refuse a camera that there is not."""
+    """Raise for an unknown camera."""
     from omnitrack_sim.show.film.render import CAMERAS
 
     if camera not in CAMERAS:
@@ -464,7 +464,7 @@ def _check_target(target: Path | None) -> None:
 
 
 def _save_comparison(comparison: ot.Comparison, target: Path | None) -> list[Path]:
-    """Write what ``--out`` asks for; returns the files written."""
+    """Write the files that ``--out`` asks for, and return their paths."""
     from omnitrack_sim.base.text import strict_json
     from omnitrack_sim.base.writing import write_files
     from omnitrack_sim.show.plots.style import figure_bytes, save_figure

@@ -210,8 +210,8 @@ def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
 
 
 def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
-    """Return who runs the trials, as arguments of ``run_sweep`` and its like: processes of this
-    machine, or a Dask cluster.
+    """Return the workers, processes of this machine or a Dask cluster, as keyword arguments of
+    ``run_sweep`` and its like.
 
     Raises:
         InputError: both are asked for.

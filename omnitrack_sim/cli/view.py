@@ -113,7 +113,7 @@ def drive(
 
 
 def _save(driver: Driver, target: Path) -> None:
-    """Save what was driven, with its plots, and say how it ended."""
+    """Save the driven run with its plots, and print its outcome."""
     if not driver.driven:
         out.print("nothing was driven, and nothing is saved")
         return

@@ -246,7 +246,7 @@ def _series(
 
 
 def _mean(name: str, scale: float = 1.0) -> Callable[[Result], float]:
-    """Return what reads a metric, averaged over the modules; NaN where it is missing."""
+    """Return a function that reads a metric, averaged over the modules; NaN if missing."""
 
     def read(result: Result) -> float:
         value: Any = result.metrics[name]

@@ -191,7 +191,7 @@ def _printed(
     expected: ClaimVerdict = ClaimVerdict.CALIBRATED,
     why: str = "",
 ) -> Claim:
-    """The claim that a value of the calibrated reach is what the paper prints."""
+    """Return the claim that a value computed with the calibrated reach equals the printed one."""
     verdict = verdict_of(abs(value - printed) <= _AS_PRINTED, abs(value - other) <= _AS_PRINTED)
     return Claim(
         id=f"singularity_{name}",

@@ -26,7 +26,7 @@ GRAVITIES = {
 }
 """Gravity of the random trials, m/s², in the frame of the tee: run along z, branch towards +x."""
 PRELOAD_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
-"""Preloads of the climbing test, as multiples of what the friction law asks for."""
+"""Preloads of the climbing test, as multiples of the least one by the friction law."""
 FRICTIONS = (0.2, 0.4, 0.8)
 SEED = 7
 SINGLE = (

@@ -61,7 +61,7 @@ class PaperController:
         self.reset(np.arange(setup.n), setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
-        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        """Reset robots ``rows``; ``setup`` is that of all robots."""
         self.aligner.reset(rows, setup)
         self._legs.reset(rows, setup)
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
@@ -158,8 +158,7 @@ class PaperController:
 
 
 class EqualController(PaperController):
-    """All modules at cruise speed everywhere: what a robot without speed modulation does, the
-    baseline of Eq. 20."""
+    """All modules at cruise speed everywhere, without speed modulation: the baseline of Eq. 20."""
 
     def _speeds(self, location: Location) -> Array:
         return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)

@@ -321,4 +321,4 @@ FIGURES: dict[str, tuple[tuple[float, float], Any]] = {
     "definitions": ((5.4, 4.4), _definitions),
     "map": ((6.2, 4.4), _map),
 }
-"""Figures by name: size in inches and what draws them."""
+"""Figures by name: size in inches and drawing function."""

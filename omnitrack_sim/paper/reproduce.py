@@ -1,4 +1,4 @@
-"""Reproduction of what was published of a robot: its claims, and one folder with a page of them.
+"""Reproduction of published statements about a robot: claims, and a folder with a page of them.
 
 Claims of the omnidirectional robot are measured on lists of runs, which figures show as well; those
 of other robots each make runs of their own.
@@ -110,8 +110,8 @@ def reproduce(
     format: str = "svg",
     progress: Progress | None = None,
 ) -> list[Claim]:
-    """Measure what was published of a robot, and write ``claims.json``, ``report.html`` and, of the
-    omnidirectional one, ``figures/`` into ``directory``.
+    """Measure published statements about a robot, and write ``claims.json``, ``report.html`` and,
+    of the omnidirectional one, ``figures/`` into ``directory``.
 
     Args:
         directory: made, or replaced if it holds an earlier reproduction. The claims are there
@@ -315,7 +315,7 @@ FIGURES: dict[str, tuple[str, Callable[[Runs], Figure]]] = {
         lambda runs: along_figure(runs["slippery_downward"][0]),
     ),
 }
-"""Caption, and what draws the figure from the runs, by name in the order of the page."""
+"""Caption and drawing function of each figure, by name in the order of the page."""
 TITLE = "Omnidirectional Tractable Three Module Robot"
 REMARK = (
     "Each published statement is turned into something that can be measured in simulation, with a "

@@ -17,8 +17,8 @@ from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.scenario.model import unit_of
 
 NOISE = 1e-9
-"""Part of the larger of two numbers by which they may differ and count as the same: what the order
-of a sum, or one version of a library, makes of a run is far below it."""
+"""Relative difference up to which two numbers count as equal: effects of summation order or library
+versions are far below it."""
 _DIGITS, _MOST_DIGITS = 4, 12
 """Digits of a number, and most digits where two numbers hardly differ."""
 _ROUGH = 0.05

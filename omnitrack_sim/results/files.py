@@ -80,7 +80,7 @@ class _OtherRun(ValueError):
 
 @contextmanager
 def reading(path: Path) -> Iterator[Path]:
-    """Turn whatever the reading of a file raises into an ``OutputError`` that names the file.
+    """Turn any exception while a file is read into an ``OutputError`` that names the file.
 
     On damaged bytes decoders raise anything: EOFError, MemoryError, KeyError, errors of their own.
     """

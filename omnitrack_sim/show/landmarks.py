@@ -1,4 +1,4 @@
-"""Stays of a robot in the true pipes of its run, and what of these it has seen when.
+"""Stays of a robot in the true pipes of its run, and when it has seen each of these.
 
 Pictures show true pipes. A robot that explores has a map of its own, whose parts differ from the
 true ones in number, order, names and sizes, and its legs lead through that: nothing here is taken
@@ -59,7 +59,7 @@ class Stay:
 
 
 def stays(result: Result, trajectory: Trajectory) -> list[Stay]:
-    """Stays of a run in order of time, by its record or what of it is sound."""
+    """Return the stays of a run in order of time, by its record or the valid part of it."""
     leg, gear = trajectory["leg"].astype(int), trajectory["gear"]
     if result.map is None:
         routes = result.routes()
@@ -120,7 +120,7 @@ class Landmarks:
 
     @classmethod
     def of(cls, result: Result, trajectory: Trajectory) -> Self:
-        """Return the landmarks of a run, by its record or what of it is sound."""
+        """Return the landmarks of a run, by its record or the valid part of it."""
         parts, exploration = result.pipes.parts, result.scenario.exploration
         never, rows = len(trajectory.time), _rows(trajectory)
         plates = result.plate_rims()

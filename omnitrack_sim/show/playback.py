@@ -21,7 +21,7 @@ FARTHEST = 1e5
 """Largest magnitude of positions, m, and other shown values of a valid sample."""
 
 POINTS_APART = 0.01
-"""Travel between two points of a path on a map, m: more of them only take longer to draw."""
+"""Travel between two points of a path on a map, m."""
 
 
 @dataclass(frozen=True, eq=False)

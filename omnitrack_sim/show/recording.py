@@ -298,7 +298,7 @@ class Recording:
         return np.append(0.0, np.cumsum(along)), forward
 
     def curves(self) -> dict[str, Curve]:
-        """Return what figures and pages show over time, by name."""
+        """Return the curves over time of figures and pages, by name."""
         places, (distance, _) = self.places, self.progress()
         speed = np.gradient(distance, self.time) if len(self) > 1 else np.zeros(len(self))
         count = np.bincount(self.contacts.sample, minlength=len(self)).astype(float)
@@ -368,7 +368,7 @@ class Recording:
             raise InputError(Fault("recording", "has no samples; append states first"))
 
     def playback(self) -> Playback:
-        """Return what films and pages show."""
+        """Return the playback that films and pages show."""
         self.require_samples()
         model = self.model
         mocap = np.concatenate([self["mocap_pos"], self["mocap_quat"]], axis=-1)

@@ -222,8 +222,8 @@ def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
 
 
 def seam(port: Pose, radius: float, away: Array) -> Surface:
-    """The weld at a port, a low ridge in the bore of ``radius`` m, world frame; without what
-    looks ``away`` (3,) to where pipes are cut away."""
+    """Return the weld at a port, a low ridge in the bore of ``radius`` m, world frame, without the
+    faces on the side ``away`` (3,), where pipes are cut away."""
     angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]

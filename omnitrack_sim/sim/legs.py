@@ -1,4 +1,4 @@
-"""The legs that n robots drive: carries out what their pilots decide."""
+"""The legs that n robots drive, as their pilots decide."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Decides when a run is over, and why. It returns verdicts; what follows from them is decided by
-the supervisor."""
+"""Verdicts on when a run is over, and why. The supervisor acts on them."""
 
 from __future__ import annotations
 
@@ -80,13 +79,13 @@ class Monitor:
         self._diagnosis.reset(rows)
 
     def sent_on(self, robot: int, seconds: float) -> None:
-        """Count headway anew for a robot that drives another leg, and give it more time."""
+        """Reset the headway of a robot that drives another leg, and extend its time limit."""
         # Arc length begins elsewhere on another leg: any value is headway.
         self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
         self.goes_on(robot, seconds)
 
     def goes_on(self, robot: int, seconds: float) -> None:
-        """Give more time to a robot whose leg is longer than was known."""
+        """Extend the time limit of a robot whose leg is longer than was known."""
         self._time_limit[robot] += seconds
 
     def look(

@@ -1,4 +1,4 @@
-"""Senses of robots that drive by onboard sensors: what they measure, and their estimates."""
+"""Senses of robots that drive by onboard sensors: measurements and estimates."""
 
 from __future__ import annotations
 
@@ -327,7 +327,7 @@ class Onboard:
         return np.nan if off else 2 * (radius + float(slide.mean()))
 
     def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:
-        """Return what a robot sees; the metric of looks compares it with the truth."""
+        """Return a robot's view ahead; the recognition rate compares it with the truth."""
         position = self._state["position"][robot]
         frame = frame_ahead(self._state["rotation"][robot], gear)
         route = self._legs.routes.routes[self._legs.route[robot]]
@@ -437,7 +437,7 @@ class Onboard:
         self._pictures = self._pictures + due
 
     def _observed(self, felt: Felt) -> Mapping[str, Array]:
-        """Return what controllers receive."""
+        """Return the readings that controllers receive."""
         pose = self.localiser.filter
         return {
             "time": felt.time,

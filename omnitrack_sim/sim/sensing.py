@@ -56,7 +56,7 @@ class Senses(Protocol):
         return True
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
-        """Begin anew for robots ``rows`` (k,) with ``scenarios`` (k).
+        """Reset robots ``rows`` (k,) to the start of ``scenarios`` (k).
 
         Args:
             rows: numbers of the robots, ascending.
@@ -79,8 +79,8 @@ class Senses(Protocol):
         ...
 
     def guard(self, command: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return a command less what robots that do not know their pose may not do, and the robots
-        (n,) that have searched for it in vain."""
+        """Return a command restricted for robots whose pose is unknown, and the robots (n,) that
+        have searched for it in vain."""
         return command, np.zeros(len(self.location.distance), bool)
 
     def look(self, robot: int, back: bool) -> Look:

@@ -119,7 +119,7 @@ class Supervisor:
         diverged: NDArray[np.bool_],
         given_up: NDArray[np.bool_],
     ) -> None:
-        """Judge where robots are now, send on who is due, and end the runs of others.
+        """Judge the robots' states; start the next legs of some, and end the runs of others.
 
         Args:
             robots: (n,) those that are judged.
@@ -147,8 +147,7 @@ class Supervisor:
         self._end_those_outside(robots)
 
     def _end_those_outside(self, robots: NDArray[np.bool_]) -> None:
-        """End the runs of robots that truly are in no pipe, whatever they take themselves to be
-        in."""
+        """End the runs of robots whose true position is in no pipe, whatever their estimate."""
         outside = self._monitor.outside(self.location) & robots & self.active
         for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
             if not self._scenarios[robot].holds(*self._pose(robot)):

@@ -67,7 +67,7 @@ class TailLoad:
         self.reset(np.arange(n))
 
     def reset(self, rows: NDArray[np.intp]) -> None:
-        """Begin anew for robots ``rows`` (k,), which stand at the start of their legs."""
+        """Reset robots ``rows`` (k,), which stand at the start of their legs."""
         if self._scenarios[0].pull is not None:
             self._pull, self._rate = (each(self._scenarios, name) for name in ("pull", "pull_rate"))
         self.force = with_rows(self.force, rows, self._pull[rows])
@@ -92,8 +92,8 @@ class TailLoad:
         return {"tail_force": self.force, **out}
 
     def cause(self, robot: int, cause: Outcome) -> Outcome:
-        """Return the cause for which a robot makes no headway, of which ``cause`` is what the robot
-        itself shows."""
+        """Return the cause for which a robot makes no headway; ``cause`` is the robot's own
+        diagnosis."""
         tethers = self._tethers
         if tethers is None or cause not in VAGUE_CAUSES or not tethers.holds(robot):
             return cause

@@ -29,7 +29,7 @@ Changes = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Entry:
-    """A robot and what drives it.
+    """A robot and its controller.
 
     Attributes:
         name: of its rows and of the folder of its trials.
@@ -118,7 +118,7 @@ class BenchMeasure:
 
 @dataclass(frozen=True)
 class Suite:
-    """A family of courses, and of what may be put through them.
+    """A family of courses, and of entries that may be put through them.
 
     Attributes:
         name: on the command line.

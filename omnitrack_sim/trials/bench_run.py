@@ -152,7 +152,7 @@ def _tables(
 
 
 def _plan(bench: Bench) -> dict[str, Any]:
-    """Return what all runs in one folder have in common."""
+    """Return the values that all runs in one folder share."""
     return {
         "suite": bench.suite.name,
         "version": bench.suite.version,
@@ -323,7 +323,7 @@ def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
-    """All trials of all entries in one table; what a course does not vary is null."""
+    """All trials of all entries in one table; columns that a course does not vary are null."""
     parts = []
     for (course, entry), table in tables.items():
         # Each sweep's table has its own hash in the metadata; tables with different ones do not
@@ -366,7 +366,7 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def headings(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return what the robot does on each course that has rows, by the name of the course."""
+    """Return the task of each course that has rows, by the name of the course."""
     words = {course.name: course.words for course in bench.courses}
     names = dict.fromkeys(row["course"] for row in rows)
     return {name: words.get(name, "over all courses that it fits") for name in names}

@@ -139,12 +139,11 @@ class Engine:
         raise WorkersLost("the workers die before they run anything; the finished batches are kept")
 
     def begin(self, total: int, stage: str = "") -> None:
-        """Begin to count anew, up to ``total`` trials."""
+        """Reset the status to 0 of ``total`` trials."""
         self.status = Status(total, stage=stage)
 
     def enter(self, stage: str, total: int | None = None) -> None:
-        """Go on to another stage of the same trials, of which there are ``total`` where that is
-        known better by now."""
+        """Enter another stage of the same trials; ``total`` corrects their number."""
         self.status = replace(self.status, stage=stage, total=total or self.status.total)
 
     def run(self, jobs: Sequence[Job]) -> list[pa.Table]:
@@ -225,7 +224,7 @@ class _Dispatch:
         self.lost = 0
 
     def run(self) -> None:
-        """Go on until every batch is kept."""
+        """Run until every batch is kept."""
         while self.waiting or self.flying or self.suspects:
             broken = self._hand_out()
             if self.flying:

@@ -78,7 +78,7 @@ class TrialColumns:
         self.schema = pa.schema([*fields, *_result_columns(bases)], metadata=metadata)
 
     def table(self, batch: Batch, rows: Sequence[Row], made_by: Mapping[str, Any]) -> pa.Table:
-        """Return the rows of a batch, with its hash and what made it in the metadata."""
+        """Return the rows of a batch, with its hash and provenance in the metadata."""
         whole = []
         for row in rows:
             values = {name: values[row["trial"]] for name, values in self._values.items()}
@@ -184,7 +184,7 @@ def passed_of(table: pa.Table) -> Array:
 
 
 def made_by(table: pa.Table) -> str:
-    """Return what made the rows of a batch (versions, commit), as JSON.
+    """Return provenance of the rows of a batch (versions, commit), as JSON.
 
     Raises:
         KeyError, ValueError: its file is damaged.
@@ -289,7 +289,7 @@ class Folder(Store):
 
     @classmethod
     def record(cls) -> str:
-        """Return the name of the file that says what was run."""
+        """Return the name of the file that describes the sweep or study."""
         return f"{cls.noun}.json"
 
     def _record(self) -> dict[str, Any] | None:

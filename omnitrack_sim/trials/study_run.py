@@ -433,7 +433,7 @@ class _StudyRun:
 
 
 def _figures(study: Study, measured: Measured) -> dict[str, float | None]:
-    """Objectives by name, None where there is no finite value; and how many trials passed."""
+    """Return objectives by name, None if not finite, and the numbers of passed and all trials."""
     figures = finite(dict(zip(study.columns, measured.values, strict=True)))
     return figures | {"passed": measured.passed, "trials": measured.trials}
 

@@ -253,7 +253,7 @@ def plot_sweep(
     ax: Axes | None = None,
     format: str | None = None,
 ) -> Figure:
-    """Plot success over what a sweep has varied.
+    """Plot success over the axes of a sweep.
 
     Args:
         result: of ``run_sweep``, all trials.

@@ -359,8 +359,8 @@ class _Mission:
         text.remove()
 
     def _name_legs(self, strip: Axes, leg: NDArray[np.intp]) -> None:
-        """Write number and gear of each leg into a row at the bottom of the strip, or what of it
-        there is room for."""
+        """Write number and gear of each leg, or the number alone, into a row at the bottom of the
+        strip, where there is room."""
         time, middle = self.trajectory.time, 0.5 * self.legs
         line: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "marker": "|", "markersize": 6}
         for first, last in spans(leg):

@@ -389,8 +389,8 @@ class _Crowd:
         return sums.cumsum(axis=0).cumsum(axis=1)
 
     def _cost(self, places: Array, inside: NDArray[np.bool_], half: Array) -> Array:
-        """Cost (n,) of what names would cover, with their middles at ``places`` (n, 2) pixels,
-        ``inside`` (n,) of their part or not; ``half`` (2,) is half their size, pixels.
+        """Cost (n,) of the overlap of names centred at ``places`` (n, 2) pixels, ``inside`` (n,)
+        their part or not; ``half`` (2,) is half their size, pixels.
 
         By far the worst is to cover another name, then to stick out of the view, then to cover the
         path or a pipe.

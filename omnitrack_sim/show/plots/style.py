@@ -32,7 +32,7 @@ CURVE_COLOURS = (
 )
 """Red, green, blue of curves in one panel, told apart with any colour vision."""
 PAGE, COLUMN = 7.16, 3.5
-"""Widths of what fills a page and of what fills one of two columns of a paper, inches."""
+"""Widths of a page and of one of two columns of a paper, inches."""
 DPI = 220
 """Dots per inch of bitmaps: a page, and any wider figure, is 1575 pixels wide."""
 FORMATS = ("png", "svg", "pdf")
@@ -81,7 +81,7 @@ _UNSTAMPED: dict[str, dict[str, None]] = {
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
 }
-"""Metadata of files that say neither when nor by what they were written."""
+"""Metadata without date and program, so that equal figures give equal bytes."""
 _NOT_TOLD = ("Glyph .* missing from font", "constrained_layout not applied")
 """Beginnings of warnings about names that have letters the font lacks, or hundreds of them."""
 _Drawn = TypeVar("_Drawn")
@@ -92,7 +92,7 @@ class PictureWarning(UserWarning):
 
 
 def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | None:
-    """Return what ``draw`` returns; None, with a ``PictureWarning``, if it raises anything.
+    """Call ``draw`` and return its result; None, with a ``PictureWarning``, if it raises.
 
     For pictures of what has been computed: whatever is wrong with one, the data are not lost;
     ``again`` makes it from the data later.
@@ -108,8 +108,7 @@ def attempt(what: str, draw: Callable[[], _Drawn], again: str = "") -> _Drawn | 
 
 @contextmanager
 def style(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """The package's style, with what ``more`` changes of it: as a context, or of a function that
-    makes a figure."""
+    """Apply the package's style, updated by ``more``, as a context or as a decorator."""
     import matplotlib
 
     # Of physics that has diverged, numbers may be none or too large.
@@ -162,8 +161,8 @@ def _figure_class() -> type[Figure]:
 
 
 def page(draw: Callable[[], Figure], path: str | Path | None, format: str | None) -> Figure:
-    """The figure that ``draw`` makes in the style of papers, written where there is a path; without
-    a ``format`` the path's ending says it."""
+    """Return the figure of ``draw`` in the style of papers, written to ``path`` if given, in
+    ``format`` or the one of the path's ending."""
     _check_format(path, format)
     with style(PAPER):
         figure = draw()

@@ -74,8 +74,8 @@ class Pack:
         return self.whole(np.rint(np.asarray(values, float) / step)) | {"step": step}
 
     def ranged(self, values: ArrayLike) -> dict[str, Any]:
-        """Add numbers (n, ...), each column rounded to 1 / ``STEPS`` of its range. What is not
-        finite stays a gap."""
+        """Add numbers (n, ...), each column rounded to 1 / ``STEPS`` of its range; non-finite ones
+        are gaps."""
         table = np.asarray(values, float).reshape(len(np.asarray(values)), -1)
         there = np.isfinite(table)
         least = np.where(there, table, np.inf).min(axis=0, initial=np.inf)
@@ -462,7 +462,7 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
 
 
 def page_data(runs: list[PageRun], pack: Pack) -> dict[str, Any]:
-    """Collect what every page has of its runs: robots, pipes and cameras."""
+    """Collect the data that every page has of its runs: robots, pipes and cameras."""
     first, shapes = runs[0], Shapes(pack)
     back = view_directions(first.playback, follow_direction(first.playback.network))
     return {

@@ -178,7 +178,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
 
 
 def _page_run(result: Result) -> contents.PageRun:
-    """Collect what a page plays of one run, its robot included."""
+    """Collect the contents of a page for one run, including its robot."""
     trajectory, robot = sound(result), result.scenario.robot
     playback, display = playback_of(result, coarse=False), result.scenario.display.page
     bodies = [playback.model.body(name).id for name in display.badges]

@@ -385,7 +385,7 @@ class SavedRun(ShownRun):
 
 
 DRIVER = "keyboard"
-"""Who drove, in the provenance of a driven run."""
+"""Driver in the provenance of a driven run."""
 _LEAP = 1.0  # s
 _CORNER = mujoco.mjtGridPos
 
@@ -406,7 +406,7 @@ class Player:
         return LiveRun(Simulation([self.scenario]), self.window.model)
 
     def play(self) -> None:
-        """Go on until the window is closed."""
+        """Run until the window is closed."""
         while self.window.is_open:
             for code in self.window.pressed(self.pace.rest(self.run)):
                 do = action_of(self.keys, code)

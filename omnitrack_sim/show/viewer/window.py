@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 
 LINE, LETTER, MARGIN = 23, 7, 20
-"""Height of a line of a panel, width of a letter on average, and width of what stands between and
-around its columns, pixels: of MuJoCo's font at the size that the windows take (mjFONTSCALE_100)."""
+"""Height of a line of a panel, mean width of a letter, and total gap around its columns, pixels: of
+MuJoCo's font at the windows' size (mjFONTSCALE_100)."""
 ROBOT = 0.2
 """Half the extent of the robot in the window, where the camera is at first, in heights of it."""
 
