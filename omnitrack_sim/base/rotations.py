@@ -34,6 +34,17 @@ def direction_of(vector: ArrayLike) -> Array:
     return unit(np.ldexp(vector, -exponent))
 
 
+def ordered_sum(values: Array) -> Array:
+    """Sums (...,) over the last axis of values (..., k), in one order at any batch size.
+
+    NumPy's own sums add in an order that depends on the shape; runs have to repeat bit for bit.
+    """
+    total = values[..., 0]
+    for k in range(1, values.shape[-1]):
+        total = total + values[..., k]
+    return total
+
+
 def dot(a: Array, b: Array) -> Array:
     """Dot products (...,) of vectors (..., 3).
 

@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
-from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.robot import Robot, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
@@ -86,30 +86,21 @@ class Start:
     robots: Sequence[Robot]
 
 
-def scene(
-    robot: Robot,
-    network: Assembly,
-    *,
-    plates: Sequence[tuple[int, str]],
-    timestep: float,
-    looks: bool,
-    **of_primitives: Any,
-) -> mujoco.MjSpec:
-    """Return a robot in exact pipes as one model, ready to compile; arguments as of
-    ``Robot.to_spec``.
+def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    """Return a robot in exact pipes as one model, ready to compile; see ``Robot.to_spec``.
 
     Beside the robot's own sensors the model has one for each of its bodies that can touch the wall.
     """
     leave_no_log()
     spec = robot.spec()
-    spec.option.timestep = timestep
+    spec.option.timestep = options.timestep
     bodies = touching_bodies(spec)
     # Contacts as soft as MuJoCo's own let wheels sink in: they would run 2 % slower.
-    soft = max(CONTACT_TIME * robot.time_scale, 2 * timestep)
+    soft = max(CONTACT_TIME * robot.time_scale, 2 * options.timestep)
     add_pipes(spec, network, friction=1.0, solref=[soft, 1.0])
-    more = [end for end in plates if end not in network.closed_ends]
-    add_plates(spec, network, more, looks)
-    if not looks:
+    more = [end for end in options.plates if end not in network.closed_ends]
+    add_plates(spec, network, more, options.looks)
+    if not options.looks:
         for body in bodies:
             _add_touch(spec, body)
     return spec

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -91,6 +92,26 @@ def robot_class(kind: str) -> type[Robot]:
         problem = f"is {kind!r}, which is no ot.Robot"
         raise InputError(Fault("robot.kind", problem, (*ROBOTS, "module:Class")))
     return robot
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Options of the model of a robot in pipes.
+
+    Attributes:
+        plates: ports (part index, port) that are closed by a plate.
+        timestep: s.
+        wall_tolerance, staves: of walls of primitives.
+        exact: exact walls.
+        looks: for pictures.
+    """
+
+    plates: Sequence[tuple[int, str]]
+    timestep: float
+    wall_tolerance: float
+    staves: int | None
+    exact: bool
+    looks: bool
 
 
 class Robot(QuantityModel):
@@ -352,38 +373,9 @@ class Robot(QuantityModel):
         frame is the world's: z along the pipe, the origin on the pipe's axis."""
         raise NotImplementedError
 
-    def to_spec(
-        self,
-        network: Assembly,
-        *,
-        plates: Sequence[tuple[int, str]],
-        timestep: float,
-        wall_tolerance: float,
-        staves: int | None,
-        exact: bool,
-        looks: bool,
-    ) -> mujoco.MjSpec:
-        """Return the robot and the pipes as one model, ready to compile.
-
-        Args:
-            network: pipes, placed in the world.
-            plates: ports (part index, port) that are closed by a plate.
-            timestep: s.
-            wall_tolerance, staves: of walls of primitives.
-            exact: exact walls.
-            looks: for pictures.
-        """
-        make = named(self.scene, "scene", {})
-        return make(
-            self,
-            network,
-            plates=plates,
-            timestep=timestep,
-            wall_tolerance=wall_tolerance,
-            staves=staves,
-            exact=exact,
-            looks=looks,
-        )
+    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+        """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
+        return named(self.scene, "scene", {})(self, network, options)
 
     def plant(self, model: mujoco.MjModel, start: Any, *more: Any) -> Any:
         """Return the plant of n robots; arguments as of ``Plant``."""

@@ -36,7 +36,13 @@ from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.robot import ROBOTS, SPECIAL, RobotOfKind, robot_class
+from omnitrack_sim.robots.robot import (
+    ROBOTS,
+    SPECIAL,
+    RobotOfKind,
+    SceneOptions,
+    robot_class,
+)
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -174,8 +180,7 @@ class Scenario(Table):
             'chassis'
         """
         physics = self.physics
-        return self.robot.to_spec(
-            self.route.network,
+        options = SceneOptions(
             plates=self.plates,
             timestep=physics.timestep,
             wall_tolerance=physics.wall_tolerance,
@@ -184,6 +189,7 @@ class Scenario(Table):
             exact=physics.collider == "exact" and not looks,
             looks=looks,
         )
+        return self.robot.to_spec(self.route.network, options)
 
     @property
     def display(self) -> RobotDisplay:

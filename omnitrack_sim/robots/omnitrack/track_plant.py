@@ -29,7 +29,7 @@ from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out,
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.robot import GRAVITY, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
@@ -48,30 +48,20 @@ SEATING_HALVINGS = 20
 robots of different sizes would not start alike."""
 
 
-def scene(
-    robot: Omnitrack,
-    network: Assembly,
-    *,
-    plates: Sequence[tuple[int, str]],
-    timestep: float,
-    wall_tolerance: float,
-    staves: int | None,
-    exact: bool,
-    looks: bool,
-) -> mujoco.MjSpec:
-    """Return the robot at the world's origin and the walls of a network, ready to compile;
-    arguments as of ``Robot.to_spec``."""
+def scene(robot: Omnitrack, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    """Return the robot at the world's origin and the walls of a network, ready to compile; see
+    ``Robot.to_spec``."""
     spec = new_spec("omnitrack_scene")
-    spec.option.timestep = timestep
-    if exact:
+    spec.option.timestep = options.timestep
+    if options.exact:
         add_exact_walls(spec, network)
         add_guard(spec, f"wall_{network.parts[0].name}")
     else:
-        add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
-    add_plates(spec, network, plates, looks)
+        add_walls(spec, network, tolerance=options.wall_tolerance, staves=options.staves)
+    add_plates(spec, network, options.plates, options.looks)
     # The compiled collider takes a row of lugs as one line; walls of primitives need each lug.
-    add_robot(spec, robot, line_tracks=exact)
-    if looks:
+    add_robot(spec, robot, line_tracks=options.exact)
+    if options.looks:
         from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
         from omnitrack_sim.walls.pipe_looks import add_cameras, add_pipe_looks
 
