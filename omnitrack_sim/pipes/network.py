@@ -20,6 +20,7 @@ from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.reading import (
     NAME_PATTERN,
     NETWORK,
+    by_kind,
     checked,
     faults_of,
     keys_at,
@@ -30,7 +31,7 @@ from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting, Part, attached
 from omnitrack_sim.pipes.assembly import joined
-from omnitrack_sim.pipes.fittings.kinds import FittingEntry, by_kind, table_of
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 
 CLOSES = 1e-3
 """Distance by which the two ports of a joint that closes a loop may miss each other, m."""

@@ -6,7 +6,6 @@ inherits from ``Robot`` and is named ``module:Class`` in the file, or an MJCF fi
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,19 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import (
-    SerializeAsAny,
-    SerializerFunctionWrapHandler,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    model_serializer,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import name_of, named
-from omnitrack_sim.base.reading import KIND_FAULT
+from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly
@@ -463,23 +454,5 @@ class Robot(QuantityModel):
         return iter(())
 
 
-def _read(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-    """Read a table with the class of its ``kind``."""
-    if isinstance(data, Robot):
-        return data
-    if not isinstance(data, Mapping):
-        return robot_class(STANDARD).model_validate(data)
-    table = {key: value for key, value in data.items() if key != "kind"}
-    try:
-        robot = robot_class(str(data.get("kind", STANDARD)))
-    except InputError as error:
-        fault = error.faults[0]
-        context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
-        raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
-    if info.mode == "json":  # strict, as ``reading.checked`` is
-        return robot.model_validate_json(json.dumps(table), strict=True)
-    return robot.model_validate(table)
-
-
-RobotOfKind = Annotated[SerializeAsAny[Robot], WrapValidator(_read)]
+RobotOfKind = Annotated[SerializeAsAny[Robot], by_kind(robot_class, STANDARD)]
 """A robot as a table of a file, which its key ``kind`` reads."""

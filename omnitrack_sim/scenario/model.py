@@ -26,11 +26,11 @@ from omnitrack_sim.base.errors import (
     gathered,
 )
 from omnitrack_sim.base.naming import name_of, named, shipped_files
-from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.reading import NAME_PATTERN, by_kind
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table, symbol_of
 from omnitrack_sim.pipes import Route, route, route_through
-from omnitrack_sim.pipes.fittings.kinds import by_kind, known_fittings, table_of
+from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
