@@ -17,7 +17,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, length, unit
 from omnitrack_sim.pipes import ARCS, Fitting
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.network import End, Network, both_ways, connected
 
 LENGTHS = 0.03
 """Difference of two lengths or bores that are the same, as a part of the true one."""
@@ -215,15 +215,8 @@ class _Graph:
 
     def reached(self, start: End) -> set[int]:
         """Nodes that can be reached from a port of one of them."""
-        nodes, waiting = {start[0]}, [start[0]]
-        while waiting:
-            node = waiting.pop()
-            for port in self.nodes[node].ports:
-                there = self.joined.get((node, port))
-                if there is not None and there[0] not in nodes:
-                    nodes.add(there[0])
-                    waiting.append(there[0])
-        return nodes
+        groups = connected(range(len(self.nodes)), ((a[0], b[0]) for a, b in self.joined.items()))
+        return next(set(group) for group in groups if start[0] in group)
 
 
 class _Walk:

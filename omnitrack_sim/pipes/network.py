@@ -40,6 +40,7 @@ CLOSES_ANGLE = math.radians(0.1)
 End = tuple[int, str]
 """A port: index of the part and the port's name."""
 _Port = TypeVar("_Port")
+_Name = TypeVar("_Name", str, int)
 
 
 def both_ways(joints: Iterable[tuple[_Port, _Port]]) -> dict[_Port, _Port]:
@@ -572,14 +573,14 @@ def origin_of(part: Part) -> dict[str, Any]:
     }
 
 
-def connected(names: Iterable[str], joints: Iterable[tuple[str, str]]) -> list[list[str]]:
+def connected(names: Iterable[_Name], joints: Iterable[tuple[_Name, _Name]]) -> list[list[_Name]]:
     """Return the connected groups of some names, in order, each from its first on outward."""
-    beside: dict[str, list[str]] = {name: [] for name in names}
+    beside: dict[_Name, list[_Name]] = {name: [] for name in names}
     for one, other in joints:
         beside[one].append(other)
         beside[other].append(one)
-    groups: list[list[str]] = []
-    taken: set[str] = set()
+    groups: list[list[_Name]] = []
+    taken: set[_Name] = set()
     for name in beside:
         if name in taken:
             continue

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError
@@ -595,8 +596,8 @@ class _Planner:
         supply = self.supply
         energy, back = (supply.energy(*costs) for costs in label.costs)
         spread = np.sqrt(supply.energy(*np.sqrt(label.variances)) ** 2 + (0.01 * energy) ** 2)
-        enough = _normal((supply.battery_wh - energy) / spread)
-        enough_back = _normal((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
+        enough = ndtr((supply.battery_wh - energy) / spread)
+        enough_back = ndtr((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
         there = np.exp(label.logs)
         probability = float(np.mean(there * enough))
         returned = there * np.exp(label.fittings[1] + label.straights[1]) * enough_back
@@ -638,10 +639,3 @@ def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:
 def _log_mean(logs: Array) -> float:
     """Logarithm of the mean of what ``logs`` are logarithms of."""
     return float(np.logaddexp.reduce(logs) - math.log(len(logs)))
-
-
-def _normal(x: Array) -> Array:
-    """Distribution function of the standard normal."""
-    from scipy.special import ndtr
-
-    return ndtr(x)

@@ -177,7 +177,7 @@ def _add_bend(
     sharp = component.words.get("SKEY", "").upper().startswith("MI") or bend.radius < bore / 2
     fitting: Fitting
     if sharp:
-        fillet = _metres(component, "FILLET-RADIUS", bore / 64)
+        fillet = _fillet(component, bore / 64)
         fitting = Mitre(bend.cut, bend.angle, fillet, bore)
     else:
         fitting = Elbow(bend.radius, bend.angle, bore)
@@ -187,10 +187,10 @@ def _add_bend(
     plant.add(component, fitting, Pose(rotation, a))
 
 
-def _metres(component: Component, key: str, default: float) -> float:
-    """Return an attribute of our own, in millimetres in the file."""
+def _fillet(component: Component, default: float) -> float:
+    """Return the radius of a rim, m, an attribute of our own, in millimetres in the file."""
     try:
-        return float(component.words[key]) / 1e3
+        return float(component.words["FILLET-RADIUS"]) / 1e3
     except (KeyError, ValueError):
         return default
 
@@ -237,7 +237,7 @@ def _branched(
 ) -> Fitting:
     """Return the fitting of a component with branches."""
     branch = min(branches[0].bore, bore)
-    fillet = _metres(component, "FILLET-RADIUS", min(bore / 32, branch / 8))
+    fillet = _fillet(component, min(bore / 32, branch / 8))
     equal = abs(branch - bore) < 1e-9
     if len(branches) == 2:
         return Cross(run, far, angle, fillet, bore, branch)

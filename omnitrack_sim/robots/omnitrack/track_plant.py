@@ -305,9 +305,6 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     def dofs(kind: str) -> NDArray[np.intp]:
         return np.array([model.joint(f"{kind}_{i}").dofadr[0] for i in NUMBERS])
 
-    def bodies(kind: str) -> NDArray[np.intp]:
-        return np.array([model.body(f"{kind}_{i}").id for i in NUMBERS])
-
     # Sprockets touch exact walls alone.
     exact = model.body("sprocket_front_1").geomnum[0] > 0
     parts = (*TRACKS, *MODULE_ENDS) if exact else TRACKS
@@ -316,6 +313,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         return np.array([[model.sensor(f"{kind}_{p}_{i}").adr[0] for p in parts] for i in NUMBERS])
 
     chassis = model.body("chassis").id
+    modules = np.array([[model.body(f"module_{i}").id] for i in NUMBERS])
     actuators = [model.actuator(i) for i in range(model.nu)]
     return Addresses(
         slide=joints("slide"),
@@ -329,8 +327,8 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         belt_dofs=np.array(
             [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
         ),
-        places=3 * bodies("module")[:, None] + np.arange(3),
-        forward=9 * bodies("module")[:, None] + np.arange(2, 9, 3),
+        places=3 * modules + np.arange(3),
+        forward=9 * modules + np.arange(2, 9, 3),
         chassis=3 * chassis + np.arange(3),
         frame=9 * chassis + np.arange(9).reshape(3, 3).T,
         sprockets=np.array(
