@@ -123,7 +123,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
     most = MOST_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
         with path.open("rb") as file:
-            # One byte more than allowed tells a file that is too large without reading all of it.
+            # One byte more than allowed shows that a file is too large without reading all of it.
             content = file.read(most + 1)
         if len(content) > most:
             raise ValueError(f"is too large: at most {most} bytes of {language} are read")

@@ -73,7 +73,7 @@ def lay_out(
 
     Raises:
         NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts
-            that run into each other. Every fault is told.
+            that run into each other. Every fault is listed.
     """
     names, kinds = list(fittings), list(fittings.values())
     poses, used = _placed(kinds, joints, first)

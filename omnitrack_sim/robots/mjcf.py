@@ -21,7 +21,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class Mjcf(Robot):
-    """Robot of an MJCF file; all that it does is done by a controller of your own.
+    """Robot of an MJCF file, driven by a controller of your own.
 
     Its nose and tail are the ends of what can touch the wall, along ``forward``, in the state in
     which the file has it.
@@ -78,7 +78,7 @@ class Mjcf(Robot):
     @classmethod
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "file" not in info.data:
-            return sha256  # a fault that is told already
+            return sha256  # reported at the file's own key
         digest = hashlib.sha256(Path(info.data["file"]).read_bytes()).hexdigest()
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")

@@ -491,7 +491,7 @@ def _rotation(state: State) -> Array:
     own = np.stack([_turned(axes, column) for column in state.at.own.rotation.T], axis=-1)
     if not len(state.at.ends):
         return own
-    # The chassis may roll about the way, or wind round it: nose and tail tell the axis.
+    # The chassis may roll about the way, or wind round it: nose and tail give the axis.
     ends = state.site_xpos.take(state.at.ends, axis=1)
     z = ends[:, :3] - ends[:, 3:]
     z /= np.sqrt(dot(z, z))[:, None]
@@ -608,7 +608,7 @@ def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
 class Diagnosis:
     """Finds the cause for which each of n robots makes no headway.
 
-    A robot with more to tell than its tilt keeps averages of its readings.
+    A robot whose causes need more than its tilt keeps averages of its readings.
 
     Args:
         robot: parameters.

@@ -258,7 +258,7 @@ class Robot(QuantityModel):
         }
 
     def is_similar(self, other: Robot) -> bool:
-        """Whether what touches the wall is of the same form and, as a volume, as heavy."""
+        """Return whether the parts that touch the wall have the same form and the same density."""
         own, its = self._model, other._model
         factor = other.nominal_bore / self.nominal_bore
         touching = own.geom_contype | own.geom_conaffinity > 0

@@ -132,7 +132,7 @@ class Scenario(Table):
     __str__ = __repr__
 
     def __eq__(self, other: object) -> bool:
-        """By the keys alone, not by what has been derived from them so far."""
+        """Return whether both have the same keys; values derived from them do not count."""
         if not isinstance(other, Scenario):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)

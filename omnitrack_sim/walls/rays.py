@@ -284,7 +284,7 @@ def _follow(parts, near, count, far, out):
 
 @compiled
 def _onto_wall(parts, near, k, s, d, out):
-    """From a place close to the wall, onto it by its slope; its gradient in ``out``."""
+    """Refine a place close to the wall by Newton steps onto it; its gradient goes to ``out``."""
     n = NEAR * k
     p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
     for _ in range(3):

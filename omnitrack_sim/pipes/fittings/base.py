@@ -132,7 +132,7 @@ class Fitting(ABC):
         kind: one word; the name in files of the kinds that come with the package.
         port_names: in the order that is used everywhere; the first is where a network begins.
         default_way: ports that a scenario's pipe is entered and left at where it does not say.
-        is_plain: whether a run through it has nothing to tell: a straight of one bore.
+        is_plain: whether it is a straight of one bore, which a robot passes without any manoeuvre.
         closed_ports: ports at which a flat wall ends the pipe; nothing is joined to them.
         inner_diameter: bore, m, at the first port and wherever no other key is for it.
         Table: keys of its file form.

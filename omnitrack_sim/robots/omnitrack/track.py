@@ -234,7 +234,7 @@ def _into_world(con, k, wall, w, position, matrix, g_line, g_wall):
     along = ux * con[k + 4] + uy * con[k + 5] + uz * con[k + 6]
     tx, ty, tz = ux - along * con[k + 4], uy - along * con[k + 5], uz - along * con[k + 6]
     size = math.sqrt(tx * tx + ty * ty + tz * tz)
-    # A zero tangent tells MuJoCo to choose one itself, as where the line is normal to the wall.
+    # For a zero tangent MuJoCo chooses one, as where the line is normal to the wall.
     scale = 1.0 / size if size > 1e-6 else 0.0
     con[k + 7], con[k + 8], con[k + 9] = scale * tx, scale * ty, scale * tz
 

@@ -269,7 +269,7 @@ class TrackPlant(Plant):
 
     def _leave_out_far_tracks(self) -> None:
         """Switch off the contacts of rows of lugs that face away from the wall: half of the
-        collision work. Of tracks that are lines the collider tells by the wall itself."""
+        collision work. For tracks that are lines the collider decides by the wall's normal."""
         if self._lugs.shape[-1] == 1:
             return
         cosine = np.cos(self.qpos.take(self._at.roll, axis=1))

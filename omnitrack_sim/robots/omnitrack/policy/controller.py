@@ -1,5 +1,5 @@
-"""From decisions to commands: the same steps for a policy in a run and for a learner in an
-environment, and the controller that runs a policy file."""
+"""Conversion of decisions to commands, the same for a policy in a run and for a learner in an
+environment; and the controller that runs a policy file."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ class PolicyTable(Table):
     @classmethod
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "policy" not in info.data:
-            return sha256  # a fault that is told already
+            return sha256  # reported at the file's own key
         digest = load_policy(info.data["policy"]).sha256
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")
