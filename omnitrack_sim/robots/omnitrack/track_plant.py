@@ -299,12 +299,13 @@ def _slice(indices: NDArray[np.intp]) -> slice:
 def _addresses(model: mujoco.MjModel) -> Addresses:
     """Names to addresses, once."""
 
-    def joints(kind: str) -> NDArray[np.intp]:
-        return np.array([model.joint(f"{kind}_{i}").qposadr[0] for i in NUMBERS])
+    def joints(*kinds: str) -> NDArray[np.intp]:
+        return np.array([[model.joint(f"{k}_{i}").qposadr[0] for k in kinds] for i in NUMBERS])
 
-    def dofs(kind: str) -> NDArray[np.intp]:
-        return np.array([model.joint(f"{kind}_{i}").dofadr[0] for i in NUMBERS])
+    def dofs(*kinds: str) -> NDArray[np.intp]:
+        return np.array([[model.joint(f"{k}_{i}").dofadr[0] for k in kinds] for i in NUMBERS])
 
+    belts = [f"belt_{track}" for track in TRACKS]
     # Sprockets touch exact walls alone.
     exact = model.body("sprocket_front_1").geomnum[0] > 0
     parts = (*TRACKS, *MODULE_ENDS) if exact else TRACKS
@@ -316,24 +317,18 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
     modules = np.array([[model.body(f"module_{i}").id] for i in NUMBERS])
     actuators = [model.actuator(i) for i in range(model.nu)]
     return Addresses(
-        slide=joints("slide"),
-        pitch=joints("pitch"),
-        roll=joints("roll"),
-        belts=np.array(
-            [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
-        ),
-        slide_dofs=dofs("slide"),
-        pitch_dofs=dofs("pitch"),
-        belt_dofs=np.array(
-            [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
-        ),
+        slide=joints("slide")[:, 0],
+        pitch=joints("pitch")[:, 0],
+        roll=joints("roll")[:, 0],
+        belts=joints(*belts),
+        slide_dofs=dofs("slide")[:, 0],
+        pitch_dofs=dofs("pitch")[:, 0],
+        belt_dofs=dofs(*belts),
         places=3 * modules + np.arange(3),
         forward=9 * modules + np.arange(2, 9, 3),
         chassis=3 * chassis + np.arange(3),
         frame=9 * chassis + np.arange(9).reshape(3, 3).T,
-        sprockets=np.array(
-            [[model.joint(f"sprocket_{e}_{i}").qposadr[0] for e in MODULE_ENDS] for i in NUMBERS]
-        ),
+        sprockets=joints(*(f"sprocket_{end}" for end in MODULE_ENDS)),
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
         contact=of_chain("contact")[:, :, None] + np.arange(7),
         touch=of_chain("touch"),
