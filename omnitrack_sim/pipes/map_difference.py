@@ -266,25 +266,16 @@ class _Walk:
     ) -> list[tuple[End, End, Array, Array]]:
         """Compare two parts, entered by ``here`` and ``there``; return the next pairs."""
         mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
-        names, leaves = (mine.name, true.name), [p for p in true.ports if p != there[1]]
+        names = (mine.name, true.name)
         plain = mine.fitting.is_plain and true.fitting.is_plain  # a cap is a straight with a plate
         if not plain and mine.fitting.kind != true.fitting.kind:
             self._kinds[there[0]] = names
             return []
         at_mine = _entered(mine, here[1], my_side)
         at_true = _entered(true, there[1], true_side)
-        others = [p for p in mine.ports if p != here[1]]
-        # Ports are matched by where they look: which run of a tee is "start" is a matter of naming.
-        order = min(
-            permutations(others, len(leaves)),
-            key=lambda ports: sum(
-                float(angle_between(at_mine[a].rotation[:, 2], at_true[b].rotation[:, 2]))
-                for a, b in zip(ports, leaves, strict=True)
-            ),
-        )
         self._ports[there] = here
         onward, lengths = [], list[tuple[float, float]]()
-        for port, leave in zip(order, leaves, strict=True):
+        for port, leave in _matched(at_mine, at_true, here[1], there[1]):
             ends, ways = (here[0], port), (there[0], leave)
             self._ports[ways] = ends
             my_out, true_out = at_mine[port].rotation[:, 2], at_true[leave].rotation[:, 2]
@@ -330,6 +321,22 @@ def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
     x = unit(side - z * (z @ side))
     frame = Pose(np.stack([x, np.cross(z, x), z], axis=-1), port.position).inverse()
     return {name: frame @ pose for name, pose in node.ports.items()}
+
+
+def _matched(
+    mine: Mapping[str, Pose], true: Mapping[str, Pose], enter: str, true_enter: str
+) -> list[tuple[str, str]]:
+    """Pairs of ports by which two parts are left, by where they look: which run of a tee is
+    "start" is a matter of naming."""
+    leaves = [port for port in true if port != true_enter]
+    order = min(
+        permutations([port for port in mine if port != enter], len(leaves)),
+        key=lambda ports: sum(
+            float(angle_between(mine[a].rotation[:, 2], true[b].rotation[:, 2]))
+            for a, b in zip(ports, leaves, strict=True)
+        ),
+    )
+    return [*zip(order, leaves, strict=True)]
 
 
 def _side_beyond(node: _Node, enter: str, leave: str, side: Array) -> Array:
