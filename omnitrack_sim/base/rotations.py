@@ -80,6 +80,11 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     return matrix_from_quaternion(np.concatenate([np.cos(half), axis * np.sin(half)], axis=-1))
 
 
+def frame_of(x: Array, z: Array) -> Array:
+    """Rotations (..., 3, 3) whose x and z are given, unit vectors (..., 3) square to each other."""
+    return np.stack([x, cross(z, x), z], axis=-1)
+
+
 def frame_along(axis: ArrayLike, turn: float) -> Array:
     """Rotation (3, 3) whose z lies along ``axis`` (3,).
 
@@ -93,7 +98,7 @@ def frame_along(axis: ArrayLike, turn: float) -> Array:
     )
     x = unit(helper - z * (helper @ z))
     x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -188,7 +193,7 @@ def orthonormal(rotation: Array) -> Array:
     x = rotation[:, :, 0]
     x = x - (x * z).sum(axis=-1)[:, None] * z
     x = x / np.sqrt((x**2).sum(axis=-1))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:

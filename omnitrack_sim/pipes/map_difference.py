@@ -15,7 +15,7 @@ from itertools import permutations
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose, angle_between, length, unit
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_of, length, unit
 from omnitrack_sim.pipes import ARCS, Fitting
 from omnitrack_sim.pipes.network import End, Network, both_ways, connected
 
@@ -319,7 +319,7 @@ def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
     port = node.ports[enter]
     z = -port.rotation[:, 2]
     x = unit(side - z * (z @ side))
-    frame = Pose(np.stack([x, np.cross(z, x), z], axis=-1), port.position).inverse()
+    frame = Pose(frame_of(x, z), port.position).inverse()
     return {name: frame @ pose for name, pose in node.ports.items()}
 
 

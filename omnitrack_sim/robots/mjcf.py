@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, Positive
 from omnitrack_sim.robots.plant import compiled, initial_state
 from omnitrack_sim.robots.quantity import quantity
@@ -154,4 +154,4 @@ def _turn(forward: Axis) -> Array:
     z = np.zeros(3)
     z["xyz".index(forward[-1])] = -1.0 if forward.startswith("-") else 1.0
     x = np.roll(np.abs(z), 1)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return frame_of(x, z)

@@ -20,6 +20,7 @@ from omnitrack_sim.base.rotations import (
     Pose,
     cross,
     dot,
+    frame_of,
     matrix_from_quaternion,
     quaternion_from_matrix,
     set_rows,
@@ -497,7 +498,7 @@ def _rotation(state: State) -> Array:
     z /= np.sqrt(dot(z, z))[:, None]
     x = own[..., 0] - dot(own[..., 0], z)[:, None] * z
     x /= np.sqrt(dot(x, x))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def _spin(state: State) -> Array:

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.rotations import Array, Pose, cross, unit
+from omnitrack_sim.base.rotations import Array, Pose, cross, frame_of, unit
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
@@ -372,7 +372,7 @@ def positive(size: float) -> tuple[bool, str]:
 def port_pose(z: Array, x: Array, position: Array) -> Pose:
     """Return a port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,)
     m."""
-    return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
+    return Pose(frame_of(x, z), position)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from omnitrack_sim.base.rotations import (
     Pose,
     angle_between,
     frame_along,
+    frame_of,
     length,
     unit,
 )
@@ -183,8 +184,7 @@ def _add_bend(
         fitting = Elbow(bend.radius, bend.angle, bore)
     along, onward = unit(bend.corner - a), unit(b - bend.corner)
     inward = unit(onward - along * (along @ onward))
-    rotation = np.stack([inward, np.cross(along, inward), along], axis=-1)
-    plant.add(component, fitting, Pose(rotation, a))
+    plant.add(component, fitting, Pose(frame_of(inward, along), a))
 
 
 def _fillet(component: Component, default: float) -> float:
