@@ -43,7 +43,8 @@ def _between(*fitting: dict[str, Any], bore: float = 0.1) -> dict[str, Any]:
 def speed(quick: bool) -> Claim:
     """The speed without load."""
     straight = {"pipes": [_straight(1.5)], "start.axis": LEVEL, "run.time_limit": 3.0}
-    speed = speed_of(*runs_of(ELBOW, [straight]), 1.0)
+    (run,) = runs_of(ELBOW, [straight])
+    speed = speed_of(run, 1.0)
     return Claim(
         id="pirate_speed",
         source=CABLE,

@@ -68,7 +68,8 @@ def climb_limit(quick: bool) -> Claim:
 def motor_droop(quick: bool) -> Claim:
     """The speed of climbing under its own weight."""
     robot = Presser()
-    speed = speed_of(*runs_of(ELBOW, [_up()]), 1.0)
+    (run,) = runs_of(ELBOW, [_up()])
+    speed = speed_of(run, 1.0)
     radius, gain = robot.wheel_radius, robot.motor_gain
     law = robot.speed - radius * robot.mass * GRAVITY * radius / (6 * gain)
     return Claim(
