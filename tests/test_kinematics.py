@@ -13,6 +13,32 @@ EXCHANGED = [0, 2, 1]
 """Modules 2 and 3 exchanged: from ours, module 2 at +120 degrees, to Eqs. 11-20 as printed."""
 
 
+def inverse_jacobian(r, l):
+    """Closed form (..., 4, 4) of the inverse of J, as docs/explanation/kinematics.md has it."""
+    inverse = np.zeros((*np.shape(r), 4, 4))
+    inverse[..., :3, 0] = np.divide(l, r)[..., None] * np.sin(MODULE_ANGLES)
+    inverse[..., :3, 1] = -np.divide(l, r)[..., None] * np.cos(MODULE_ANGLES)
+    inverse[..., :3, 3] = np.divide(1, r)[..., None]
+    inverse[..., 3, 2] = 1.0
+    return inverse
+
+
+def radius_of_curvature(speeds, omega):
+    """Eq. 19 as printed, (...,) m: (|V_1| + |V_2| + |V_3|) / (3 |omega|)."""
+    return _ratio(np.abs(speeds).mean(axis=-1), np.linalg.norm(omega, axis=-1))
+
+
+def path_radius(speeds, omega):
+    """Radius (...,) m of the centre's path: |V_cz| / sqrt(omega_x^2 + omega_y^2)."""
+    omega = np.asarray(omega, float)
+    return _ratio(np.abs(kin.forward_speed(speeds)), np.hypot(omega[..., 0], omega[..., 1]))
+
+
+def _ratio(speed, rate):
+    moving = np.where(speed > 0, np.inf, np.nan)
+    return np.where(rate > 0, speed / np.where(rate > 0, rate, 1.0), moving)
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(1)
@@ -96,7 +122,7 @@ def test_jacobian_is_equation_18():
 def test_jacobian_times_its_inverse_is_the_identity(rng):
     """For arrays of sizes, either way round."""
     r, l = rng.uniform(0.01, 0.05, (4, 5)), rng.uniform(0.03, 0.1, (4, 5))
-    J, inverse = kin.jacobian(r, l), kin.inverse_jacobian(r, l)
+    J, inverse = kin.jacobian(r, l), inverse_jacobian(r, l)
     assert J.shape == inverse.shape == (4, 5, 4, 4)
     assert np.allclose(J @ inverse, np.eye(4), atol=1e-14)
     assert np.allclose(inverse @ J, np.eye(4), atol=1e-14)
@@ -122,7 +148,7 @@ def test_module_speeds_are_the_inverse_jacobian(rng):
     """Wall speeds over r are its first three rows."""
     v, wx, wy = rng.normal(size=(3, 40))
     motion = np.stack([wx, wy, np.zeros(40), v], axis=1)
-    shafts = motion @ kin.inverse_jacobian(RADIUS, LEVER).T
+    shafts = motion @ inverse_jacobian(RADIUS, LEVER).T
     assert np.allclose(kin.module_speeds(v, wx, wy, LEVER) / RADIUS, shafts[:, :3])
 
 
@@ -172,25 +198,25 @@ def test_radius_of_curvature_is_that_of_the_elbow():
     theta5 = np.linspace(-np.pi, np.pi, 25)
     speeds = kin.elbow_speeds(0.1, theta5, 0.24, 0.08)
     omega = kin.angular_velocity(speeds, 0.0, 0.08)
-    assert np.allclose(kin.radius_of_curvature(speeds, omega), 0.24)
-    assert np.allclose(kin.path_radius(speeds, omega), 0.24)
+    assert np.allclose(radius_of_curvature(speeds, omega), 0.24)
+    assert np.allclose(path_radius(speeds, omega), 0.24)
 
 
 def test_limits_of_the_radius_of_curvature():
     """Infinite on a line, NaN at rest, and on the spot 0.667 l or 0.577 l by Eq. 19 where the path
     has radius 0."""
     assert (
-        kin.radius_of_curvature([0.1, 0.1, 0.1], [0, 0, 0])
+        radius_of_curvature([0.1, 0.1, 0.1], [0, 0, 0])
         == np.inf
-        == kin.path_radius([0.1, 0.1, 0.1], [0, 0, 0])
+        == path_radius([0.1, 0.1, 0.1], [0, 0, 0])
     )
-    assert np.isnan(kin.radius_of_curvature([0, 0, 0], [0, 0, 0]))
-    assert np.isnan(kin.path_radius([0, 0, 0], [0, 0, 0]))
+    assert np.isnan(radius_of_curvature([0, 0, 0], [0, 0, 0]))
+    assert np.isnan(path_radius([0, 0, 0], [0, 0, 0]))
     for wx, wy, expected in ((0.0, 1.0, 2 / 3), (1.0, 0.0, 1 / ROOT3)):
         speeds = kin.module_speeds(0.0, wx, wy, LEVER)
         omega = [wx, wy, 0.0]
-        assert kin.radius_of_curvature(speeds, omega) == pytest.approx(expected * LEVER)
-        assert kin.path_radius(speeds, omega) == pytest.approx(0, abs=1e-17)
+        assert radius_of_curvature(speeds, omega) == pytest.approx(expected * LEVER)
+        assert path_radius(speeds, omega) == pytest.approx(0, abs=1e-17)
 
 
 def test_belt_sign_follows_the_cosine_of_the_roll():
@@ -225,5 +251,5 @@ def test_arrays_of_any_leading_shape(rng):
         == (2, 5, 3)
     )
     assert kin.cross_velocity(spin, arms).shape == (2, 5, 2)
-    assert kin.radius_of_curvature(V, V).shape == kin.path_radius(V, V).shape == (2, 5)
+    assert radius_of_curvature(V, V).shape == path_radius(V, V).shape == (2, 5)
     assert kin.elbow_radii(spin, 0.24, np.full(5, 0.08)).shape == (2, 5, 3)

@@ -8,7 +8,6 @@ import pytest
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
-    PAPER_SECTOR,
     TurnCase,
     best_theta5,
     failure_rate,
@@ -22,6 +21,8 @@ from omnitrack_sim.robots.omnitrack.singularity import (
 )
 
 R, RHO = 0.080, 0.0961016
+PAPER_SECTOR = np.radians(96.54)
+"""Of the paper's robot (Section IV)."""
 
 
 def test_the_papers_numbers():

@@ -92,12 +92,13 @@ def check_time(where: str, time: object) -> None:
         raise InputError(Fault(where, "is nan; it must be a number, s"))
 
 
-def check_times(where: str, times: object) -> None:
-    """Check a list of times in a run, s; errors as of ``check_time``, and TypeError for no list."""
+def check_times(times: object) -> None:
+    """Check the argument ``times``, a list of times in a run, s; errors as of ``check_time``, and
+    TypeError for no list."""
     if not isinstance(times, Sequence | np.ndarray) or isinstance(times, str):
-        raise TypeError(f"{where}: is {_described(times)}; it must be a list of numbers, s")
+        raise TypeError(f"times: is {_described(times)}; it must be a list of numbers, s")
     for i, time in enumerate(times):
-        check_time(f"{where}[{i}]", time)
+        check_time(f"times[{i}]", time)
 
 
 def _described(value: object) -> str:

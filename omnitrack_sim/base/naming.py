@@ -69,10 +69,10 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     try:
         thing: Any = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:  # whatever a module does while it is imported
-        told = ", ".join(dict.fromkeys(map(str, folders)))
+        searched = ", ".join(dict.fromkeys(map(str, folders)))
         problem = (
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
-            f"on Python's path and in {told}"
+            f"on Python's path and in {searched}"
         )
         raise InputError(Fault(where, problem, choices)) from error
     _refuse_twin(thing, name, where)

@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import (
+    BaseModel,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic_core import PydanticCustomError
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ShippedKind, look_beside, shipped_files
@@ -116,7 +123,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
     most = MOST_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
         with path.open("rb") as file:
-            # One byte more than allowed tells a file that is too large without reading all of it.
+            # One byte more than allowed shows that a file is too large without reading all of it.
             content = file.read(most + 1)
         if len(content) > most:
             raise ValueError(f"is too large: at most {most} bytes of {language} are read")
@@ -309,6 +316,38 @@ def checked(
     if odd:
         raise error(odd)
     return made
+
+
+def by_kind(model_of: Callable[[str], type[BaseModel]], default: str = "") -> WrapValidator:
+    """Return a wrap validator that reads a table with the model of its ``kind``.
+
+    Faults within a table are reported at its keys.
+
+    Args:
+        model_of: returns the model of a kind, or raises an ``InputError`` with the valid ones.
+        default: kind of a table that does not say one.
+    """
+
+    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        # The common handler takes what is read already, and says that a table is expected.
+        if not isinstance(data, Mapping):
+            return handler(data)
+        try:
+            model = model_of(str(data.get("kind", default)))
+        except InputError as error:
+            fault = error.faults[0]
+            problem = fault.problem if "kind" in data else "is missing"
+            context = {"problem": problem, "choices": fault.choices, "given": fault.given}
+            # Only a pydantic error is collected beside the other faults; the parts of ours travel
+            # in its context.
+            raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
+        own = "kind" in model.model_fields
+        table = {key: value for key, value in data.items() if own or key != "kind"}
+        if info.mode == "json":  # strict, as ``checked`` is
+            return model.model_validate_json(json.dumps(table), strict=True)
+        return model.model_validate(table)
+
+    return WrapValidator(opened)
 
 
 def faults_of(

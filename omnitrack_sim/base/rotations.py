@@ -34,6 +34,17 @@ def direction_of(vector: ArrayLike) -> Array:
     return unit(np.ldexp(vector, -exponent))
 
 
+def ordered_sum(values: Array) -> Array:
+    """Sums (...,) over the last axis of values (..., k), in one order at any batch size.
+
+    NumPy's own sums add in an order that depends on the shape; runs have to repeat bit for bit.
+    """
+    total = values[..., 0]
+    for k in range(1, values.shape[-1]):
+        total = total + values[..., k]
+    return total
+
+
 def dot(a: Array, b: Array) -> Array:
     """Dot products (...,) of vectors (..., 3).
 
@@ -69,6 +80,11 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     return matrix_from_quaternion(np.concatenate([np.cos(half), axis * np.sin(half)], axis=-1))
 
 
+def frame_of(x: Array, z: Array) -> Array:
+    """Rotations (..., 3, 3) whose x and z are given, unit vectors (..., 3) square to each other."""
+    return np.stack([x, cross(z, x), z], axis=-1)
+
+
 def frame_along(axis: ArrayLike, turn: float) -> Array:
     """Rotation (3, 3) whose z lies along ``axis`` (3,).
 
@@ -82,7 +98,7 @@ def frame_along(axis: ArrayLike, turn: float) -> Array:
     )
     x = unit(helper - z * (helper @ z))
     x = x * math.cos(turn) + np.cross(z, x) * math.sin(turn)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -177,7 +193,7 @@ def orthonormal(rotation: Array) -> Array:
     x = rotation[:, :, 0]
     x = x - (x * z).sum(axis=-1)[:, None] * z
     x = x / np.sqrt((x**2).sum(axis=-1))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:

@@ -62,7 +62,7 @@ def format_of(path: object, format: str | None, what: str, formats: tuple[str, .
 
 
 @contextmanager
-def told(path: str | Path) -> Iterator[None]:
+def as_output_error(path: str | Path) -> Iterator[None]:
     """Turn an error of the system into an ``OutputError`` that names the place."""
     try:
         yield
@@ -79,7 +79,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Raises:
         OutputError: ``path`` is a folder or a device, or the disk is full or closed to us.
     """
-    with told(path), _whole(_file_place(path)) as new:
+    with as_output_error(path), _whole(_file_place(path)) as new:
         yield new
 
 
@@ -121,7 +121,7 @@ def write_files(files: Mapping[Path, bytes]) -> list[Path]:
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """Create ``folder`` if it is missing; remove it again if it is empty in the end."""
-    with told(folder):
+    with as_output_error(folder):
         missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -144,7 +144,7 @@ def whole_folder(directory: str | Path, mark: str) -> Iterator[Path]:
     Raises:
         OutputError: ``directory`` holds other things, or the disk is full or closed to us.
     """
-    with told(directory):
+    with as_output_error(directory):
         target = _folder_place(directory, mark)
         target.parent.mkdir(parents=True, exist_ok=True)
         with _whole(target) as new:
@@ -167,7 +167,7 @@ def _whole(target: Path) -> Iterator[Path]:
 
 def check_file(path: str | Path) -> None:
     """Raise an ``OutputError``, before any work, for a place where no file can be written."""
-    with told(path):
+    with as_output_error(path):
         _try_out(_file_place(path).parent)
 
 
@@ -183,7 +183,7 @@ def check_folder(directory: str | Path, mark: str | None = None, files: Iterable
     Raises:
         OutputError: it is a file, it holds other things, or it is closed to us.
     """
-    with told(directory):
+    with as_output_error(directory):
         target = _folder_place(directory, mark)
         there, names = target, [*files]
         # An earlier file of that name may be a folder, a device or protected.

@@ -128,7 +128,7 @@ def _is_sound(qpos: Array) -> bool:
 
 
 def _along_the_route(scenario: Scenario) -> Result:
-    """A run along a scenario's route, which tells cameras where the robot will be."""
+    """Return a run along a scenario's route, by which cameras are placed."""
     route, planner = scenario.route, scenario.planner
     distance = np.arange(scenario.start.distance, scenario.goal_distance, SPACING)
     samples = len(distance)

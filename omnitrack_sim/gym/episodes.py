@@ -14,7 +14,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.options import EnvOptions, Tally, check_for
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.feature import DECISION_PERIOD, bounds, entry_slices, steps_of
+from omnitrack_sim.robots.feature import bounds, entry_slices, steps_of_decision
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.senses.settings import camera_of
@@ -71,7 +71,7 @@ class EpisodeSampler:
             )
             raise InputError(Fault("sensing", problem))
         # Raises where a decision is no whole number of control steps, before the first episode.
-        steps_of(DECISION_PERIOD, self.example.physics.control_period)
+        steps_of_decision(self.example.physics.control_period)
         if options.picture and self.example.sensing.camera != "depth":
             raise InputError(Fault("picture", "is that of the camera 'depth'", ("depth",)))
 

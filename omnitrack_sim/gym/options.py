@@ -92,7 +92,7 @@ class EnvOptions(Table):
 
     @property
     def weights(self) -> dict[str, float]:
-        """Of all terms of the reward."""
+        """Weights of all terms of the reward."""
         return {term.name: self.reward.get(term.name, term.weight) for term in TERMS.values()}
 
 

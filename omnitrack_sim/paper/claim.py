@@ -196,6 +196,30 @@ def runs_of(scenario: str, changes: Iterable[Mapping[str, Any]]) -> list[Result]
     return list(run_batch([override(base, change) for change in changes]))
 
 
+def alone(scenario: str, changes: Iterable[Mapping[str, Any]]) -> list[Result]:
+    """Return results as ``runs_of`` does, of runs that share no batch: in pipes of their own."""
+    return [run for change in changes for run in runs_of(scenario, [change])]
+
+
+def speed_of(result: Result, begin: float) -> float:
+    """Return the speed along the route, m/s, by a straight fitted to the samples after ``begin``
+    s."""
+    time, s = result.trajectory.time, result.trajectory["distance"]
+    return float(np.polyfit(time[time > begin], s[time > begin], 1)[0])
+
+
+def all_pass(results: Sequence[Result], **words: Any) -> Claim:
+    """Return the claim that every run reaches its goal; ``words`` are its further fields."""
+    passed, total, text = rate(results)
+    words |= {"measured": text, "uncertainty": "Wilson, 95 %", "sample": Sample.EVERY}
+    return Claim(verdict=verdict_of(passed == total), **words)
+
+
+def study(**words: Any) -> Claim:
+    """Return a claim about rates or averages of which the paper says nothing."""
+    return Claim(verdict=ClaimVerdict.STUDY, sample=Sample.AVERAGE, **words)
+
+
 FACTORS = 0.7, 1.4
 """Factors by which assumed sizes are varied, one at a time."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, cross, dot
+from omnitrack_sim.base.rotations import Array, dot, frame_of
 
 SEARCH = 0.15
 """Distance from the last known arc length that ``locate`` searches, m: routes may come close to
@@ -147,7 +147,7 @@ class Centreline:
         angle = np.clip(s - rows[:, _START], 0.0, rows[:, _LENGTH]) * rows[:, _CURVATURE]
         x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
         _, z, _, _ = self.at(s, line)
-        return np.stack([x, cross(z, x), z], axis=-1)
+        return frame_of(x, z)
 
     def locate(
         self, points: Array, near: Array | None = None, line: NDArray[np.intp] | None = None

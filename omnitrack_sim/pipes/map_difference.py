@@ -15,9 +15,9 @@ from itertools import permutations
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose, angle_between, length, unit
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_of, length, unit
 from omnitrack_sim.pipes import ARCS, Fitting
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.network import End, Network, both_ways, connected
 
 LENGTHS = 0.03
 """Difference of two lengths or bores that are the same, as a part of the true one."""
@@ -215,15 +215,8 @@ class _Graph:
 
     def reached(self, start: End) -> set[int]:
         """Nodes that can be reached from a port of one of them."""
-        nodes, waiting = {start[0]}, [start[0]]
-        while waiting:
-            node = waiting.pop()
-            for port in self.nodes[node].ports:
-                there = self.joined.get((node, port))
-                if there is not None and there[0] not in nodes:
-                    nodes.add(there[0])
-                    waiting.append(there[0])
-        return nodes
+        groups = connected(range(len(self.nodes)), ((a[0], b[0]) for a, b in self.joined.items()))
+        return next(set(group) for group in groups if start[0] in group)
 
 
 class _Walk:
@@ -273,25 +266,16 @@ class _Walk:
     ) -> list[tuple[End, End, Array, Array]]:
         """Compare two parts, entered by ``here`` and ``there``; return the next pairs."""
         mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
-        names, leaves = (mine.name, true.name), [p for p in true.ports if p != there[1]]
+        names = (mine.name, true.name)
         plain = mine.fitting.is_plain and true.fitting.is_plain  # a cap is a straight with a plate
         if not plain and mine.fitting.kind != true.fitting.kind:
             self._kinds[there[0]] = names
             return []
         at_mine = _entered(mine, here[1], my_side)
         at_true = _entered(true, there[1], true_side)
-        others = [p for p in mine.ports if p != here[1]]
-        # Ports are matched by where they look: which run of a tee is "start" is a matter of naming.
-        order = min(
-            permutations(others, len(leaves)),
-            key=lambda ports: sum(
-                float(angle_between(at_mine[a].rotation[:, 2], at_true[b].rotation[:, 2]))
-                for a, b in zip(ports, leaves, strict=True)
-            ),
-        )
         self._ports[there] = here
         onward, lengths = [], list[tuple[float, float]]()
-        for port, leave in zip(order, leaves, strict=True):
+        for port, leave in _matched(at_mine, at_true, here[1], there[1]):
             ends, ways = (here[0], port), (there[0], leave)
             self._ports[ways] = ends
             my_out, true_out = at_mine[port].rotation[:, 2], at_true[leave].rotation[:, 2]
@@ -335,8 +319,24 @@ def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
     port = node.ports[enter]
     z = -port.rotation[:, 2]
     x = unit(side - z * (z @ side))
-    frame = Pose(np.stack([x, np.cross(z, x), z], axis=-1), port.position).inverse()
+    frame = Pose(frame_of(x, z), port.position).inverse()
     return {name: frame @ pose for name, pose in node.ports.items()}
+
+
+def _matched(
+    mine: Mapping[str, Pose], true: Mapping[str, Pose], enter: str, true_enter: str
+) -> list[tuple[str, str]]:
+    """Pairs of ports by which two parts are left, by where they look: which run of a tee is
+    "start" is a matter of naming."""
+    leaves = [port for port in true if port != true_enter]
+    order = min(
+        permutations([port for port in mine if port != enter], len(leaves)),
+        key=lambda ports: sum(
+            float(angle_between(mine[a].rotation[:, 2], true[b].rotation[:, 2]))
+            for a, b in zip(ports, leaves, strict=True)
+        ),
+    )
+    return [*zip(order, leaves, strict=True)]
 
 
 def _side_beyond(node: _Node, enter: str, leave: str, side: Array) -> Array:

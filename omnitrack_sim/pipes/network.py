@@ -7,7 +7,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -20,6 +20,7 @@ from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.reading import (
     NAME_PATTERN,
     NETWORK,
+    by_kind,
     checked,
     faults_of,
     keys_at,
@@ -30,7 +31,7 @@ from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting, Part, attached
 from omnitrack_sim.pipes.assembly import joined
-from omnitrack_sim.pipes.fittings.kinds import FittingEntry, by_kind, table_of
+from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 
 CLOSES = 1e-3
 """Distance by which the two ports of a joint that closes a loop may miss each other, m."""
@@ -39,6 +40,7 @@ CLOSES_ANGLE = math.radians(0.1)
 End = tuple[int, str]
 """A port: index of the part and the port's name."""
 _Port = TypeVar("_Port")
+_Name = TypeVar("_Name", str, int)
 
 
 def both_ways(joints: Iterable[tuple[_Port, _Port]]) -> dict[_Port, _Port]:
@@ -46,21 +48,16 @@ def both_ways(joints: Iterable[tuple[_Port, _Port]]) -> dict[_Port, _Port]:
     return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
 
 
-@dataclass(frozen=True)
-class Joined:
-    """Two ports in one place.
-
-    Attributes:
-        ends: the two ports.
-        turn: rad, by which the part that is placed later is turned about the joint's axis.
-    """
-
-    ends: tuple[End, End]
-    turn: float = 0.0
+Joined = tuple[tuple[End, End], float]
+"""Two ports in one place, and the turn, rad, of the later part about the joint's axis."""
 
 
 def lay_out(
-    fittings: Mapping[str, Fitting], joints: Sequence[Joined], first: Mapping[int, Pose]
+    fittings: Mapping[str, Fitting],
+    joints: Sequence[Joined],
+    first: Mapping[int, Pose],
+    *,
+    checked: bool = True,
 ) -> Assembly:
     """Place the fittings along the joints, breadth first.
 
@@ -68,31 +65,31 @@ def lay_out(
         fittings: by name, in order. joints: ports that exist, each in one joint at most.
         first: by the index of a fitting, in each connected group one, the frame of its first port,
             z into the pipe, world frame.
+        checked: False for parts that need not fit together.
 
     Raises:
         NetworkError: parts that hang on nothing, loops that do not close, bores that differ, parts
-            that run into each other. Every fault is told.
+            that run into each other. Every fault is listed.
     """
     names, kinds = list(fittings), list(fittings.values())
     poses, used = _placed(kinds, joints, first)
+    if not checked:
+        placed = tuple(Part(name, kinds[i], poses[i]) for i, name in enumerate(names))
+        return Assembly.unchecked(placed, tuple(ends for ends, _ in joints))
     faults = [
         Fault(f"fittings.{i}", f"{name!r} is not connected to {names[0]!r}")
         for i, name in enumerate(names)
         if i not in poses
     ]
     parts = {i: Part(names[i], kinds[i], poses[i]) for i in sorted(poses)}
-    for k, joint in enumerate(joints):
+    for k, (ends, _) in enumerate(joints):
         # A joint that placed no part closes a loop: its two ports were placed from elsewhere.
-        if k not in used and joint.ends[0][0] in parts:
-            faults += _misses(k, joint, parts)
+        if k not in used and ends[0][0] in parts:
+            faults += _misses(k, ends, parts)
     # Parts that hang on nothing have no place; the others are checked against each other all the
     # same.
     order = {i: place for place, i in enumerate(parts)}
-    kept = [
-        ((order[i], p), (order[j], q))
-        for (i, p), (j, q) in (joint.ends for joint in joints)
-        if i in order
-    ]
+    kept = [((order[i], p), (order[j], q)) for ((i, p), (j, q)), _ in joints if i in order]
     try:
         network = Assembly(tuple(parts.values()), tuple(kept))
     except GeometryError as error:
@@ -107,10 +104,10 @@ def _placed(
 ) -> tuple[dict[int, Pose], set[int]]:
     """Poses by part, and the joints that placed a part; the others close loops or lie apart from
     the first part."""
-    at_part: list[list[tuple[int, Joined, End, End]]] = [[] for _ in kinds]
-    for k, joint in enumerate(joints):
-        for here, there in (joint.ends, joint.ends[::-1]):
-            at_part[here[0]].append((k, joint, here, there))
+    at_part: list[list[tuple[int, End, End, float]]] = [[] for _ in kinds]
+    for k, (ends, turn) in enumerate(joints):
+        for here, there in (ends, ends[::-1]):
+            at_part[here[0]].append((k, here, there, turn))
     ports = [kind.ports for kind in kinds]
     poses = {
         i: attached(frame, kinds[i], kinds[i].port_names[0], 0.0) for i, frame in first.items()
@@ -119,18 +116,18 @@ def _placed(
     queue = deque(poses)
     while queue:
         part = queue.popleft()
-        for k, joint, (here, port), (there, other) in at_part[part]:
+        for k, (here, port), (there, other), turn in at_part[part]:
             if there not in poses:
                 out = poses[here] @ ports[here][port]
-                poses[there] = joined(out, ports[there][other], joint.turn)
+                poses[there] = joined(out, ports[there][other], turn)
                 used.add(k)
                 queue.append(there)
     return poses, used
 
 
-def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
+def _misses(k: int, ends: tuple[End, End], parts: Mapping[int, Part]) -> list[Fault]:
     """Fault of a loop that does not close."""
-    (i, port_i), (j, port_j) = joint.ends
+    (i, port_i), (j, port_j) = ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
     gap = float(np.linalg.norm(a.position - b.position))
     # As chord, not cosine: exact for small angles.
@@ -138,9 +135,9 @@ def _misses(k: int, joint: Joined, parts: Mapping[int, Part]) -> list[Fault]:
     angle = 2 * math.asin(min(1.0, chord / 2))
     if gap <= CLOSES and angle <= CLOSES_ANGLE:
         return []
-    ends = f"{parts[i].name}.{port_i} and {parts[j].name}.{port_j}"
+    words = f"{parts[i].name}.{port_i} and {parts[j].name}.{port_j}"
     problem = (
-        f"does not close the loop: {ends} miss by {1e3 * gap:.3f} mm and "
+        f"does not close the loop: {words} miss by {1e3 * gap:.3f} mm and "
         f"{math.degrees(angle):.3f} degrees"
     )
     return [Fault(f"joints.{k}", problem)]
@@ -333,13 +330,8 @@ class Network(Table):
         faults = network._naming_faults()
         if faults:
             raise NetworkError(faults)
-        by_name, joined, first = network._to_lay_out()
-        poses, _ = _placed(list(by_name.values()), joined, first)
-        parts = [Part(part, kind, poses[i]) for i, (part, kind) in enumerate(by_name.items())]
-        # What ``pipes`` is from now on, in the place of one that is checked.
-        vars(network)["pipes"] = Assembly.unchecked(
-            tuple(parts), tuple(joint.ends for joint in joined)
-        )
+        # ``pipes`` from now on, instead of one that is checked.
+        vars(network)["pipes"] = lay_out(*network._to_lay_out(), checked=False)
         return network
 
     @classmethod
@@ -363,8 +355,7 @@ class Network(Table):
         """Fittings by name, joints, and the frames of the first ports of those with a place."""
         ends = self._ends
         joints = [
-            Joined((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg))
-            for j in self.joints
+            ((ends[j.ports[0]], ends[j.ports[1]]), math.radians(j.turn_deg)) for j in self.joints
         ]
         fittings = {part.name: part.fitting() for part in self.fittings}
         number = {name: i for i, name in enumerate(fittings)}
@@ -571,14 +562,14 @@ def origin_of(part: Part) -> dict[str, Any]:
     }
 
 
-def connected(names: Iterable[str], joints: Iterable[tuple[str, str]]) -> list[list[str]]:
+def connected(names: Iterable[_Name], joints: Iterable[tuple[_Name, _Name]]) -> list[list[_Name]]:
     """Return the connected groups of some names, in order, each from its first on outward."""
-    beside: dict[str, list[str]] = {name: [] for name in names}
+    beside: dict[_Name, list[_Name]] = {name: [] for name in names}
     for one, other in joints:
         beside[one].append(other)
         beside[other].append(one)
-    groups: list[list[str]] = []
-    taken: set[str] = set()
+    groups: list[list[_Name]] = []
+    taken: set[_Name] = set()
     for name in beside:
         if name in taken:
             continue

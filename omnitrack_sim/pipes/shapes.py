@@ -15,7 +15,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose, unit
+from omnitrack_sim.base.rotations import Array, Pose, frame_of, unit
 
 
 class Solid(Protocol):
@@ -103,7 +103,7 @@ class Pieces:
     ) -> None:
         """Add a box whose inner face has its centre at ``point``, facing ``-normal``, with
         ``along`` its length; it is ``depth`` m deep."""
-        rotation = np.stack([normal, np.cross(along, normal), along], axis=-1)
+        rotation = frame_of(normal, along)
         half = np.array([depth / 2, half_width, half_length])
         self.boxes.append((point + normal * depth / 2, rotation, half))
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.writing import told
+from omnitrack_sim.base.writing import as_output_error
 from omnitrack_sim.results.files import opened, reading, require
 from omnitrack_sim.senses.optics import Camera
 
@@ -183,7 +183,7 @@ class Album:
         self._times: list[Array] = []
         self._ends: list[NDArray[np.int8]] = []
         self._place = tempfile.gettempdir()
-        with told(self._place):
+        with as_output_error(self._place):
             # It has no name, so that nobody can leave it behind; readers have a hold of their own.
             self._file = tempfile.TemporaryFile()  # noqa: SIM115
         weakref.finalize(self, self._file.close)
@@ -195,7 +195,7 @@ class Album:
         nose, -1 the tail; those of inactive robots do not count."""
         part = np.zeros(len(time), self._coding.record)
         part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
-        with told(self._place):
+        with as_output_error(self._place):
             # All robots share one interleaved file, so that a batch takes one descriptor.
             self._file.write(part.tobytes())
             self._file.flush()  # a full disk shows here

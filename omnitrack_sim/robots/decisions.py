@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
 from omnitrack_sim.robots.feature import (
-    DECISION_PERIOD,
     PLACE,
     ROUTE,
     Feature,
@@ -21,7 +20,7 @@ from omnitrack_sim.robots.feature import (
     entries_of,
     held_actions,
     select_features,
-    steps_of,
+    steps_of_decision,
 )
 from omnitrack_sim.robots.plant import compiled
 from omnitrack_sim.robots.robot import Robot
@@ -59,7 +58,7 @@ class InputDecisions:
     def __init__(
         self, setup: ControlSetup, features: Sequence[Feature], acting: Any = None
     ) -> None:
-        self.features, self.hold = tuple(features), steps_of(DECISION_PERIOD, setup.period)
+        self.features, self.hold = tuple(features), steps_of_decision(setup.period)
         low, high = setup.robot.input_range.T
         self._middle, self._half = (low + high) / 2, (high - low) / 2
         self.action = np.zeros((setup.n, len(low)))

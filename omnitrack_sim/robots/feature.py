@@ -55,18 +55,16 @@ def held_actions(action: ArrayLike, like: Array) -> Array:
     return np.minimum(np.maximum(values, -1), 1).astype(float)
 
 
-def steps_of(decision: float, control: float) -> int:
-    """Control periods of ``control`` s in a decision period.
+def steps_of_decision(period: float) -> int:
+    """Return the number of control periods of ``period`` s in a decision period.
 
     Raises:
-        InputError: they are no whole number.
+        InputError: it is not whole.
     """
-    steps = round(decision / control)
-    if steps < 1 or abs(decision / control - steps) > ROUNDING:
-        problem = (
-            f"is {control:g} s, of which no whole number makes a decision period, {decision:g} s"
-        )
-        raise InputError(Fault("physics.control_period", problem))
+    steps = round(DECISION_PERIOD / period)
+    if steps < 1 or abs(DECISION_PERIOD / period - steps) > ROUNDING:
+        problem = f"is {period:g} s, of which no whole number makes a decision period, "
+        raise InputError(Fault("physics.control_period", f"{problem}{DECISION_PERIOD:g} s"))
     return steps
 
 

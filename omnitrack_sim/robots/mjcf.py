@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, Positive
 from omnitrack_sim.robots.plant import compiled, initial_state
 from omnitrack_sim.robots.quantity import quantity
@@ -21,7 +21,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class Mjcf(Robot):
-    """Robot of an MJCF file; all that it does is done by a controller of your own.
+    """Robot of an MJCF file, driven by a controller of your own.
 
     Its nose and tail are the ends of what can touch the wall, along ``forward``, in the state in
     which the file has it.
@@ -78,7 +78,7 @@ class Mjcf(Robot):
     @classmethod
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "file" not in info.data:
-            return sha256  # a fault that is told already
+            return sha256  # reported at the file's own key
         digest = hashlib.sha256(Path(info.data["file"]).read_bytes()).hexdigest()
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")
@@ -154,4 +154,4 @@ def _turn(forward: Axis) -> Array:
     z = np.zeros(3)
     z["xyz".index(forward[-1])] = -1.0 if forward.startswith("-") else 1.0
     x = np.roll(np.abs(z), 1)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return frame_of(x, z)

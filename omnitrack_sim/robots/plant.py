@@ -20,6 +20,7 @@ from omnitrack_sim.base.rotations import (
     Pose,
     cross,
     dot,
+    frame_of,
     matrix_from_quaternion,
     quaternion_from_matrix,
     set_rows,
@@ -29,7 +30,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
-from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.robot import Robot, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
@@ -86,30 +87,21 @@ class Start:
     robots: Sequence[Robot]
 
 
-def scene(
-    robot: Robot,
-    network: Assembly,
-    *,
-    plates: Sequence[tuple[int, str]],
-    timestep: float,
-    looks: bool,
-    **of_primitives: Any,
-) -> mujoco.MjSpec:
-    """Return a robot in exact pipes as one model, ready to compile; arguments as of
-    ``Robot.to_spec``.
+def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    """Return a robot in exact pipes as one model, ready to compile; see ``Robot.to_spec``.
 
     Beside the robot's own sensors the model has one for each of its bodies that can touch the wall.
     """
     leave_no_log()
     spec = robot.spec()
-    spec.option.timestep = timestep
+    spec.option.timestep = options.timestep
     bodies = touching_bodies(spec)
     # Contacts as soft as MuJoCo's own let wheels sink in: they would run 2 % slower.
-    soft = max(CONTACT_TIME * robot.time_scale, 2 * timestep)
+    soft = max(CONTACT_TIME * robot.time_scale, 2 * options.timestep)
     add_pipes(spec, network, friction=1.0, solref=[soft, 1.0])
-    more = [end for end in plates if end not in network.closed_ends]
-    add_plates(spec, network, more, looks)
-    if not looks:
+    more = [end for end in options.plates if end not in network.closed_ends]
+    add_plates(spec, network, more, options.looks)
+    if not options.looks:
         for body in bodies:
             _add_touch(spec, body)
     return spec
@@ -500,13 +492,13 @@ def _rotation(state: State) -> Array:
     own = np.stack([_turned(axes, column) for column in state.at.own.rotation.T], axis=-1)
     if not len(state.at.ends):
         return own
-    # The chassis may roll about the way, or wind round it: nose and tail tell the axis.
+    # The chassis may roll about the way, or wind round it: nose and tail give the axis.
     ends = state.site_xpos.take(state.at.ends, axis=1)
     z = ends[:, :3] - ends[:, 3:]
     z /= np.sqrt(dot(z, z))[:, None]
     x = own[..., 0] - dot(own[..., 0], z)[:, None] * z
     x /= np.sqrt(dot(x, x))[:, None]
-    return np.stack([x, cross(z, x), z], axis=-1)
+    return frame_of(x, z)
 
 
 def _spin(state: State) -> Array:
@@ -617,7 +609,7 @@ def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
 class Diagnosis:
     """Finds the cause for which each of n robots makes no headway.
 
-    A robot with more to tell than its tilt keeps averages of its readings.
+    A robot whose causes need more than its tilt keeps averages of its readings.
 
     Args:
         robot: parameters.

@@ -43,16 +43,12 @@ class Quantity:
         return low, high
 
 
-@dataclass(frozen=True)
-class Parameter:
+@dataclass(frozen=True, kw_only=True)
+class Parameter(Quantity):
     """One row of the parameter table; ``name`` is the dotted path below the model."""
 
     name: str
     value: Any
-    unit: str
-    provenance: Provenance
-    source: str
-    within: tuple[float, float] | None = None
 
 
 ROUNDING = 1e-9
@@ -155,7 +151,7 @@ def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
         else:
             within = quantity.range_at(getattr(model, "values_at_scale", 1.0))
             scaled = replace(quantity, within=within)
-            rows.append(Parameter(prefix + name, value, **vars(scaled)))
+            rows.append(Parameter(name=prefix + name, value=value, **vars(scaled)))
     return rows
 
 

@@ -6,26 +6,18 @@ inherits from ``Robot`` and is named ``module:Class`` in the file, or an MJCF fi
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import (
-    SerializeAsAny,
-    SerializerFunctionWrapHandler,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    model_serializer,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import name_of, named
-from omnitrack_sim.base.reading import KIND_FAULT
+from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly
@@ -91,6 +83,26 @@ def robot_class(kind: str) -> type[Robot]:
         problem = f"is {kind!r}, which is no ot.Robot"
         raise InputError(Fault("robot.kind", problem, (*ROBOTS, "module:Class")))
     return robot
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Options of the model of a robot in pipes.
+
+    Attributes:
+        plates: ports (part index, port) that are closed by a plate.
+        timestep: s.
+        wall_tolerance, staves: of walls of primitives.
+        exact: exact walls.
+        looks: for pictures.
+    """
+
+    plates: Sequence[tuple[int, str]]
+    timestep: float
+    wall_tolerance: float
+    staves: int | None
+    exact: bool
+    looks: bool
 
 
 class Robot(QuantityModel):
@@ -246,7 +258,7 @@ class Robot(QuantityModel):
         }
 
     def is_similar(self, other: Robot) -> bool:
-        """Whether what touches the wall is of the same form and, as a volume, as heavy."""
+        """Return whether the parts that touch the wall have the same form and the same density."""
         own, its = self._model, other._model
         factor = other.nominal_bore / self.nominal_bore
         touching = own.geom_contype | own.geom_conaffinity > 0
@@ -352,38 +364,9 @@ class Robot(QuantityModel):
         frame is the world's: z along the pipe, the origin on the pipe's axis."""
         raise NotImplementedError
 
-    def to_spec(
-        self,
-        network: Assembly,
-        *,
-        plates: Sequence[tuple[int, str]],
-        timestep: float,
-        wall_tolerance: float,
-        staves: int | None,
-        exact: bool,
-        looks: bool,
-    ) -> mujoco.MjSpec:
-        """Return the robot and the pipes as one model, ready to compile.
-
-        Args:
-            network: pipes, placed in the world.
-            plates: ports (part index, port) that are closed by a plate.
-            timestep: s.
-            wall_tolerance, staves: of walls of primitives.
-            exact: exact walls.
-            looks: for pictures.
-        """
-        make = named(self.scene, "scene", {})
-        return make(
-            self,
-            network,
-            plates=plates,
-            timestep=timestep,
-            wall_tolerance=wall_tolerance,
-            staves=staves,
-            exact=exact,
-            looks=looks,
-        )
+    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+        """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
+        return named(self.scene, "scene", {})(self, network, options)
 
     def plant(self, model: mujoco.MjModel, start: Any, *more: Any) -> Any:
         """Return the plant of n robots; arguments as of ``Plant``."""
@@ -471,23 +454,5 @@ class Robot(QuantityModel):
         return iter(())
 
 
-def _read(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-    """Read a table with the class of its ``kind``."""
-    if isinstance(data, Robot):
-        return data
-    if not isinstance(data, Mapping):
-        return robot_class(STANDARD).model_validate(data)
-    table = {key: value for key, value in data.items() if key != "kind"}
-    try:
-        robot = robot_class(str(data.get("kind", STANDARD)))
-    except InputError as error:
-        fault = error.faults[0]
-        context = {"problem": fault.problem, "choices": fault.choices, "given": fault.given}
-        raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
-    if info.mode == "json":  # strict, as ``reading.checked`` is
-        return robot.model_validate_json(json.dumps(table), strict=True)
-    return robot.model_validate(table)
-
-
-RobotOfKind = Annotated[SerializeAsAny[Robot], WrapValidator(_read)]
+RobotOfKind = Annotated[SerializeAsAny[Robot], by_kind(robot_class, STANDARD)]
 """A robot as a table of a file, which its key ``kind`` reads."""

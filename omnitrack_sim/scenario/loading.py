@@ -141,7 +141,7 @@ def _parameters_of(data: Any) -> Any:
     try:
         return parameters_model(controller_of(kind, _controllers_of(data)))
     except InputError:
-        return None  # the fault is told elsewhere
+        return None  # reported where the controller is read
 
 
 def _forget_digest(data: Any, path: str, place: Any) -> None:
@@ -216,7 +216,7 @@ def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
     try:
         record = RecordTable.model_validate(data.get("record", {}))
     except ValidationError:
-        return []  # told elsewhere
+        return []  # reported with the table
     faults: list[Fault] = []
     for own in ("own_sensors", "own_metrics"):
         with gathered(faults):
@@ -238,7 +238,7 @@ def _changed(
             try:
                 plain["network"] = network_data(beside(folder, network))
             except NetworkError:
-                continue  # told when the network is read
+                continue  # reported when the network is read
         for place in spread(plain, path):
             fault = set_value(plain, place, value)
             faults += [fault] if fault else []
@@ -323,7 +323,7 @@ def _with_parameters(
     control = data.get("control", {})
     kind = control.get("kind", ControlTable().kind) if isinstance(control, Mapping) else None
     if not isinstance(kind, str):
-        return data, []  # a fault that is told elsewhere
+        return data, []  # reported with the table
     try:
         model = parameters_model(controller_of(kind, _controllers_of(data)))
     except InputError as error:
@@ -347,7 +347,7 @@ def _controllers_of(data: Mapping[str, Any]) -> Mapping[str, str]:
     try:
         return robot_class(_robot_kind(data)).controllers
     except InputError:
-        return Omnitrack.controllers  # told elsewhere
+        return Omnitrack.controllers  # reported where the robot is read
 
 
 def _robot_kind(data: Any) -> str:

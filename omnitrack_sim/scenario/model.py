@@ -26,17 +26,23 @@ from omnitrack_sim.base.errors import (
     gathered,
 )
 from omnitrack_sim.base.naming import name_of, named, shipped_files
-from omnitrack_sim.base.reading import NAME_PATTERN
+from omnitrack_sim.base.reading import NAME_PATTERN, by_kind
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table, symbol_of
 from omnitrack_sim.pipes import Route, route, route_through
-from omnitrack_sim.pipes.fittings.kinds import by_kind, known_fittings, table_of
+from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.robot import ROBOTS, SPECIAL, RobotOfKind, robot_class
+from omnitrack_sim.robots.robot import (
+    ROBOTS,
+    SPECIAL,
+    RobotOfKind,
+    SceneOptions,
+    robot_class,
+)
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -126,7 +132,7 @@ class Scenario(Table):
     __str__ = __repr__
 
     def __eq__(self, other: object) -> bool:
-        """By the keys alone, not by what has been derived from them so far."""
+        """Return whether both have the same keys; values derived from them do not count."""
         if not isinstance(other, Scenario):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
@@ -174,8 +180,7 @@ class Scenario(Table):
             'chassis'
         """
         physics = self.physics
-        return self.robot.to_spec(
-            self.route.network,
+        options = SceneOptions(
             plates=self.plates,
             timestep=physics.timestep,
             wall_tolerance=physics.wall_tolerance,
@@ -184,6 +189,7 @@ class Scenario(Table):
             exact=physics.collider == "exact" and not looks,
             looks=looks,
         )
+        return self.robot.to_spec(self.route.network, options)
 
     @property
     def display(self) -> RobotDisplay:

@@ -37,7 +37,7 @@ class Pipe(FittingEntry):
     @model_validator(mode="before")
     @classmethod
     def _leaves_by_the_other(cls, data: Any) -> Any:
-        """Of two ports, the one that is not entered is left by."""
+        """Leave a fitting of two ports by the one that is not entered."""
         if not isinstance(data, dict) or "leave" in data:
             return data
         ports = cls.of.port_names
@@ -139,7 +139,7 @@ class ControlTable(Table):
 
     @property
     def arcs(self) -> Arcs:
-        """Of the centreline in tees."""
+        """Radii of the centreline's arcs in tees."""
         return Arcs(self.tee_turn_radius, self.tee_merge_radius)
 
 

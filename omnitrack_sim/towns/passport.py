@@ -127,8 +127,8 @@ class ModelSettings:
             from -1 to 1, of which the trials choose.
         certain: the least of ``linear`` for friction and pull, which always matter. Where few
             trials show no effect of any feature they would otherwise count for none, and a robot
-            that pulls nothing would be told the chances of those that were held back. Trials that
-            were left out are foretold better by it: their logarithmic loss falls by a tenth.
+            that pulls nothing would get the chances of those that were held back. Left-out trials
+            are predicted better by it: their logarithmic loss falls by a tenth.
         slack: by feature, how far outside the trials' range a point still counts as inside.
         leverage: how many times farther from the middle of the trials than the farthest of them a
             point may lie, in the measure of regression: combinations that nobody tried are unknown.
@@ -136,7 +136,7 @@ class ModelSettings:
             with that is missing from ``few``: typical of bends, tees and wyes.
         way: length, bores, of the way through a fitting whose costs are modelled; what it is longer
             costs as much as straight pipe. The shorter, the more do costs beside that of the length
-            scatter in the logarithm: left-out trials of our robot are foretold best by 0.25 to 0.5.
+            scatter in the logarithm: our left-out trials are predicted best by 0.25 to 0.5.
         least_cost: over the median of their sizes, below which no cost counts: what is left of a
             run without its straights may be little.
     """

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError
@@ -507,14 +508,11 @@ class _Planner:
         """The label behind a way, or why the robot does not take it."""
         tables, name = self.tables, self.network.pipes.parts[way.edge[0]].name
         out = label.out + way.length
-        drag, slack = label.drag, label.slack
-        if self.tether is not None:
-            if out > self.tether.length:
-                return f"tether: {self.tether.length:g} m are used up"
-            nodes = self.tether.tensions(way.segments, self.gravity, (drag, slack))
-            drag, slack = float(nodes[-1, 1]), float(nodes[-1, 2])
-            if drag > SETTINGS.pull * self.weight:
-                return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
+        if self.tether is not None and out > self.tether.length:
+            return f"tether: {self.tether.length:g} m are used up"
+        drag, slack = self._pull(label, way)
+        if self.tether is not None and drag > SETTINGS.pull * self.weight:
+            return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
         if tables.reasons[way.row]:
             return f"{tables.reasons[way.row]} ({name})"
         there = tables.at(way.row, drag / self.weight)
@@ -551,6 +549,13 @@ class _Planner:
             worst=max(label.worst, (loss, reason)),
             path=(label.path, way.edge),
         )
+
+    def _pull(self, label: _Label, way: _Way) -> tuple[float, float]:
+        """The tether's pull and slack behind a way; see ``_Label``."""
+        if self.tether is None:
+            return label.drag, label.slack
+        nodes = self.tether.tensions(way.segments, self.gravity, (label.drag, label.slack))
+        return float(nodes[-1, 1]), float(nodes[-1, 2])
 
     def _reasons(
         self, blocked: Sequence[tuple[float, int, End, str]], reached: set[int]
@@ -595,8 +600,8 @@ class _Planner:
         supply = self.supply
         energy, back = (supply.energy(*costs) for costs in label.costs)
         spread = np.sqrt(supply.energy(*np.sqrt(label.variances)) ** 2 + (0.01 * energy) ** 2)
-        enough = _normal((supply.battery_wh - energy) / spread)
-        enough_back = _normal((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
+        enough = ndtr((supply.battery_wh - energy) / spread)
+        enough_back = ndtr((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
         there = np.exp(label.logs)
         probability = float(np.mean(there * enough))
         returned = there * np.exp(label.fittings[1] + label.straights[1]) * enough_back
@@ -638,10 +643,3 @@ def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:
 def _log_mean(logs: Array) -> float:
     """Logarithm of the mean of what ``logs`` are logarithms of."""
     return float(np.logaddexp.reduce(logs) - math.log(len(logs)))
-
-
-def _normal(x: Array) -> Array:
-    """Distribution function of the standard normal."""
-    from scipy.special import ndtr
-
-    return ndtr(x)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS, UNREACHED = "viridis", "#c9cdd2"
-"""Colours of probabilities, which any colour vision tells apart, and of what is not reached."""
+"""Colours of probabilities, distinct for any colour vision, and of parts out of reach."""
 MOST_NAMES, MOST_METRES = 6, 5000.0
 """Openings that a picture names, and length in m from which on it counts in kilometres."""
 FILES = (

@@ -10,10 +10,10 @@ from pydantic import Field, SerializeAsAny, ValidationInfo, field_validator
 
 from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
-from omnitrack_sim.pipes.fittings.kinds import by_kind
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""

@@ -18,7 +18,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import finite, strict_json
-from omnitrack_sim.base.writing import check_folder, told, write_file, write_files
+from omnitrack_sim.base.writing import as_output_error, check_folder, write_file, write_files
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.results.provenance import environment
@@ -109,7 +109,7 @@ def run_bench(
         _check_record(bench, folder)
     planned = bench.sweeps()
     if folder is not None and not (folder / BENCH_FILE).is_file():
-        with told(folder):
+        with as_output_error(folder):
             folder.mkdir(parents=True, exist_ok=True)
         # The record marks the folder as a benchmark's before the first batch, in case this is
         # killed.

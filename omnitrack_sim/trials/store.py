@@ -22,7 +22,7 @@ from pyarrow import csv
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import clipped, counted
-from omnitrack_sim.base.writing import check_folder, is_workshop, told, write_file
+from omnitrack_sim.base.writing import as_output_error, check_folder, is_workshop, write_file
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.comparison import differing
 from omnitrack_sim.results.html import LONGEST
@@ -268,7 +268,7 @@ class Folder(Store):
         self.path = Path(path)
         ours = {"sha256": sha256, self.noun: data}
         check_folder(self.path, files=(self.record(), *self.files))
-        with told(self.path):
+        with as_output_error(self.path):
             there = self._record() if self.path.is_dir() else None
             if there is not None and there["sha256"] != sha256:
                 raise OutputError(
@@ -380,7 +380,7 @@ class Folder(Store):
     def _keeping(self) -> Iterator[None]:
         """Add to an error of writing that the same command continues the work."""
         try:
-            with told(self.path):
+            with as_output_error(self.path):
                 yield
         except OutputError as error:
             raise OutputError(

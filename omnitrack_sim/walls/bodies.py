@@ -282,7 +282,7 @@ def _mantle(con, n, wall, frame, radius, half, out):
         # Where it closes rounding must not hide a minimum.
         at_b = _mantle_line(wall, frame, radius, half, b, out) if i + 1 < MANTLE_LINES else first
         there_b, _, slope_b = at_b
-        # Of two neighbours one may have its minimum at a rim: the slope of the other tells.
+        # Of two neighbours one may have its minimum at a rim: the slope of the other decides.
         falls, rises = there > 0.0 and slope < 0.0, there_b > 0.0 and slope_b >= 0.0
         if (falls or there == 0.0) and (rises or there_b == 0.0) and (falls or rises):
             n = _mantle_minimum(con, n, wall, frame, radius, half, i * step, b, out)
@@ -368,7 +368,7 @@ def _descend(wall, frame, a, b, c, v, out):
     """Return the direction of a local minimum of the distance, from ``v`` on.
 
     The point whose outward normal faces the wall is nearest to a flat wall. On a curved one that is
-    repeated, with what the steps before tell of the wall's curvature; where the distance does not
+    repeated, with the wall's curvature estimated from the steps before; where the distance does not
     fall, by a step a quarter as long and without them.
     """
     d, w = _ellipsoid_point(wall, frame, a, b, c, v, out)

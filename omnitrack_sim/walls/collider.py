@@ -302,7 +302,7 @@ def collide(model, data, contacts, wall, geom, margin):
         x, y, z = frame[0], frame[1], frame[2]
         whole = DEPTH_IN_BORE * records[w + SIZE_OF_BORE]
         # Beside another pipe a point in the wall may be one of a body in that pipe. The body's
-        # middle tells, which convex bodies cannot have in one pipe and touch another.
+        # middle decides: a convex body cannot have it in one pipe and touch another.
         if depth < whole and holds(walls, x, y, z, out):
             d = call_surface(surface, walls[2], x, y, z, out)
             if d <= -depth and not _is_nearest(model, data, wall, geom, d, out):

@@ -45,7 +45,7 @@ def _move(con, source, target):
 
 @compiled
 def _drop_nearest(con, count):
-    """Of the two contacts that are nearest to each other drop the shallower, so that the deepest
+    """Drop the shallower of the two contacts that are nearest to each other, so that the deepest
     always stays and the others stay spread."""
     least, drop = 1e30, count - 1
     for i in range(count):

@@ -28,7 +28,7 @@ instead of 6e-5 at 1."""
 
 
 MUJOCOS_LOG = "MUJOCO_LOG.TXT"
-"""File in the working folder to which MuJoCo adds every warning unless it is told not to."""
+"""File in the working folder to which MuJoCo adds every warning by default."""
 
 
 def leave_no_log() -> None:

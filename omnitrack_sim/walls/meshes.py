@@ -1,9 +1,8 @@
 """Solid pipe fittings as triangle meshes, for pictures and export. Collision never uses them.
 
 Each fitting is (outer solids together) - (bores together): uniting finished pipe *shells* instead
-would leave the wall
-of the run across the mouth of the branch. The genus tells the two apart: openings - 1 when every
-bore is open.
+would leave the wall of the run across the mouth of the branch. The genus distinguishes the two:
+openings - 1 when every bore is open.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, quaternion_from_matrix, unit
+from omnitrack_sim.base.rotations import Array, frame_of, quaternion_from_matrix, unit
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.walls.meshes import THICKNESS, TriangleMesh, cutaway_mesh, inside_mesh
 
@@ -170,7 +170,7 @@ def camera_frame(towards: Array) -> Array:
     up = _upward(towards)
     back = unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
     right = unit(np.cross(up, back))
-    return np.stack([right, np.cross(back, right), back], axis=-1)
+    return frame_of(right, back)
 
 
 def _corners(network: Assembly) -> tuple[Array, Array]:

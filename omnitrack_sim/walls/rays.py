@@ -284,7 +284,7 @@ def _follow(parts, near, count, far, out):
 
 @compiled
 def _onto_wall(parts, near, k, s, d, out):
-    """From a place close to the wall, onto it by its slope; its gradient in ``out``."""
+    """Refine a place close to the wall by Newton steps onto it; its gradient goes to ``out``."""
     n = NEAR * k
     p, line = int(near[n]) * PART_SIZE, at(near, n + 3)
     for _ in range(3):
@@ -437,6 +437,41 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
     return 0
 
 
+@compiled
+def _nearest_of(parts, first, last, points, i, work, rows, out):
+    """Write row i of ``rows``: of a map's parts from ``first`` to ``last``, the wall nearest to
+    point i."""
+    x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
+    best = -1e30
+    rows[5 * i], rows[5 * i + 4] = 0.0, -1.0
+    rows[5 * i + 1] = rows[5 * i + 2] = rows[5 * i + 3] = 0.0
+    for part in range(first, last):
+        p = part * PART_SIZE
+        cx, cy, cz = (
+            x - parts[p + CENTRE],
+            y - parts[p + CENTRE + 1],
+            z - parts[p + CENTRE + 2],
+        )
+        if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
+            continue
+        out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
+        # A line through the point in an oblique direction (1, 1, 1)/sqrt(3), which is hardly ever
+        # parallel to a port plane.
+        enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
+        span_in(parts, p, work, at(work, 6), out)
+        if out[HIGH] < out[LOW]:
+            continue
+        d = surface_at(parts, p, work, 0.0, out)
+        if d > best:
+            best = d
+            rows[5 * i], rows[5 * i + 4] = d, float(part - first)
+            for row in range(3):
+                r = p + ROTATION + 3 * row
+                rows[5 * i + 1 + row] = (
+                    parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
+                )
+
+
 def nearest(parts, maps, points, robots, count, work, rows):
     """Distances of points from the walls, positive in the bore, with gradients.
 
@@ -451,37 +486,8 @@ def nearest(parts, maps, points, robots, count, work, rows):
     out = scratch()
     for robot in range(robots):
         first, last = int(maps[2 * robot]), int(maps[2 * robot + 1])
-        for point in range(count):
-            i = robot * count + point
-            x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
-            best = -1e30
-            rows[5 * i], rows[5 * i + 4] = 0.0, -1.0
-            rows[5 * i + 1] = rows[5 * i + 2] = rows[5 * i + 3] = 0.0
-            for part in range(first, last):
-                p = part * PART_SIZE
-                cx, cy, cz = (
-                    x - parts[p + CENTRE],
-                    y - parts[p + CENTRE + 1],
-                    z - parts[p + CENTRE + 2],
-                )
-                if cx * cx + cy * cy + cz * cz > parts[p + REACH] * parts[p + REACH]:
-                    continue
-                out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -SHORT, SHORT, 0.0, 0.0
-                # A line through the point in an oblique direction (1, 1, 1)/sqrt(3), which is
-                # hardly ever parallel to a port plane.
-                enter(parts, p, x, y, z, 0.57735, 0.57735, 0.57735, work)
-                span_in(parts, p, work, at(work, 6), out)
-                if out[HIGH] < out[LOW]:
-                    continue
-                d = surface_at(parts, p, work, 0.0, out)
-                if d > best:
-                    best = d
-                    rows[5 * i], rows[5 * i + 4] = d, float(part - first)
-                    for row in range(3):
-                        r = p + ROTATION + 3 * row
-                        rows[5 * i + 1 + row] = (
-                            parts[r] * out[0] + parts[r + 1] * out[1] + parts[r + 2] * out[2]
-                        )
+        for i in range(robot * count, (robot + 1) * count):
+            _nearest_of(parts, first, last, points, i, work, rows, out)
     return 0
 
 

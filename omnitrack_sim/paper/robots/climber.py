@@ -16,6 +16,7 @@ from omnitrack_sim.paper.claim import (
     rate,
     runs_of,
     slip_of,
+    study,
     varied,
     verdict_of,
 )
@@ -162,16 +163,14 @@ def tee(quick: bool) -> Claim:
         passed, total, _ = rate(results)
         ends = sorted({r.outcome.value for r in results if not r.success})
         parts.append(f"{words} {passed} of {total}" + (f" ({', '.join(ends)})" if ends else ""))
-    return Claim(
+    return study(
         id="tee",
         source="nothing published",
         paper="what it does in a tee",
         statement="how many orientations pass a tee",
         measured="; ".join(parts),
         uncertainty="one run an orientation",
-        verdict=ClaimVerdict.STUDY,
         how="climber, tee in a riser, friction 0.8",
-        sample=Sample.AVERAGE,
         note="A module over the opening takes no force, so that by equal forces the others get "
         "none: its track races, and the robot stands, or falls into the opening.",
     )
@@ -183,7 +182,7 @@ def assumed(quick: bool) -> Claim:
     cases = varied(Climber(), names[:1] if quick else names)
     results = _runs(ELBOW, ({**at(40.0), **case} for case in cases))
     _, words = _slip(results)
-    return Claim(
+    return study(
         id="assumed_sizes",
         source="nothing published",
         paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
@@ -191,9 +190,7 @@ def assumed(quick: bool) -> Claim:
         "and mass, one at a time",
         measured=f"{words} of the way",
         uncertainty="theta5 = 40 degrees, one run each",
-        verdict=ClaimVerdict.STUDY,
         how="climber, friction 0.8",
-        sample=Sample.AVERAGE,
     )
 
 

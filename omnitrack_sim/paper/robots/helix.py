@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, runs_of, verdict_of
+from omnitrack_sim.paper.claim import (
+    Claim,
+    Sample,
+    alone,
+    rate,
+    runs_of,
+    speed_of,
+    study,
+    verdict_of,
+)
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.helix import JOINTS
 
@@ -49,22 +58,16 @@ def _smooth_speed(run: Result) -> float:
     return float(np.mean([robot.rolling_speed(robot.coil(a)) for a in _angles(run)[::10]]))
 
 
-def _speed(run: Result) -> float:
-    time, s = run.trajectory.time, run.trajectory["distance"]
-    settled = time > SETTLED
-    return float(np.polyfit(time[settled], s[settled], 1)[0])
-
-
 def speed(quick: bool) -> list[Claim]:
     """Speed along the pipe from phase rate and geometry, and up against down."""
     gaits = [{}, {"robot.rate": 1.0}, {"robot.amplitude": 0.95}][: 1 if quick else 3]
     compared = "one gait" if quick else "all three gaits"
-    runs = [run for gait in gaits for run in runs_of(ELBOW, [_straight(0.16, LEVEL, **gait)])]
+    runs = alone(ELBOW, (_straight(0.16, LEVEL, **gait) for gait in gaits))
     laws = [_estimated_speed(run) for run in runs]
-    speeds = np.array([_speed(run) for run in runs])
+    speeds = np.array([speed_of(run, SETTLED) for run in runs])
     errors, rough = speeds / laws - 1, speeds / [_smooth_speed(run) for run in runs] - 1
-    ways = [UP, [0.0, 0.0, -1.0]]
-    loaded = [_speed(run) for way in ways for run in runs_of(ELBOW, [_straight(0.16, way)])]
+    climbs = alone(ELBOW, (_straight(0.16, way) for way in (UP, [0.0, 0.0, -1.0])))
+    loaded = [speed_of(run, SETTLED) for run in climbs]
     return [
         Claim(
             id="helix_speed",
@@ -104,7 +107,7 @@ def speed(quick: bool) -> list[Claim]:
 def pipe_bore(quick: bool) -> Claim:
     """The pipe's diameter from joint angles."""
     bores = (0.155,) if quick else (0.155, 0.16, 0.165)
-    runs = [run for bore in bores for run in runs_of(ELBOW, [_straight(bore, UP)])]
+    runs = alone(ELBOW, (_straight(bore, UP) for bore in bores))
     estimates = [_estimated_bore(run) for run in runs]
     errors = np.array(estimates) / bores - 1
     return Claim(
@@ -133,15 +136,13 @@ def fittings(quick: bool) -> Claim:
     ]
     names = ("elbow",) if quick else ("elbow", "tee")
     rates = [f"{name}s {rate(runs_of(f'robots/helix_{name}', starts))[2]}" for name in names]
-    return Claim(
+    return study(
         id="helix_fittings",
         source="this simulation",
         paper="not stated: elbows and tees by the gait of straights",
         statement="how often it passes an elbow of 1.5 D, and a tee straight over",
         measured="; ".join(rates),
         uncertainty="Wilson, 95 %",
-        verdict=ClaimVerdict.STUDY,
-        sample=Sample.AVERAGE,
         how="helix_elbow and helix_tee, random rolls and directions of gravity",
     )
 

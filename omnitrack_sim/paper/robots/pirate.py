@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample, rate, runs_of, verdict_of
+from omnitrack_sim.paper.claim import (
+    Claim,
+    ClaimVerdict,
+    Sample,
+    all_pass,
+    alone,
+    rate,
+    runs_of,
+    speed_of,
+    study,
+    verdict_of,
+)
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.pirate import CABLE, FRONT, REAR, SIDES, Pirate
 
@@ -33,8 +44,7 @@ def speed(quick: bool) -> Claim:
     """The speed without load."""
     straight = {"pipes": [_straight(1.5)], "start.axis": LEVEL, "run.time_limit": 3.0}
     (run,) = runs_of(ELBOW, [straight])
-    time, s = run.trajectory.time, run.trajectory["distance"]
-    speed = float(np.polyfit(time[time > 1], s[time > 1], 1)[0])
+    speed = speed_of(run, 1.0)
     return Claim(
         id="pirate_speed",
         source=CABLE,
@@ -93,7 +103,7 @@ def pull_law(quick: bool) -> Claim:
         | {"pull.rate": 8.0, **WEIGHTLESS, **STRONG}
         for bore, mu, torque in cases
     ]
-    held = [_held(run) for change in changes for run in runs_of(ELBOW, [change])]
+    held = [_held(run) for run in alone(ELBOW, changes)]
     laws = [clamp_forces(Pirate(bore=b, clamp_torque=t), mu)[0] for b, mu, t in cases]
     simple = [Pirate(bore=b, clamp_torque=t).pull(mu) for b, mu, t in cases]
     errors = np.array(held) / laws - 1
@@ -147,23 +157,14 @@ def pull(quick: bool) -> list[Claim]:
 def bores(quick: bool) -> Claim:
     """Bores, by an elbow of each."""
     sizes = (0.051,) if quick else (0.051, 0.08, 0.12)
-    runs = [
-        run
-        for bore in sizes
-        for run in runs_of(
-            ELBOW, [_between({"kind": "elbow", "mean_radius": 1.5 * bore}, bore=bore)]
-        )
-    ]
-    passed, total, text = rate(runs)
-    return Claim(
+    elbows = ({"kind": "elbow", "mean_radius": 1.5 * bore} for bore in sizes)
+    changes = (_between(elbow, bore=bore) for elbow, bore in zip(elbows, sizes, strict=True))
+    return all_pass(
+        alone(ELBOW, changes),
         id="pirate_bores",
         source=CABLE,
         paper="networks of 51 to 120 mm",
         statement="climbs, and passes an elbow of 1.5 D, in bores of 51, 80 and 120 mm",
-        measured=text,
-        uncertainty="Wilson, 95 %",
-        verdict=verdict_of(passed == total),
-        sample=Sample.EVERY,
         how="pirate_elbow in each bore",
     )
 
@@ -172,17 +173,12 @@ def corners(quick: bool) -> Claim:
     """Sharp bends in its plane."""
     fittings = [{"kind": "elbow", "mean_radius": 0.06}, {"kind": "mitre"}]
     tried = fittings[1:] if quick else fittings
-    runs = [run for fitting in tried for run in runs_of(ELBOW, [_between(fitting)])]
-    passed, total, text = rate(runs)
-    return Claim(
+    return all_pass(
+        alone(ELBOW, map(_between, tried)),
         id="pirate_corners",
         source="RAM, University of Twente: assignment on sharp pipe corners, page of the group",
         paper="goes through sharp corners",
         statement="passes, upwards, an elbow of 0.6 D and a mitre bend of 90 degrees in its plane",
-        measured=text,
-        uncertainty="Wilson, 95 %",
-        verdict=verdict_of(passed == total),
-        sample=Sample.EVERY,
         how="pirate_elbow with these",
     )
 
@@ -197,28 +193,22 @@ def branch(quick: bool) -> list[Claim]:
     free = runs_of(
         ELBOW, ({**start, "start.axis": rng.normal(size=3).tolist()} for start in starts)
     )
-    passed, total, text = rate(runs)
     return [
-        Claim(
+        all_pass(
+            runs,
             id="pirate_branch",
             source="RAM, University of Twente: MSc assignment of 2021, page of the group",
             paper="navigation through T-junctions",
             statement="turns from a riser into a level branch, whatever its roll before",
-            measured=text,
-            uncertainty="Wilson, 95 %",
-            verdict=verdict_of(passed == total),
-            sample=Sample.EVERY,
             how="straight, tee into the branch, straight; random rolls",
         ),
-        Claim(
+        study(
             id="pirate_branch_any_gravity",
             source="this simulation",
             paper="not stated: the same turn with any direction of gravity",
             statement="how often it turns",
             measured=rate(free)[2],
             uncertainty="Wilson, 95 %",
-            verdict=ClaimVerdict.STUDY,
-            sample=Sample.AVERAGE,
             note="Where gravity draws it down the run it falls past the branch: neither end is "
             "clamped while it bends.",
             how="the same with random directions of gravity",

@@ -12,9 +12,11 @@ from omnitrack_sim.paper.claim import (
     Claim,
     ClaimVerdict,
     Sample,
+    all_pass,
     rate,
     rate_text,
     runs_of,
+    speed_of,
     verdict_of,
 )
 from omnitrack_sim.record.statistics import wilson_interval
@@ -67,8 +69,7 @@ def motor_droop(quick: bool) -> Claim:
     """The speed of climbing under its own weight."""
     robot = Presser()
     (run,) = runs_of(ELBOW, [_up()])
-    time, s = run.trajectory.time, run.trajectory["distance"]
-    speed = float(np.polyfit(time[time > 1], s[time > 1], 1)[0])
+    speed = speed_of(run, 1.0)
     radius, gain = robot.wheel_radius, robot.motor_gain
     law = robot.speed - radius * robot.mass * GRAVITY * radius / (6 * gain)
     return Claim(
@@ -96,7 +97,6 @@ def bend(quick: bool) -> list[Claim]:
         "sample": Sample.EVERY,
         "how": "presser_elbow, control.kind own",
     }
-    passed, total, text = rate(controlled)
     return [
         Claim(
             id="presser_bend_speeds",
@@ -116,15 +116,12 @@ def bend(quick: bool) -> list[Claim]:
             verdict=verdict_of(energies[0] < 0.9 * energies[1]),
             **common,
         ),
-        Claim(
+        all_pass(
+            controlled,
             id="presser_elbows",
             source=T_RO,
             paper="adapts to most existing configurations of pipelines: elbows",
             statement="passes an elbow of 1.5 D upwards from every start roll",
-            measured=text,
-            verdict=verdict_of(passed == total),
-            sample=Sample.EVERY,
-            uncertainty="Wilson, 95 %",
             how="presser_elbow",
         ),
     ]

@@ -12,10 +12,10 @@ import numpy as np
 from omnitrack_sim.paper.claim import (
     Claim,
     ClaimMeasure,
-    ClaimVerdict,
-    Sample,
     rate,
     runs_of,
+    speed_of,
+    study,
     varied,
     verdict_of,
 )
@@ -28,6 +28,7 @@ from omnitrack_sim.walls.around import add_pipes
 KINEMATICS, STATICS = "kinematics of a screw", "balance of passive wheels"
 WEIGHTLESS = {"world.gravity": (0.0, 0.0, 0.0)}
 STRAIGHT = {"kind": "straight", "name": "pipe", "length": 1.0}
+HALF = {"kind": "straight", "length": 0.4}
 HARD = (0.99, 0.999, 0.001, 0.5, 2.0)
 """MuJoCo's solimp of walls into which tyres sink by 0.07 mm instead of 0.5: half of that adds to
 the radius at which they roll."""
@@ -41,9 +42,9 @@ def _runs(pipes: Sequence[Mapping[str, Any]], *cases: Mapping[str, Any]) -> list
 def _late(result: Result) -> tuple[float, float]:
     """Speed, m/s, and torque, N m, over the last second."""
     time = result.trajectory.time
-    late = time > time[-1] - 1.0
-    speed = np.polyfit(time[late], result.trajectory["distance"][late], 1)[0]
-    return float(speed), float(result.trajectory["actuator_force"][late].mean())
+    begin = float(time[-1]) - 1.0
+    torque = float(result.trajectory["actuator_force"][time > begin].mean())
+    return speed_of(result, begin), torque
 
 
 def _unloaded(lead: float) -> float:
@@ -182,11 +183,10 @@ def elbows(quick: bool) -> Claim:
     runs: list[Result] = []
     for radius in (0.24, 0.16):
         elbow = {"kind": "elbow", "mean_radius": radius}
-        half = {"kind": "straight", "length": 0.4}
-        runs += _runs([half, elbow, half], *cases)
+        runs += _runs([HALF, elbow, HALF], *cases)
     robot, torque = Screw(), max(float(run.trajectory["actuator_force"].max()) for run in runs)
     passed, total, _ = rate(runs)
-    return Claim(
+    return study(
         id="elbows",
         source="nothing published",
         paper="what it does in elbows",
@@ -194,31 +194,26 @@ def elbows(quick: bool) -> Claim:
         measured=f"{passed} of {total}, torque up to {torque:.2f} N m; "
         f"{robot.mass * GRAVITY * robot.lever:.2f} climb a straight",
         uncertainty="one run each",
-        verdict=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
-        sample=Sample.AVERAGE,
     )
 
 
 def tee(quick: bool) -> Claim:
     """Straight over a tee."""
     angles = (0.0,) if quick else (0.0, 40.0, 80.0)
-    half = {"kind": "straight", "length": 0.4}
     fitting = {"kind": "tee", "enter": "run_start", "leave": "run_end"}
     axes = ((0, 0, 1), (1, 0, 0))
     cases = [{"start.axis": a, "start.theta5_deg": angle} for a in axes for angle in angles]
-    runs = _runs([half, fitting, half], *cases)
+    runs = _runs([HALF, fitting, HALF], *cases)
     passed, total, _ = rate(runs)
-    return Claim(
+    return study(
         id="tee",
         source="nothing published",
         paper="what it does in a tee",
         statement="how many runs go straight over the branch, up and level",
         measured=f"{passed} of {total} ({', '.join(sorted({r.outcome.value for r in runs}))})",
         uncertainty="one run each",
-        verdict=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
-        sample=Sample.AVERAGE,
         note="Wheels of the rotor run across the opening, drop over its rim and meet the far one "
         "nearly head on; the motor stalls.",
     )
@@ -229,11 +224,10 @@ def assumed(quick: bool) -> Claim:
     names = ("lead", "rotor_preload", "stator_preload", "stiffness", "wheel_radius", "wheelbase")
     names += ("coupling", "torque_limit")
     cases = varied(Screw(), names[:1] if quick else names)
-    half = {"kind": "straight", "length": 0.4}
-    runs = _runs([half, {"kind": "elbow", "mean_radius": 0.16}, half], *cases)
+    runs = _runs([HALF, {"kind": "elbow", "mean_radius": 0.16}, HALF], *cases)
     passed, total, _ = rate(runs)
     torques = [float(run.trajectory["actuator_force"].max()) for run in runs]
-    return Claim(
+    return study(
         id="assumed_sizes",
         source="nothing published",
         paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
@@ -242,9 +236,7 @@ def assumed(quick: bool) -> Claim:
         measured=f"{passed} of {total} pass, torque up to {min(torques):.2f} to "
         f"{max(torques):.2f} N m",
         uncertainty="one run each",
-        verdict=ClaimVerdict.STUDY,
         how="screw, friction 0.8",
-        sample=Sample.AVERAGE,
     )
 
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.rotations import Array, Pose, cross, unit
+from omnitrack_sim.base.rotations import Array, Pose, cross, frame_of, unit
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
@@ -132,7 +132,7 @@ class Fitting(ABC):
         kind: one word; the name in files of the kinds that come with the package.
         port_names: in the order that is used everywhere; the first is where a network begins.
         default_way: ports that a scenario's pipe is entered and left at where it does not say.
-        is_plain: whether a run through it has nothing to tell: a straight of one bore.
+        is_plain: whether it is a straight of one bore, which a robot passes without any manoeuvre.
         closed_ports: ports at which a flat wall ends the pipe; nothing is joined to them.
         inner_diameter: bore, m, at the first port and wherever no other key is for it.
         Table: keys of its file form.
@@ -372,7 +372,7 @@ def positive(size: float) -> tuple[bool, str]:
 def port_pose(z: Array, x: Array, position: Array) -> Pose:
     """Return a port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,)
     m."""
-    return Pose(np.stack([x, cross(z, x), z], axis=-1), position)
+    return Pose(frame_of(x, z), position)
 
 
 @dataclass(frozen=True)

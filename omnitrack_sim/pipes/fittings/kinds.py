@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeGuard, TypeVar
 
-from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator, create_model
-from pydantic_core import PydanticCustomError
+from pydantic import create_model
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import named
-from omnitrack_sim.base.reading import KIND_FAULT
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes.fittings.base import Fitting, FittingTable
 
@@ -134,32 +131,3 @@ def table_of(kind: str, entry: type[_Entry]) -> type[_Entry]:
     )
     table.of = fitting
     return table
-
-
-def by_kind(table_of: Callable[[str], type[Table]]) -> WrapValidator:
-    """Return a wrap validator that reads each table of a list with the model of its ``kind``.
-
-    Faults within a table are reported at its keys.
-
-    Args:
-        table_of: returns the model of a kind, or raises an ``InputError`` with the valid ones.
-    """
-
-    def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        # The common handler then says that a table is expected.
-        if not isinstance(data, Mapping):
-            return handler(data)
-        try:
-            table = table_of(str(data.get("kind", "")))
-        except InputError as error:
-            fault = error.faults[0]
-            problem = fault.problem if "kind" in data else "is missing"
-            context = {"problem": problem, "choices": fault.choices, "given": fault.given}
-            # Only a pydantic error is collected beside the other faults; the parts of ours travel
-            # in its context.
-            raise PydanticCustomError(KIND_FAULT, "{problem}", context) from error
-        if info.mode == "json":  # strict, as ``reading.checked`` is
-            return table.model_validate_json(json.dumps(data), strict=True)
-        return table.model_validate(data)
-
-    return WrapValidator(opened)

@@ -276,7 +276,7 @@ def clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends, side, out):
     if (rising and s >= high) or (not rising and s <= low):
         return
     outside = (rising and s <= low) or (not rising and s >= high)
-    # Where nothing of the span is inside there is no cut, and its middle tells which leg it is in.
+    # Where nothing of the span is inside there is no cut, and its middle decides the leg.
     at = 0.5 * (low + high) if outside else s
     if not _in_leg(sizes, px + at * ax, py + at * ay, pz + at * az, side):
         return

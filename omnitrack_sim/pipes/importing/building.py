@@ -209,12 +209,17 @@ class _Parts:
 
     def __init__(self, town: _Town) -> None:
         self.town = town
+        self._collect()
+
+    def _collect(self) -> None:
+        """Collect the parts of the town as it is."""
+        town = self.town
         self.fittings: dict[str, Fitting] = {}
         self.joints: list[tuple[str, str, float]] = []
         self.poses: dict[str, Pose] = {}
         self.ports: dict[str, str] = {}
         self.of: dict[str, str] = {}
-        self._names = _Names()
+        self._names = Names()
         self._nodes = {node: self._names.new(node) for node in town.junctions}
         for node, made in town.junctions.items():
             self.fittings[self._nodes[node]] = made.fitting
@@ -250,13 +255,13 @@ class _Parts:
             part = self._names.new(f"{leg.name}:{number + 1}" if len(links) > 1 else leg.name)
             self.fittings[part], self.of[part] = link.fitting, leg.name
             if before is None:
-                self.ports[self._names.port(leg.ends[0])] = f"{part}.start"
+                self.ports[plain_name(leg.ends[0])] = f"{part}.start"
             else:
                 self.joints.append((before, f"{part}.start", link.turn))
             before = f"{part}.end"
         assert before is not None  # a chain between free ends has a part
         if free[1]:
-            self.ports[self._names.port(leg.ends[1])] = before
+            self.ports[plain_name(leg.ends[1])] = before
         else:
             self.joints.append((before, self._port(name, 1), made.turn))
 
@@ -289,7 +294,7 @@ class _Parts:
                 changed.add(name)
             if not changed:
                 break
-            self.__init__(self.town)  # plates stand where pipes were left out
+            self._collect()  # plates stand where pipes were left out
         return list(notes.values())
 
     def _mend(self, name: str, other: str, attempt: int) -> ImportNote:
@@ -396,25 +401,26 @@ class _Parts:
         return Network(**data) if checked else Network.believed_from(data)
 
 
-class _Names:
-    """Names of parts and of open ends, each once, without what a network's names may not have."""
+def plain_name(name: str) -> str:
+    """Return a name without what names in a network may not have."""
+    return re.sub(r"[\s./\\\x00-\x1f]", "_", name)
+
+
+class Names:
+    """Names of parts, each once."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
     def new(self, name: str) -> str:
-        """Return a part's name."""
-        name = re.sub(r"[\s./\\\x00-\x1f]", "_", name)
+        """Return a plain name, with a number where it is taken."""
+        name = plain_name(name)
         taken, number = name, 1
         while taken in self._taken:
             number += 1
             taken = f"{name}~{number}"
         self._taken.add(taken)
         return taken
-
-    def port(self, node: str) -> str:
-        """Return the name of an open end at a node."""
-        return re.sub(r"[\s./\\\x00-\x1f]", "_", node)
 
 
 def _joint(one: str, other: str, turn: float) -> dict[str, Any]:

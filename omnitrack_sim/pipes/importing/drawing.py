@@ -38,7 +38,7 @@ class DrawnPipe:
 
     @property
     def length(self) -> float:
-        """Of its line, m."""
+        """Length of its line, m."""
         return float(length(np.diff(self.points, axis=0)).sum())
 
     def towards(self, end: int) -> Array:

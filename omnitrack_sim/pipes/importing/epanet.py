@@ -83,13 +83,13 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
 def _assumptions(settings: ImportSettings) -> list[ImportNote]:
     """Return what EPANET does not know."""
     bores = f"those of schedule {settings.schedule}" if settings.schedule else "those of the file"
-    told = {
+    values = {
         "bends": f"have mean radii of {settings.bend_radius:g} bores, or less without room; up to "
         f"{settings.deflection_deg:g} degrees a joint is deflected",
         "bores": f"are {bores}",
         "profiles": PROFILES[settings.profile],
     }
-    return [ImportNote("assumed", where, problem) for where, problem in told.items()]
+    return [ImportNote("assumed", where, problem) for where, problem in values.items()]
 
 
 def _model(path: Path) -> Any:

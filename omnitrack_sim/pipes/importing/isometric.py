@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from omnitrack_sim.base.rotations import (
     Pose,
     angle_between,
     frame_along,
+    frame_of,
     length,
     unit,
 )
@@ -29,10 +30,11 @@ from omnitrack_sim.pipes.fittings.straight import Cap, Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
 from omnitrack_sim.pipes.fittings.wye import LEAST_BRANCH, Wye
 from omnitrack_sim.pipes.importing.assumptions import Import, ImportNote
+from omnitrack_sim.pipes.importing.building import Names
 from omnitrack_sim.pipes.importing.pcf import (
     SLACK,
     Component,
-    Written,
+    Point,
     bend_of,
     neighbours,
     pcf_text,
@@ -44,8 +46,6 @@ SAME = 2e-3
 PLATE_GAP = 2e-3
 """Between the plates of a closed valve, m."""
 PIPES = ("PIPE", "CAP", "ELBOW", "BEND", "TEE", "CROSS", "OLET")
-Placed = tuple[str, Fitting, Pose, int]
-"""Name, fitting, pose in the world, and number of the line."""
 
 
 @dataclass
@@ -53,23 +53,19 @@ class _Plant:
     """Parts of a file while it is read.
 
     Attributes:
-        placed: parts. notes: what was changed. lengths: of parts, m. names: taken ones.
+        parts: by name. lines: number of the line of each. notes: what was changed. names: of parts.
     """
 
-    placed: list[Placed]
     notes: list[ImportNote]
-    names: set[str]
+    parts: dict[str, Part] = field(default_factory=dict)
+    lines: dict[str, int] = field(default_factory=dict)
+    names: Names = field(default_factory=Names)
 
     def add(self, component: Component, fitting: Fitting, pose: Pose, more: str = "") -> None:
         """Add a part of a component."""
         word = component.words.get("NAME") or f"{component.kind.lower()}_{component.line}"
-        base = "".join("_" if c in "./\\" or c.isspace() else c for c in word) + more
-        name, number = base, 1
-        while name in self.names:
-            number += 1
-            name = f"{base}~{number}"
-        self.names.add(name)
-        self.placed.append((name, fitting, pose, component.line))
+        name = self.names.new(word + more)
+        self.parts[name], self.lines[name] = Part(name, fitting, pose), component.line
 
     def note(self, remedy: Any, component: Component, problem: str) -> None:
         """Add a note about a component."""
@@ -85,7 +81,7 @@ def build_plant(name: str, components: Sequence[Component], schedule: str) -> Im
         NetworkError: every component that is none, with its line.
     """
     what = "as in the file" if schedule == "none" else f"those of schedule {schedule}"
-    plant = _Plant([], [ImportNote("assumed", "bores", f"are {what}")], set())
+    plant = _Plant([ImportNote("assumed", "bores", f"are {what}")])
     ways: list[tuple[Component, Array, Array]] = [
         (component, point.place, way) for component, point, way in neighbours(components)
     ]
@@ -98,14 +94,14 @@ def build_plant(name: str, components: Sequence[Component], schedule: str) -> Im
         except GeometryError as error:
             problem = "; ".join(fault.problem for fault in error.faults)
             faults.append(component.fault(f"cannot be built: {problem}"))
-    if not plant.placed and not faults:
+    if not plant.parts and not faults:
         faults.append(Fault("file", "has no pipes"))
     if faults:
         raise NetworkError(faults)
     _close(plant, components)
     network = _network(name, plant)
-    lengths = {p[0]: (p[1].length_of_axes, p[1].length_of_axes) for p in plant.placed}
-    return Import(network, tuple(plant.notes), lengths)
+    lengths = {name: part.fitting.length_of_axes for name, part in plant.parts.items()}
+    return Import(network, tuple(plant.notes), {n: (own, own) for n, own in lengths.items()})
 
 
 def _along(start: Array, end: Array) -> Pose:
@@ -182,20 +178,19 @@ def _add_bend(
     sharp = component.words.get("SKEY", "").upper().startswith("MI") or bend.radius < bore / 2
     fitting: Fitting
     if sharp:
-        fillet = _metres(component, "FILLET-RADIUS", bore / 64)
+        fillet = _fillet(component, bore / 64)
         fitting = Mitre(bend.cut, bend.angle, fillet, bore)
     else:
         fitting = Elbow(bend.radius, bend.angle, bore)
     along, onward = unit(bend.corner - a), unit(b - bend.corner)
     inward = unit(onward - along * (along @ onward))
-    rotation = np.stack([inward, np.cross(along, inward), along], axis=-1)
-    plant.add(component, fitting, Pose(rotation, a))
+    plant.add(component, fitting, Pose(frame_of(inward, along), a))
 
 
-def _metres(component: Component, key: str, default: float) -> float:
-    """Return an attribute of our own, in millimetres in the file."""
+def _fillet(component: Component, default: float) -> float:
+    """Return the radius of a rim, m, an attribute of our own, in millimetres in the file."""
     try:
-        return float(component.words[key]) / 1e3
+        return float(component.words["FILLET-RADIUS"]) / 1e3
     except (KeyError, ValueError):
         return default
 
@@ -242,7 +237,7 @@ def _branched(
 ) -> Fitting:
     """Return the fitting of a component with branches."""
     branch = min(branches[0].bore, bore)
-    fillet = _metres(component, "FILLET-RADIUS", min(bore / 32, branch / 8))
+    fillet = _fillet(component, min(bore / 32, branch / 8))
     equal = abs(branch - bore) < 1e-9
     if len(branches) == 2:
         return Cross(run, far, angle, fillet, bore, branch)
@@ -274,8 +269,8 @@ def _without_olets(components: Sequence[Component], plant: _Plant) -> list[Compo
         tee = Component("TEE", olet.line, words=dict(olet.words))
         ends = [(place - half * way, bore), (place + half * way, other)]
         tee.points = {
-            "END-POINT": [type(host.ends[0])(*end) for end in ends],
-            "CENTRE-POINT": [type(host.ends[0])(place, 0.0)],
+            "END-POINT": [Point(*end) for end in ends],
+            "CENTRE-POINT": [Point(place, 0.0)],
             "BRANCH1-POINT": [branches[0]],
         }
         pieces = []
@@ -302,16 +297,17 @@ def _close(plant: _Plant, components: Sequence[Component]) -> None:
         if component.kind not in ("CAP", "FLANGE-BLIND") or len(component.ends) != 1:
             continue
         place = component.ends[0].place
-        for k, (name, fitting, pose, line) in enumerate(plant.placed):
+        for name, part in plant.parts.items():
+            fitting, start = part.fitting, part.pose.position
             if type(fitting) is not Straight:
                 continue
-            ends = pose.position, pose.position + fitting.length * pose.rotation[:, 2]
+            end = start + fitting.length * part.pose.rotation[:, 2]
             cap = Cap(fitting.length, fitting.inner_diameter)
-            if length(ends[1] - place) < SAME:
-                plant.placed[k] = (name, cap, pose, line)
+            if length(end - place) < SAME:
+                plant.parts[name] = replace(part, fitting=cap)
                 break
-            if length(ends[0] - place) < SAME:
-                plant.placed[k] = (name, cap, _along(ends[1], ends[0]), line)
+            if length(start - place) < SAME:
+                plant.parts[name] = Part(name, cap, _along(end, start))
                 break
         else:
             plant.note("left out", component, "closes no straight pipe")
@@ -319,8 +315,7 @@ def _close(plant: _Plant, components: Sequence[Component]) -> None:
 
 def _network(name: str, plant: _Plant) -> Network:
     """Return the network of parts; ports in one place are joined."""
-    parts = {n: Part(n, fitting, pose) for n, fitting, pose, _ in plant.placed}
-    lines = {n: line for n, _, _, line in plant.placed}
+    parts, lines = plant.parts, plant.lines
     ports = [
         (n, port, part.port(port))
         for n, part in parts.items()
@@ -390,15 +385,15 @@ def network_pcf(network: Network) -> str:
     return pcf_text(network.name, [_written(part) for part in network.pipes.parts])
 
 
-def _written(part: Part) -> Written:
+def _written(part: Part) -> Component:
     """Return the component of a part."""
     fitting, words = part.fitting, {"NAME": part.name}
-    points = [(p, part.port(p).position, 2 * fitting.port_radius(p)) for p in fitting.port_names]
-    ends = [("END-POINT", place, bore) for _, place, bore in points[:2]]
+    ports = [Point(part.port(p).position, 2 * fitting.port_radius(p)) for p in fitting.port_names]
+    ends = {"END-POINT": ports[:2]}
     if isinstance(fitting, Cap | Straight):
-        return Written("CAP" if isinstance(fitting, Cap) else "PIPE", ends, words)
+        return Component("CAP" if isinstance(fitting, Cap) else "PIPE", 0, ends, words)
     if isinstance(fitting, Reducer):
-        return Written("REDUCER-CONCENTRIC", ends, {"SKEY": "RCBW"} | words)
+        return Component("REDUCER-CONCENTRIC", 0, ends, {"SKEY": "RCBW"} | words)
     if isinstance(fitting, Elbow | Mitre):
         way = part.pose.rotation[:, 2]
         cut = (
@@ -408,16 +403,16 @@ def _written(part: Part) -> Written:
         )
         if fitting.angle > math.radians(170):
             raise NetworkError(Fault(part.name, "bends back, which no CENTRE-POINT can say"))
-        centre = ("CENTRE-POINT", part.pose.position + cut * way, 0.0)
+        centre = {"CENTRE-POINT": [Point(part.pose.position + cut * way, 0.0)]}
         more = {"SKEY": "ELBW", "ANGLE": f"{100 * math.degrees(fitting.angle):.9f}"}
         if isinstance(fitting, Mitre):
             more |= {"SKEY": "MIBW", "FILLET-RADIUS": f"{1e3 * fitting.fillet_radius:.9f}"}
-        return Written("ELBOW", [*ends, centre], more | words)
+        return Component("ELBOW", 0, ends | centre, more | words)
     if isinstance(fitting, Tee | Wye):
-        centre = ("CENTRE-POINT", part.pose.position, 0.0)
-        branches = [(f"BRANCH{k}-POINT", *point[1:]) for k, point in enumerate(points[2:], start=1)]
+        centre = {"CENTRE-POINT": [Point(part.pose.position, 0.0)]}
+        branches = {f"BRANCH{k}-POINT": [port] for k, port in enumerate(ports[2:], start=1)}
         kind = "CROSS" if isinstance(fitting, Cross) else "TEE"
         key = {Tee: "TEBW", Wye: "WYE", Cross: "CRBW"}[type(fitting)]
         more = {"SKEY": key, "FILLET-RADIUS": f"{1e3 * fitting.fillet_radius:.9f}"}
-        return Written(kind, [*ends, centre, *branches], more | words)
+        return Component(kind, 0, ends | centre | branches, more | words)
     raise NetworkError(Fault(part.name, f"is a {fitting.kind}, which no component is for"))

@@ -12,7 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose, angle_between, unit
+from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_of, unit
 from omnitrack_sim.pipes.fittings.base import Fitting
 from omnitrack_sim.pipes.fittings.cross import Cross
 from omnitrack_sim.pipes.fittings.elbow import Elbow
@@ -94,8 +94,7 @@ def _bend(ways: Sequence[Array], bore: float, settings: ImportSettings, tight: b
         if not options:
             raise CannotBuildError(f"its pipes turn back by {math.degrees(angle):.0f} degrees")
         fitting, before = options[-1 if tight else 0]
-    rotation = np.stack([inward, np.cross(along, inward), along], axis=-1)
-    return Junction(fitting, Pose(rotation, -before * along), ("start", "end"))
+    return Junction(fitting, Pose(frame_of(inward, along), -before * along), ("start", "end"))
 
 
 def bends(angle: float, bore: float, settings: ImportSettings) -> list[tuple[Fitting, float]]:

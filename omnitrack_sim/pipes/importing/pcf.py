@@ -9,7 +9,7 @@ are passed over.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -62,10 +62,10 @@ class Point(NamedTuple):
 
 @dataclass
 class Component:
-    """A component of a file.
+    """A component of a file that was read, or is to be written.
 
     Attributes:
-        kind: its word. line: number of its line.
+        kind: its word. line: number of its line; 0 of one to be written.
         points: by the word of their lines, in order.
         words: other attributes, by their first word.
     """
@@ -286,7 +286,7 @@ def _rounded(angle: float, asked: float | None) -> float:
     return angle
 
 
-def pcf_text(name: str, parts: Sequence[Written]) -> str:
+def pcf_text(name: str, parts: Sequence[Component]) -> str:
     """Return the text of a file with components in millimetres, their bores true."""
     lines = [
         "ISOGEN-FILES ISOGEN.FLS",
@@ -297,19 +297,11 @@ def pcf_text(name: str, parts: Sequence[Written]) -> str:
     ]
     for part in parts:
         lines.append(part.kind)
-        for word, place, bore in part.points:
+        for word, (place, bore) in ((w, p) for w, points in part.points.items() for p in points):
             row = " ".join(f"{1e3 * x + 0.0:.9f}" for x in place)
             lines.append(f"    {word} {row}" + (f" {1e3 * bore:.9f}" if bore else ""))
         lines += [f"    {key} {text}" for key, text in part.words.items()]
     return "\n".join(lines) + "\n"
-
-
-class Written(NamedTuple):
-    """A component to be written: its word, its points (word, place m, bore m or 0), attributes."""
-
-    kind: str
-    points: Sequence[tuple[str, Array, float]]
-    words: Mapping[str, str]
 
 
 def neighbours(components: Sequence[Component]) -> Iterator[tuple[Component, Point, Array]]:

@@ -1,9 +1,12 @@
 """The robot as data: its parameters, its motors, the law that scales it, and the motors' drive."""
 
 from omnitrack_sim.base.arguments import check_is
-from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor
-from omnitrack_sim.robots.omnitrack.parameters import GRAVITY, MODULE_ANGLES, MODULES, Omnitrack
-from omnitrack_sim.robots.quantity import Parameter, Quantity
+from omnitrack_sim.robots.omnitrack.motors import MOTORS as MOTORS
+from omnitrack_sim.robots.omnitrack.motors import Motor as Motor
+from omnitrack_sim.robots.omnitrack.parameters import GRAVITY as GRAVITY
+from omnitrack_sim.robots.omnitrack.parameters import MODULE_ANGLES as MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack.parameters import MODULES as MODULES
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack as Omnitrack
 from omnitrack_sim.robots.robot import Robot
 
 
@@ -14,16 +17,3 @@ def as_omnitrack(robot: Robot) -> Omnitrack:
         TypeError: it is another one.
     """
     return check_is(Omnitrack, "robot", robot)
-
-
-__all__ = [
-    "GRAVITY",
-    "MODULES",
-    "MODULE_ANGLES",
-    "MOTORS",
-    "Motor",
-    "Omnitrack",
-    "Parameter",
-    "Quantity",
-    "as_omnitrack",
-]

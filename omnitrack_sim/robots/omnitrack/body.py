@@ -373,7 +373,7 @@ def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 def _add_force_sensors(spec: mujoco.MjSpec, robot: Omnitrack, name: str, body: str) -> None:
     """Sensors ``contact_`` and ``touch_`` of a body: net contact, and sum of the normal forces, N.
 
-    The net force does not tell the sum: where contacts have different normals, as at a rim, or
+    The net force is not the sum: where contacts have different normals, as at a rim, or
     where the arm does not stand at right angles to the wall, friction has a share along the arm.
     """
     add_contact_sensor(spec, f"contact_{name}", body)

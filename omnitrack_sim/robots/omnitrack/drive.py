@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
-from omnitrack_sim.base.rotations import Array, set_rows
+from omnitrack_sim.base.rotations import Array, ordered_sum, set_rows
 from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.robots.omnitrack.motors import Motor
 
@@ -123,12 +123,9 @@ class Drive:
 
 
 def _product(values: Array, matrix: Array) -> Array:
-    """``matrix`` (a, b) times each of ``values`` (..., b), in one order of sums, so that a robot
-    has the same bits alone and in a batch."""
-    total = values[..., :1] * matrix[:, 0]
-    for i in range(1, matrix.shape[1]):
-        total = total + values[..., i : i + 1] * matrix[:, i]
-    return total
+    """``matrix`` (a, b) times each of ``values`` (..., b), with the same bits alone and in a
+    batch."""
+    return ordered_sum(values[..., None, :] * matrix)
 
 
 class SpeedLoop:
@@ -186,7 +183,7 @@ class SpeedLoop:
         # A thousandth below the limit counts as at it: forces come back through gears, rounded.
         saturated = (moment <= 0.999 * lowest) | (moment >= 0.999 * highest)
         # The integral grows only where the motor can follow (no wind-up in a stall).
-        excess = moment - _mean(moment)
+        excess = moment - ordered_sum(moment)[:, None] / drive.motors
         # Only what differs from the mean gives way: belts that work against each other relax, and a
         # climb keeps its speed.
         droop = self.motor.speed_droop * self.lug_radius * excess
@@ -222,14 +219,6 @@ class SpeedLoop:
             np.where(speed > 0, lowest * braking, lowest),
             np.where(speed < 0, highest * braking, highest),
         )
-
-
-def _mean(torque: Array) -> Array:
-    """Mean (n, 1) over the motors, in one order of sums."""
-    total = torque[:, :1]
-    for i in range(1, torque.shape[1]):
-        total = total + torque[:, i : i + 1]
-    return total / torque.shape[1]
 
 
 def _within(torque: Array, limit: Array) -> Array:

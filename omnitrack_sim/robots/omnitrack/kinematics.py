@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnitrack_sim.base.rotations import Array, cross, length
+from omnitrack_sim.base.rotations import Array, cross
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
@@ -129,26 +129,12 @@ def jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
     return j
 
 
-def inverse_jacobian(lug_radius: ArrayLike, lever: ArrayLike) -> Array:
-    """Inverse (..., 4, 4) of ``jacobian``: shaft speeds and theta_dot_4 for a wanted motion.
-
-    Row i: (V_cz - l (omega_y cos a_i - omega_x sin a_i)) / r, with a_i = 0, 120, -120 degrees.
-    """
-    r, l = np.broadcast_arrays(np.asarray(lug_radius, float), np.asarray(lever, float))
-    inverse = np.zeros((*r.shape, 4, 4))
-    inverse[..., :3, 0] = (l / r)[..., None] * _SIN
-    inverse[..., :3, 1] = -(l / r)[..., None] * _COS
-    inverse[..., :3, 3] = (1 / r)[..., None]
-    inverse[..., 3, 2] = 1.0
-    return inverse
-
-
 def module_speeds(
     forward_speed: ArrayLike, omega_x: ArrayLike, omega_y: ArrayLike, lever: ArrayLike
 ) -> Array:
     """Wall speeds (..., 3) m/s for a wanted motion.
 
-    The first three rows of ``inverse_jacobian`` times r.
+    The first three rows of the inverse of ``jacobian``, times r.
 
     Args:
         forward_speed: V_cz (...,), m/s.
@@ -159,37 +145,6 @@ def module_speeds(
     v, arm = np.asarray(forward_speed, float)[..., None], np.asarray(lever, float)[..., None]
     wx, wy = np.asarray(omega_x, float)[..., None], np.asarray(omega_y, float)[..., None]
     return v - arm * (wy * _COS - wx * _SIN)
-
-
-def radius_of_curvature(speeds: ArrayLike, omega: ArrayLike) -> Array:
-    """Eq. 19 as printed: (|V_1| + |V_2| + |V_3|) / (3 |omega|), (...,) m.
-
-    Limits: infinite on a straight line, NaN at rest. The sizes of the speeds are added, so it is
-    the radius of the centre's path only while no module runs backward and the robot does not roll;
-    a robot that turns on the spot gets 0.577 l to 0.667 l instead of 0. ``path_radius`` is right in
-    these cases too.
-
-    Args:
-        speeds: V_i (..., 3), m/s.
-        omega: (..., 3) rad/s.
-    """
-    return _ratio(np.abs(np.asarray(speeds, float)).mean(axis=-1), length(np.asarray(omega, float)))
-
-
-def path_radius(speeds: ArrayLike, omega: ArrayLike) -> Array:
-    """Radius (...,) m of the path of the robot's centre: |V_cz| / sqrt(omega_x^2 + omega_y^2).
-
-    0 when it turns on the spot, infinite on a straight line, NaN at rest. Rolling (omega_z) does
-    not bend the path. Arguments as for ``radius_of_curvature``.
-    """
-    omega = np.asarray(omega, float)
-    return _ratio(np.abs(forward_speed(speeds)), np.hypot(omega[..., 0], omega[..., 1]))
-
-
-def _ratio(speed: Array, rate: Array) -> Array:
-    # Without rotation a straight line has an infinite radius, and rest has none.
-    moving = np.where(speed > 0, np.inf, np.nan)
-    return np.where(rate > 0, speed / np.where(rate > 0, rate, 1.0), moving)
 
 
 def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:

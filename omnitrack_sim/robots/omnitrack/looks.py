@@ -140,17 +140,16 @@ LUG_ARC_DEG = 164.0
 """Arc of a half-round lug about the module axis; the rest is the gap between the two tracks."""
 
 
-def triangular_prism(inradius: float, length: float, corner: float = 0.003) -> TriangleMesh:
-    """Prism along z, centred, with a face towards each module (0, +-120 degrees) and rounded edges.
+CORNER = 0.003
+"""Rounding radius of the chassis's edges, m."""
 
-    Args:
-        inradius: axis to face, m.
-        length: m.
-        corner: rounding radius, m.
-    """
+
+def triangular_prism(inradius: float, length: float) -> TriangleMesh:
+    """Prism along z, centred, with a face towards each module (0, +-120 degrees) and rounded edges;
+    ``inradius`` m from its axis to a face, ``length`` m."""
     angles = math.pi + np.arange(3) * 2 * math.pi / 3
-    points = 2 * (inradius - corner) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    section = CrossSection.hull_points(points).offset(corner, circular_segments=24)
+    points = 2 * (inradius - CORNER) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    section = CrossSection.hull_points(points).offset(CORNER, circular_segments=24)
     return triangles_of(Manifold.extrude(section, length).translate((0.0, 0.0, -length / 2)))
 
 

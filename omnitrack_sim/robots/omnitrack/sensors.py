@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion
+from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, ordered_sum
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
@@ -93,34 +93,26 @@ def _forward(state: State) -> Array:
     return state.shared["forward"]
 
 
-def _over_chain(values: Array) -> Array:
-    """Sum of (n, 3, k) over the parts of each chain, in their order."""
-    total = values[..., 0]
-    for part in range(1, values.shape[-1]):
-        total = total + values[..., part]
-    return total
-
-
 def _traction(state: State) -> Array:
-    return _over_chain(dot(_force(state), _forward(state)[:, :, None]))
+    return ordered_sum(dot(_force(state), _forward(state)[:, :, None]))
 
 
 def _normal_force(state: State) -> Array:
-    return _over_chain(state.sensordata.take(state.at.touch, axis=1))
+    return ordered_sum(state.sensordata.take(state.at.touch, axis=1))
 
 
 def _contact_count(state: State) -> Array:
     count = _contact(state)[..., 0]
     # Both runs pass over the sprockets.
-    return count[..., :2] + _over_chain(count[..., 2:])[..., None] if count.shape[-1] > 2 else count
+    return count[..., :2] + ordered_sum(count[..., 2:])[..., None] if count.shape[-1] > 2 else count
 
 
 def _contact_position(state: State) -> Array:
     contact, force = _contact(state), _force(state)
     # Weighted by force: a track that hardly touches hardly moves the centre.
     weight = np.sqrt(dot(force, force))  # (n, 3, k)
-    total = _over_chain(weight)
-    places = np.stack([_over_chain(weight * contact[..., axis]) for axis in (4, 5, 6)], axis=-1)
+    total = ordered_sum(weight)
+    places = np.stack([ordered_sum(weight * contact[..., axis]) for axis in (4, 5, 6)], axis=-1)
     known = total > 0
     if np.count_nonzero(known) == known.size:
         return places / total[..., None]

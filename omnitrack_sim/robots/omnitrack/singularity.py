@@ -37,9 +37,6 @@ DEFINITIONS: tuple[Definition, ...] = get_args(Definition)
 of radius rho through the ellipse's inner vertex, where the crotch is. ``strip``: a point contact
 needs the outermost |y| = R of the bores."""
 
-PAPER_SECTOR = np.radians(96.54)
-"""Sector of the paper's robot (Section IV)."""
-
 
 def section_ellipse(pipe_radius: ArrayLike, tilt: ArrayLike) -> tuple[Array, Array]:
     """Semi-axes R / cos(tilt) and R of a pipe cut by a plane ``tilt`` rad from square (Fig. 7).

@@ -28,6 +28,7 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
+from omnitrack_sim.walls.bodies import frame_in
 from omnitrack_sim.walls.collider import (
     LINE_NEXT,
     MATRICES,
@@ -43,7 +44,7 @@ from omnitrack_sim.walls.collider import (
 )
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, in_world, put_contact
 from omnitrack_sim.walls.curves import PLATEAU, minimum, rim_begins, slope_at
-from omnitrack_sim.walls.record import BOX, ENDS, KIND, MARK, RECORD_SIZE, SIZES
+from omnitrack_sim.walls.record import ENDS, KIND, MARK, RECORD_SIZE, SIZES
 
 PITCH, SCALE, SIDE, OTHER = 1, 2, 3, 4
 """Indices in the record of a track: distance of its lugs, m, the robot's scale, and the side of
@@ -148,41 +149,6 @@ def _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin
 
 
 @compiled
-def _in_fitting(wall, w, position, matrix, g_line, g_wall):
-    """A line in the frame of a fitting, from its centre on: see ``curves``."""
-    l, o = 3 * g_line, 3 * g_wall
-    m = 9 * g_wall
-    dx, dy, dz = (
-        position[l] - position[o],
-        position[l + 1] - position[o + 1],
-        position[l + 2] - position[o + 2],
-    )
-    ux, uy, uz = matrix[9 * g_line + 2], matrix[9 * g_line + 5], matrix[9 * g_line + 8]
-    # The box that bounds the fitting has its centre elsewhere.
-    px = matrix[m] * dx + matrix[m + 3] * dy + matrix[m + 6] * dz + wall[w + BOX]
-    py = matrix[m + 1] * dx + matrix[m + 4] * dy + matrix[m + 7] * dz + wall[w + BOX + 1]
-    pz = matrix[m + 2] * dx + matrix[m + 5] * dy + matrix[m + 8] * dz + wall[w + BOX + 2]
-    ax = matrix[m] * ux + matrix[m + 3] * uy + matrix[m + 6] * uz
-    ay = matrix[m + 1] * ux + matrix[m + 4] * uy + matrix[m + 7] * uz
-    az = matrix[m + 2] * ux + matrix[m + 5] * uy + matrix[m + 8] * uz
-    return px, py, pz, ax, ay, az, 0.0, 0.0, 0.0, 0.0
-
-
-@compiled
-def _towards(matrix, g_line, g_wall, side):
-    """Direction in which a run faces, three numbers in the frame of a fitting, and whether it is
-    one (over 0)."""
-    l, m = 9 * g_line, 9 * g_wall
-    x, y, z = side * matrix[l], side * matrix[l + 3], side * matrix[l + 6]
-    return (
-        matrix[m] * x + matrix[m + 3] * y + matrix[m + 6] * z,
-        matrix[m + 1] * x + matrix[m + 4] * y + matrix[m + 7] * z,
-        matrix[m + 2] * x + matrix[m + 5] * y + matrix[m + 8] * z,
-        abs(side),
-    )
-
-
-@compiled
 def _outward(position, matrix, g_line, other, g_wall):
     """Direction from the sprocket at the other end of a module to this one, three numbers in the
     frame of a fitting."""
@@ -223,9 +189,11 @@ def line_contacts(
     sizes, out = at(wall, w + SIZES), scratch()
     # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
     # end.
-    ray = _in_fitting(wall, w, position, matrix, g_line, g_wall)
-    px, py, pz, ax, ay, az, _, _, _, _ = ray
-    face = _towards(matrix, g_line, g_wall, wall[track + SIDE])
+    frame = frame_in(wall, w, position, matrix, g_line, g_wall)
+    px, py, pz, xx, _, ax, yx, _, ay, zx, _, az = frame
+    ray, side = (px, py, pz, ax, ay, az, 0.0, 0.0, 0.0, 0.0), wall[track + SIDE]
+    # The direction that a run faces in, and whether it faces in one (over 0).
+    face = side * xx, side * yx, side * zx, abs(side)
     pitch, scale = wall[track + PITCH], wall[track + SCALE]
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = -half, half, 1.0, 1.0
     within = call_span(span, sizes, at(wall, w + ENDS), px, py, pz, ax, ay, az, out)
@@ -266,7 +234,7 @@ def _into_world(con, k, wall, w, position, matrix, g_line, g_wall):
     along = ux * con[k + 4] + uy * con[k + 5] + uz * con[k + 6]
     tx, ty, tz = ux - along * con[k + 4], uy - along * con[k + 5], uz - along * con[k + 6]
     size = math.sqrt(tx * tx + ty * ty + tz * tz)
-    # A zero tangent tells MuJoCo to choose one itself, as where the line is normal to the wall.
+    # For a zero tangent MuJoCo chooses one, as where the line is normal to the wall.
     scale = 1.0 / size if size > 1e-6 else 0.0
     con[k + 7], con[k + 8], con[k + 9] = scale * tx, scale * ty, scale * tz
 

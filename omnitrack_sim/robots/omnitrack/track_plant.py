@@ -29,7 +29,7 @@ from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out,
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.robot import GRAVITY, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
@@ -48,30 +48,20 @@ SEATING_HALVINGS = 20
 robots of different sizes would not start alike."""
 
 
-def scene(
-    robot: Omnitrack,
-    network: Assembly,
-    *,
-    plates: Sequence[tuple[int, str]],
-    timestep: float,
-    wall_tolerance: float,
-    staves: int | None,
-    exact: bool,
-    looks: bool,
-) -> mujoco.MjSpec:
-    """Return the robot at the world's origin and the walls of a network, ready to compile;
-    arguments as of ``Robot.to_spec``."""
+def scene(robot: Omnitrack, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    """Return the robot at the world's origin and the walls of a network, ready to compile; see
+    ``Robot.to_spec``."""
     spec = new_spec("omnitrack_scene")
-    spec.option.timestep = timestep
-    if exact:
+    spec.option.timestep = options.timestep
+    if options.exact:
         add_exact_walls(spec, network)
         add_guard(spec, f"wall_{network.parts[0].name}")
     else:
-        add_walls(spec, network, tolerance=wall_tolerance, staves=staves)
-    add_plates(spec, network, plates, looks)
+        add_walls(spec, network, tolerance=options.wall_tolerance, staves=options.staves)
+    add_plates(spec, network, options.plates, options.looks)
     # The compiled collider takes a row of lugs as one line; walls of primitives need each lug.
-    add_robot(spec, robot, line_tracks=exact)
-    if looks:
+    add_robot(spec, robot, line_tracks=options.exact)
+    if options.looks:
         from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
         from omnitrack_sim.walls.pipe_looks import add_cameras, add_pipe_looks
 
@@ -279,7 +269,7 @@ class TrackPlant(Plant):
 
     def _leave_out_far_tracks(self) -> None:
         """Switch off the contacts of rows of lugs that face away from the wall: half of the
-        collision work. Of tracks that are lines the collider tells by the wall itself."""
+        collision work. For tracks that are lines the collider decides by the wall's normal."""
         if self._lugs.shape[-1] == 1:
             return
         cosine = np.cos(self.qpos.take(self._at.roll, axis=1))
@@ -309,15 +299,13 @@ def _slice(indices: NDArray[np.intp]) -> slice:
 def _addresses(model: mujoco.MjModel) -> Addresses:
     """Names to addresses, once."""
 
-    def joints(kind: str) -> NDArray[np.intp]:
-        return np.array([model.joint(f"{kind}_{i}").qposadr[0] for i in NUMBERS])
+    def joints(*kinds: str) -> NDArray[np.intp]:
+        return np.array([[model.joint(f"{k}_{i}").qposadr[0] for k in kinds] for i in NUMBERS])
 
-    def dofs(kind: str) -> NDArray[np.intp]:
-        return np.array([model.joint(f"{kind}_{i}").dofadr[0] for i in NUMBERS])
+    def dofs(*kinds: str) -> NDArray[np.intp]:
+        return np.array([[model.joint(f"{k}_{i}").dofadr[0] for k in kinds] for i in NUMBERS])
 
-    def bodies(kind: str) -> NDArray[np.intp]:
-        return np.array([model.body(f"{kind}_{i}").id for i in NUMBERS])
-
+    belts = [f"belt_{track}" for track in TRACKS]
     # Sprockets touch exact walls alone.
     exact = model.body("sprocket_front_1").geomnum[0] > 0
     parts = (*TRACKS, *MODULE_ENDS) if exact else TRACKS
@@ -326,26 +314,21 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         return np.array([[model.sensor(f"{kind}_{p}_{i}").adr[0] for p in parts] for i in NUMBERS])
 
     chassis = model.body("chassis").id
+    modules = np.array([[model.body(f"module_{i}").id] for i in NUMBERS])
     actuators = [model.actuator(i) for i in range(model.nu)]
     return Addresses(
-        slide=joints("slide"),
-        pitch=joints("pitch"),
-        roll=joints("roll"),
-        belts=np.array(
-            [[model.joint(f"belt_{t}_{i}").qposadr[0] for t in TRACKS] for i in NUMBERS]
-        ),
-        slide_dofs=dofs("slide"),
-        pitch_dofs=dofs("pitch"),
-        belt_dofs=np.array(
-            [[model.joint(f"belt_{t}_{i}").dofadr[0] for t in TRACKS] for i in NUMBERS]
-        ),
-        places=3 * bodies("module")[:, None] + np.arange(3),
-        forward=9 * bodies("module")[:, None] + np.arange(2, 9, 3),
+        slide=joints("slide")[:, 0],
+        pitch=joints("pitch")[:, 0],
+        roll=joints("roll")[:, 0],
+        belts=joints(*belts),
+        slide_dofs=dofs("slide")[:, 0],
+        pitch_dofs=dofs("pitch")[:, 0],
+        belt_dofs=dofs(*belts),
+        places=3 * modules + np.arange(3),
+        forward=9 * modules + np.arange(2, 9, 3),
         chassis=3 * chassis + np.arange(3),
         frame=9 * chassis + np.arange(9).reshape(3, 3).T,
-        sprockets=np.array(
-            [[model.joint(f"sprocket_{e}_{i}").qposadr[0] for e in MODULE_ENDS] for i in NUMBERS]
-        ),
+        sprockets=joints(*(f"sprocket_{end}" for end in MODULE_ENDS)),
         tracks=np.array([[model.body(f"track_{t}_{i}").id for t in TRACKS] for i in NUMBERS]),
         contact=of_chain("contact")[:, :, None] + np.arange(7),
         touch=of_chain("touch"),

@@ -26,7 +26,6 @@ REAR, FRONT = 2, 3
 BENDS = ("bend_1", "bend_2", "bend_3", "bend_4")
 """Bending joints, tail to nose; the first and the last are the apexes of the clamps."""
 CABLE = "Maks, BSc report, University of Twente 2015, summary"
-MEMORY = "from memory of Dertien's thesis (Twente 2014), not checked"
 
 
 class Pirate(Robot):

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, frame_of
 from omnitrack_sim.base.table import NotNegative, Positive
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
@@ -22,6 +22,8 @@ BEND = [-1.3, 1.3]
 """Range of a joint's angle about one axis, rad."""
 LENGTH, RADIUS = 0.09, 0.022
 """Of a link, m: from joint to joint, and of its rubber."""
+ACROSS = np.array([1.0, 0.0, 0.0])
+"""Axis x of the middle link's frame: the link is square to it."""
 SHELL = {"contype": 0, "conaffinity": 0, "mass": 0.0, "group": 2}
 """Attributes of geoms that are only drawn."""
 
@@ -75,7 +77,7 @@ class Snake(Robot):
         spec.option.impratio = 100
         directions = self.directions()
         quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, _frame(directions[CENTRE]).ravel())
+        mujoco.mju_mat2Quat(quaternion, frame_of(ACROSS, directions[CENTRE]).ravel())
         # The middle of a link lies further inside than its joints.
         inside = (self.bore / 2 - RADIUS) * math.cos(self.turn / 2)
         centre = spec.worldbody.add_body(name="chassis", pos=[inside, 0, 0], quat=quaternion)
@@ -172,7 +174,9 @@ def joint_angles(directions: Array, roll: Array) -> Array:
     """
     cos, sin, zero = np.cos(roll), np.sin(roll), np.zeros(len(roll))
     turned = np.array([[cos, -sin, zero], [sin, cos, zero], [zero, zero, zero + 1]])
-    frames = {CENTRE: _frame(directions[CENTRE]) @ np.moveaxis(turned, -1, 0)}  # (n, 3, 3)
+    frames = {
+        CENTRE: frame_of(ACROSS, directions[CENTRE]) @ np.moveaxis(turned, -1, 0)
+    }  # (n, 3, 3)
     angles = []
     for k in OUTWARDS:
         frame = frames[k - 1 if k > CENTRE else k + 1]
@@ -183,9 +187,3 @@ def joint_angles(directions: Array, roll: Array) -> Array:
         frames[k] = frame @ np.moveaxis(bend, -1, 0)
         angles.append(np.stack([about_x, about_y], axis=-1))
     return np.stack(angles, axis=1)
-
-
-def _frame(direction: Array) -> Array:
-    """Return a frame (3, 3) with z along a direction (3,) that is square to x, and x as it is."""
-    x = np.array([1.0, 0.0, 0.0])
-    return np.stack([x, np.cross(direction, x), direction], axis=-1)

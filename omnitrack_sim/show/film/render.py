@@ -424,7 +424,7 @@ def render_frames(
     overlay: bool = True,
 ) -> list[Image]:
     """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
-    check_times("times", times)
+    check_times(times)
     check_request(camera, width, height, cameras=cameras_of(result))
     options = {"inset": inset, "overlay": overlay}
     return list(painted(subject_of(result), times, (width, height), camera, options))
@@ -472,7 +472,7 @@ def render_strip(
     check_request(camera, width, height, cameras=cameras_of(result))
     format = format_of(path, None, "picture", STRIP_FORMATS)
     if times is not None:
-        check_times("times", times)
+        check_times(times)
     number = count if times is None else len(times)
     if not 1 <= number <= MOST_FRAMES:
         place = "count" if times is None else "times"

@@ -1,5 +1,5 @@
-"""From decisions to commands: the same steps for a policy in a run and for a learner in an
-environment, and the controller that runs a policy file."""
+"""Conversion of decisions to commands, the same for a policy in a run and for a learner in an
+environment; and the controller that runs a policy file."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import FileName, Table
 from omnitrack_sim.robots.control import ControlSetup, Observation, controller_of, parameters_model
 from omnitrack_sim.robots.feature import (
-    DECISION_PERIOD,
     Feature,
     FloatRows,
     entries_of,
     held_actions,
-    steps_of,
+    steps_of_decision,
 )
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command
@@ -88,7 +87,7 @@ class Decisions:
         self, setup: ControlSetup, features: Sequence[Feature], acting: Acting = DIRECT
     ) -> None:
         self.features, self.acting = tuple(features), acting
-        self.hold = steps_of(DECISION_PERIOD, setup.period)
+        self.hold = steps_of_decision(setup.period)
         n = setup.n
         self.action = np.zeros((n, len(ACTIONS)))
         self.roll, self._forward = np.zeros((2, n, 3))
@@ -217,7 +216,7 @@ class PolicyTable(Table):
     @classmethod
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "policy" not in info.data:
-            return sha256  # a fault that is told already
+            return sha256  # reported at the file's own key
         digest = load_policy(info.data["policy"]).sha256
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")

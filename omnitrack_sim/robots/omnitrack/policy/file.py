@@ -433,7 +433,7 @@ def _read(path: Path, changed: int, size: int) -> Policy:
         data = file.read(MOST_POLICY_BYTES + 1)
     arrays = _arrays(data)
     header = _header(arrays)
-    # Made for other observations is told before shapes that do not fit for that very reason.
+    # First, since other observations are the reason for shapes that do not fit.
     for entry in header.features:
         entry.feature()
     count = sum(name.startswith("weight_") for name in arrays)
