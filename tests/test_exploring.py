@@ -20,6 +20,7 @@ from omnitrack_sim.record.events import (
     EndInspected,
     ExplorationComplete,
     ExplorationIncomplete,
+    GaveUp,
     GoalReached,
     LoopClosed,
     TakenForClosed,
@@ -442,6 +443,32 @@ def test_a_port_that_it_could_not_reach_is_tried_once_more():
     assert of_kind(ghost, ExplorationComplete)
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "inlet")
     assert difference.same, difference
+
+
+@pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])
+def test_where_it_hangs_on_its_way_home_it_backs_off_and_comes_again(times, home):
+    """It has come through there before, so nothing closes the way: the robot lies badly. It gives
+    up where it hangs more often than it may fall, and takes nothing for closed before that."""
+    parts = [straight("foot", 0.8), elbow("bend"), straight("on", 0.8)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, hung = ghost.explorer, []
+
+    def blocked(position, frame):
+        leg = explorer.leg
+        homewards = leg.path[-1][::2] == explorer.belief.start
+        within = homewards and ghost.pipes.parts[1].holds(position[None], 0.0)
+        if within and len(hung) < times:
+            hung.append(leg)
+            return True
+        return False
+
+    ghost._blocked = blocked
+    ghost.run()
+    assert len(hung) == times
+    assert bool(of_kind(ghost, ExplorationComplete)) == home
+    assert bool(of_kind(ghost, TakenForClosed)) != home
+    assert bool(of_kind(ghost, GaveUp)) != home
 
 
 @pytest.mark.parametrize("start", ["foot.start", "on.end", "side.end"])

@@ -298,6 +298,12 @@ class Explorer(MapPilot):
                 if self.belief.fitting(port[0]).is_plain:
                     self.belief.lengthen(port[0], -ahead)
                 self._give_up_port(port, "no headway")
+        if self.leg.goal < 0 or _end_of(self.leg.path) == self.belief.start:
+            # It has come this way, so nothing closes it: the robot lies badly.
+            again = self.planner.once_more(self.leg, distance)
+            if again and self._falls > 0:
+                self._falls -= 1
+                return self._begin(time, [], [*again, *self._to_come])
         return super().on_blockage(time, distance, goal)
 
     # Looking once more
@@ -807,7 +813,7 @@ class Explorer(MapPilot):
         """Go to the unexplored port that asks for the least travel, or else to the start."""
         events = list(events)
         legs = self._least(self.belief.unexplored, plan)
-        if legs is None and self._tries_again:
+        if legs is None and self._tries_again and (self._closed or self._left):
             self._try_again()
             legs = self._least(self.belief.unexplored, plan)
         if legs is None:
