@@ -579,14 +579,15 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
 
 
 def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
-    """Looks from before it and from behind count alike, where neither shows its ends exactly."""
+    """Looks from before it and from behind count by how exactly they show its ends: here those from
+    behind four times as much, and they are wrong by a quarter."""
 
     def off(ahead):
         if not isinstance(ahead.fitting, Reducer):
             return ahead
-        by = 0.012 if ahead.enter == "start" else -0.012
+        by, std = (0.016, 0.016) if ahead.enter == "start" else (-0.004, 0.008)
         longer = replace(ahead.fitting, length=ahead.fitting.length + by)
-        return replace(ahead, fitting=longer, distance_std=0.01)
+        return replace(ahead, fitting=longer, distance_std=std)
 
     parts = [straight("foot", 0.8)]
     parts += [
@@ -600,6 +601,29 @@ def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
     fittings = [part.fitting for part in ghost.explorer.belief.network.pipes.parts]
     (reducer,) = (fitting for fitting in fittings if isinstance(fitting, Reducer))
     assert reducer.length == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("std", "looks"), [(0.002, 3), (0.0095, 4)])
+def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
+    """Until the mean of the looks is known to 5 mm, and at least three times."""
+    seen = []
+
+    def hardly(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        if ahead.enter == "start":
+            return replace(ahead, distance_std=0.016)
+        seen.append(ghost.travel)
+        return replace(ahead, distance_std=std)
+
+    parts = [straight("foot", 0.8), reducer("wider", 0.17)]
+    parts += [straight("on", 0.8, inner_diameter=0.17)]
+    joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=hardly)
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    first = [travel for travel in seen if travel < seen[0] + 0.1]
+    assert len(first) == looks
 
 
 def test_an_elbow_whose_radius_hardly_shows_is_measured_from_behind():

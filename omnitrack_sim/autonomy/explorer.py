@@ -21,7 +21,16 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
-from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
+from omnitrack_sim.autonomy.sight import (
+    LOOKS,
+    Ahead,
+    Look,
+    LookingBack,
+    LookingCloser,
+    is_measured,
+    side_of,
+    weights,
+)
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
@@ -98,8 +107,6 @@ class ExplorerSettings:
 
 EXPLORER = ExplorerSettings()
 
-LEAST_STD = 1e-4
-"""Standard deviation of a distance, m, below which one look counts no more than another."""
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
 
@@ -160,6 +167,8 @@ class Explorer(MapPilot):
         # Sightings of the same one from close by, and from where, m.
         self._close: list[tuple[Ahead, float]] = []
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
+        # Of reducers in doubt, by name: the weight of the looks from before them, 1/m².
+        self._ahead: dict[str, float] = {}
         self._felt = math.nan  # m, bore by the arms at the last look, where the map has another
         self._missed: Missed | None = None
         # Out of a fitting: what was sighted first, where, and from where, m.
@@ -529,8 +538,7 @@ class Explorer(MapPilot):
         looks = [look for look in self._close if look[0].kind == ahead.kind]
         looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
         ends = [at + look.distance for look, at in looks]
-        stds = np.array([look.distance_std for look, _ in looks])
-        return float(np.average(ends, weights=np.maximum(stds, LEAST_STD) ** -2))
+        return float(np.average(ends, weights=weights([look.distance_std for look, _ in looks])))
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
@@ -573,29 +581,34 @@ class Explorer(MapPilot):
             return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
         reducers = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
         sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
-        differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
+        stds = [look.distance_std for look, _ in looks]
+        differ, mean = np.ptp(sizes, axis=0), np.average(sizes, axis=0, weights=weights(stds))
         if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
-        std = min(look.distance_std for look, _ in looks)
-        if std > EXPLORER.most_reducer_std:
+        if min(stds) > EXPLORER.most_reducer_std:
             self._doubts[name] = "its ends hardly show"
-        elif std > LEAST_LENGTH / 2 and name not in self._doubts:
+        elif min(stds) > LOOKS.most_size_std and name not in self._doubts:
             self._doubts[name] = ONE_SIDED
+        if name in self._doubts:
+            self._ahead[name] = float(weights(stds).sum())
         return Reducer(*mean.tolist())
 
     def _measure_passed(self) -> float:
         """Resize a reducer or an elbow in doubt that the robot has measured from behind; return by
         how much longer it is now, m."""
         looks = self._back.sizes.items()
-        part = next((part for part, seen in looks if len(seen) == LOOKS.for_sizes), None)
+        part = next((part for part, seen in looks if is_measured(seen)), None)
         if part is None:
             return 0.0
-        sizes, fitting = np.array(self._back.sizes.pop(part)), self.belief.fitting(part)
+        sizes, stds = np.array(self._back.sizes.pop(part)).T
+        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return 0.0
-        size, name = float(sizes.mean()), self.belief.part_name(part)
-        if isinstance(fitting, Reducer) and self._doubts.get(name) == ONE_SIDED:
-            size = (size + fitting.length) / 2
+        size = float(np.average(sizes, weights=weights(stds)))
+        if isinstance(fitting, Reducer) and name in self._ahead:
+            # Looks from both sides count by how exactly they show its ends.
+            both = [weights(stds).sum(), self._ahead.pop(name)]
+            size = float(np.average([size, fitting.length], weights=both))
         if isinstance(fitting, Elbow):
             key, longer = "mean_radius", (size - fitting.mean_radius) * fitting.angle
         else:
