@@ -445,6 +445,60 @@ def test_a_port_that_it_could_not_reach_is_tried_once_more():
     assert difference.same, difference
 
 
+class Stopped(Exception):
+    """Ends a ghost's run in the middle."""
+
+
+def test_after_a_fall_it_drives_no_sharp_turn_either():
+    """From a wye's branch to the end of its run it goes past and reverses, as it does from a leg
+    that is over."""
+    parts = [straight("foot", 0.8), {"kind": "wye", "name": "wye"}]
+    parts += [straight("side", 0.8), straight("on", 0.8)]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
+    joints += [joint("wye.run_end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, inspected = ghost.explorer, ghost.explorer._inspected
+
+    def stop(*what):
+        ghost.events += inspected(*what).events
+        raise Stopped
+
+    explorer._inspected = stop
+    with pytest.raises(Stopped):
+        ghost.run()
+    (end,) = of_kind(ghost, EndInspected)
+    port = explorer.belief.port(explorer.belief.network.port(end.port))
+    back = -port.rotation[:, 2]
+    explorer.on_fall(1.0, port.position + 0.4 * back, back)
+    legs = [explorer.leg, *explorer._to_come]
+    assert len(legs) > 1
+    assert not explorer._sharp_turns(legs)
+
+
+def test_falls_count_anew_when_an_end_has_been_inspected():
+    """A robot that falls at each of five ends, twice, still explores all; with three times at one
+    it gives up."""
+    for falls, home in ((2, True), (3, False)):
+        ghost = Ghost(load_network("fig14"), "inlet")
+        explorer, arrives = ghost.explorer, ghost.explorer.on_arrival
+
+        def arrive(time, distance, goal, arrives=arrives, ghost=ghost, falls=falls):
+            position, frame = ghost._pose(distance)
+            axis = frame[:, 2] * ghost.explorer.leg.gear
+            decision = arrives(time, distance, goal)
+            events = list(decision.events)
+            if any(isinstance(event, EndInspected) for event in events):
+                for _ in range(falls):
+                    decision = ghost.explorer.on_fall(time, position, axis)
+                    events += decision.events
+            return decision._replace(events=events)
+
+        explorer.on_arrival = arrive
+        ghost.run()
+        assert bool(of_kind(ghost, ExplorationComplete)) == home
+        assert bool(of_kind(ghost, GaveUp)) != home
+
+
 @pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])
 def test_where_it_hangs_on_its_way_home_it_backs_off_and_comes_again(times, home):
     """It has come through there before, so nothing closes the way: the robot lies badly. It gives

@@ -141,7 +141,8 @@ class Explorer(MapPilot):
         belief: its map.
         goals: names of the goals; with none, it explores all.
         distance: m, from the port where it began to its centre then.
-        falls: how often it may fall off its route.
+        falls: how often it may fall off its route, or hang where it has come through before, until
+            it has inspected one more end.
 
     Attributes:
         goals: those that are still to be reached.
@@ -159,6 +160,7 @@ class Explorer(MapPilot):
         falls: int,
     ) -> None:
         super().__init__(number, falls)
+        self._most_falls = falls
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
         self._bends: set[int] = set()  # elbows and wyes whose angle has not been measured yet
@@ -741,6 +743,7 @@ class Explorer(MapPilot):
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
         """Decide at an observed end: note it as explored, and go on."""
         belief, reached = self.belief, goal if goal in self.goals else ""
+        self._falls = self._most_falls
         belief.done(end, reached)
         events: list[Event] = [
             EndInspected(self._number, time, belief.name(end), belief.ends[end]),
@@ -768,12 +771,29 @@ class Explorer(MapPilot):
                 location = planner.location(leg, distance)
                 options.append(planner.replan_from(location, goal, closed))
             legs = min((legs for legs in options if legs), key=_travel, default=None)
-            if legs is None or not self._sharp_turns(legs):
-                return legs
-            location = planner.location(leg, distance)
-            return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
+            return self._spared(legs, planner, planner.location(leg, distance), goal, closed)
 
         return onward
+
+    def _from(self, location: PartLocation) -> Replan:
+        def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
+            legs = planner.replan_from(location, goal, closed)
+            return self._spared(legs, planner, location, goal, closed)
+
+        return onward
+
+    def _spared(
+        self,
+        legs: list[Leg] | None,
+        planner: LegPlanner,
+        location: PartLocation,
+        goal: int,
+        closed: Closed,
+    ) -> list[Leg] | None:
+        """Return legs to a goal, or others that spare the robot the sharp turns on them."""
+        if legs is None or not self._sharp_turns(legs):
+            return legs
+        return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
 
     def _gently(
         self,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.base.rotations import Array, heading, set_rows, with_rows
 from omnitrack_sim.pipes.route_map import Location
@@ -200,8 +201,11 @@ class Supervisor:
                 sent.append(robot)
                 self._follow(robot, decision)
                 continue
-            # Who may be elsewhere than he takes himself to be looks around before he gives up.
-            if outcome is not Outcome.LEFT_PIPE or not self._senses.doubt(robot):
+            # Who may be elsewhere than he takes himself to be looks around before he gives up; who
+            # explores and has fallen too often lies where it takes itself to be, as it was there.
+            explores = self._legs.pilots[robot].belief is not None
+            fell = outcome is Outcome.LEFT_PIPE and not (explores and decision.events)
+            if not fell or not self._senses.doubt(robot):
                 self.events[robot] += decision.events
                 self._end(robot, outcome or self._monitor.cause(robot, self.location))
         self._locate_again(sent)
@@ -221,6 +225,12 @@ class Supervisor:
         distance = float(senses.location.distance[robot])
         if outcome is Outcome.REACHED_GOAL:
             return pilot.on_arrival(time, distance, goal)
+        if pilot.belief is not None and senses.location.tilt[robot] > LEG_PLANNER.along:
+            # It lies across, which no other way helps: it is to right itself.
+            own, rotation = (senses.readings[k][robot] for k in ("position", "rotation"))
+            decision = pilot.on_fall(time, own, rotation[:, 2])
+            if decision.leg is not None:
+                return decision
         # Belts that slip before an obstacle push an estimate into it.
         return pilot.on_blockage(time, distance - 2 * float(senses.distance_std[robot]), goal)
 
