@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -189,3 +190,29 @@ def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):
         monkeypatch.setattr(pilot, "on_fall", lambda *told, fallen=fallen: fallen)
         supervisor._dispatch([Verdict(0, Outcome.LEFT_PIPE)])
         assert supervisor.active[0] != over
+
+
+@pytest.mark.parametrize(
+    ("tilts", "rights"),
+    [([0.1, 0.9], True), ([0.1, 0.7], False), ([0.9, 0.9], False)],
+    ids=["falls over", "leans", "lay across as its leg began"],
+)
+def test_a_robot_that_falls_over_rights_itself_before_it_is_wedged(tilts, rights, monkeypatch):
+    """It leans by 52 degrees for longer than half a second, and was upright on this leg; 40 degrees
+    a robot makes up for as it drives on."""
+    simulation = Simulation([fork()])
+    supervisor, pilot = simulation.supervisor, simulation.legs.pilots[0]
+    times, clock, period = [], [], simulation.period
+
+    def fall(time, position, axis):
+        times.append(clock[-1])
+        return Decision(None)
+
+    monkeypatch.setattr(pilot, "on_fall", fall)
+    supervisor._follow(0, Decision(pilot.leg))
+    for tilt, step in product(tilts, range(round(1.0 / period))):
+        clock.append(step * period)
+        simulation.senses.location = SimpleNamespace(tilt=np.array([tilt]))
+        supervisor._right(np.ones(1, bool))
+    assert len(times) == rights
+    assert times == [pytest.approx(0.5, abs=0.02)] * rights
