@@ -27,7 +27,8 @@ class RightingSettings:
     """Lean of a robot that explores from which on it does not drive on, but rights itself.
 
     Attributes:
-        lean: rad, to the centreline. Robots that pass lean by up to 40 degrees, for a moment.
+        lean: rad, to the centreline: of eight explorations without a fall seven had none beyond 30
+            degrees, and one beyond 45, for 0.4 s.
         time: s, for which it leans by more.
     """
 
@@ -210,8 +211,9 @@ class Supervisor:
         self._leaning = np.where(leans, self._leaning + self._monitor.period, 0.0)
         sent: list[int] = []
         for robot in np.flatnonzero(self._leaning > RIGHTING.time).tolist():
-            self._upright = with_rows(self._upright, np.array([robot]), False)
+            self._leaning = with_rows(self._leaning, np.array([robot]), 0.0)
             decision = self._on_fall(robot)
+            # It may lie so that it cannot tell which way round: it asks again.
             if decision.leg is not None:
                 sent.append(robot)
                 self._follow(robot, decision)
