@@ -27,7 +27,7 @@ class RightingSettings:
     """Lean of a robot that explores from which on it does not drive on, but rights itself.
 
     Attributes:
-        lean: rad, to the centreline: of eight explorations without a fall seven had none beyond 30
+        lean: rad, to the centreline: of eight explorations without a fall six had none beyond 30
             degrees, and one beyond 45, for 0.4 s.
         time: s, for which it leans by more.
     """
