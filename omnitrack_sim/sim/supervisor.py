@@ -29,7 +29,7 @@ class RightingSettings:
     Attributes:
         lean: rad, to the centreline: of eight explorations without a fall six had none beyond 30
             degrees, and one beyond 45, for 0.4 s.
-        time: s, for which it leans by more.
+        time: s, for which it leans by more, for D = 160 mm.
     """
 
     lean: float = math.radians(45)
@@ -209,8 +209,9 @@ class Supervisor:
         self._upright = self._upright | (tilt < LEG_PLANNER.along)
         leans = exploring & self._upright & (tilt > RIGHTING.lean)
         self._leaning = np.where(leans, self._leaning + self._monitor.period, 0.0)
+        longest = RIGHTING.time * self._scenarios[0].robot.time_scale
         sent: list[int] = []
-        for robot in np.flatnonzero(self._leaning > RIGHTING.time).tolist():
+        for robot in np.flatnonzero(self._leaning > longest).tolist():
             self._leaning = with_rows(self._leaning, np.array([robot]), 0.0)
             decision = self._on_fall(robot)
             # It may lie so that it cannot tell which way round: it asks again.
