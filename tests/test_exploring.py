@@ -20,6 +20,7 @@ from omnitrack_sim.record.events import (
     EndInspected,
     ExplorationComplete,
     ExplorationIncomplete,
+    GaveUp,
     GoalReached,
     LoopClosed,
     TakenForClosed,
@@ -444,6 +445,86 @@ def test_a_port_that_it_could_not_reach_is_tried_once_more():
     assert difference.same, difference
 
 
+class Stopped(Exception):
+    """Ends a ghost's run in the middle."""
+
+
+def test_after_a_fall_it_drives_no_sharp_turn_either():
+    """From a wye's branch to the end of its run it goes past and reverses, as it does from a leg
+    that is over."""
+    parts = [straight("foot", 0.8), {"kind": "wye", "name": "wye"}]
+    parts += [straight("side", 0.8), straight("on", 0.8)]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
+    joints += [joint("wye.run_end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, inspected = ghost.explorer, ghost.explorer._inspected
+
+    def stop(*what):
+        ghost.events += inspected(*what).events
+        raise Stopped
+
+    explorer._inspected = stop
+    with pytest.raises(Stopped):
+        ghost.run()
+    (end,) = of_kind(ghost, EndInspected)
+    port = explorer.belief.port(explorer.belief.network.port(end.port))
+    back = -port.rotation[:, 2]
+    explorer.on_fall(1.0, port.position + 0.4 * back, back)
+    legs = [explorer.leg, *explorer._to_come]
+    assert len(legs) > 1
+    assert not explorer._sharp_turns(legs)
+
+
+def test_falls_count_anew_when_an_end_has_been_inspected():
+    """A robot that falls at each of five ends, twice, still explores all; with three times at one
+    it gives up."""
+    for falls, home in ((2, True), (3, False)):
+        ghost = Ghost(load_network("fig14"), "inlet")
+        explorer, arrives = ghost.explorer, ghost.explorer.on_arrival
+
+        def arrive(time, distance, goal, arrives=arrives, ghost=ghost, falls=falls):
+            position, frame = ghost._pose(distance)
+            axis = frame[:, 2] * ghost.explorer.leg.gear
+            decision = arrives(time, distance, goal)
+            events = list(decision.events)
+            if any(isinstance(event, EndInspected) for event in events):
+                for _ in range(falls):
+                    decision = ghost.explorer.on_fall(time, position, axis)
+                    events += decision.events
+            return decision._replace(events=events)
+
+        explorer.on_arrival = arrive
+        ghost.run()
+        assert bool(of_kind(ghost, ExplorationComplete)) == home
+        assert bool(of_kind(ghost, GaveUp)) != home
+
+
+@pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])
+def test_where_it_hangs_on_its_way_home_it_backs_off_and_comes_again(times, home):
+    """It has come through there before, so nothing closes the way: the robot lies badly. It gives
+    up where it hangs more often than it may fall, and takes nothing for closed before that."""
+    parts = [straight("foot", 0.8), elbow("bend"), straight("on", 0.8)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, hung = ghost.explorer, []
+
+    def blocked(position, frame):
+        leg = explorer.leg
+        homewards = leg.path[-1][::2] == explorer.belief.start
+        within = homewards and ghost.pipes.parts[1].holds(position[None], 0.0)
+        if within and len(hung) < times:
+            hung.append(leg)
+            return True
+        return False
+
+    ghost._blocked = blocked
+    ghost.run()
+    assert len(hung) == times
+    assert bool(of_kind(ghost, ExplorationComplete)) == home
+    assert bool(of_kind(ghost, TakenForClosed)) != home
+    assert bool(of_kind(ghost, GaveUp)) != home
+
+
 @pytest.mark.parametrize("start", ["foot.start", "on.end", "side.end"])
 def test_the_angle_of_a_wye_is_measured_by_coming_through(start):
     """A picture shows it a little wrong; how the robot is turned behind it tells it."""
@@ -552,14 +633,15 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
 
 
 def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
-    """Looks from before it and from behind count alike, where neither shows its ends exactly."""
+    """Looks from before it and from behind count by how exactly they show its ends: here those from
+    behind four times as much, and they are wrong by a quarter."""
 
     def off(ahead):
         if not isinstance(ahead.fitting, Reducer):
             return ahead
-        by = 0.012 if ahead.enter == "start" else -0.012
+        by, std = (0.016, 0.016) if ahead.enter == "start" else (-0.004, 0.008)
         longer = replace(ahead.fitting, length=ahead.fitting.length + by)
-        return replace(ahead, fitting=longer, distance_std=0.01)
+        return replace(ahead, fitting=longer, distance_std=std)
 
     parts = [straight("foot", 0.8)]
     parts += [
@@ -573,6 +655,29 @@ def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
     fittings = [part.fitting for part in ghost.explorer.belief.network.pipes.parts]
     (reducer,) = (fitting for fitting in fittings if isinstance(fitting, Reducer))
     assert reducer.length == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("std", "looks"), [(0.002, 3), (0.0095, 4)])
+def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
+    """Until the mean of the looks is known to 5 mm, and at least three times."""
+    seen = []
+
+    def hardly(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        if ahead.enter == "start":
+            return replace(ahead, distance_std=0.016)
+        seen.append(ghost.travel)
+        return replace(ahead, distance_std=std)
+
+    parts = [straight("foot", 0.8), reducer("wider", 0.17)]
+    parts += [straight("on", 0.8, inner_diameter=0.17)]
+    joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=hardly)
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    first = [travel for travel in seen if travel < seen[0] + 0.1]
+    assert len(first) == looks
 
 
 def test_an_elbow_whose_radius_hardly_shows_is_measured_from_behind():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,9 +22,11 @@ from omnitrack_sim import (
     override,
     run,
 )
+from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.cli import app
-from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GoalReached
+from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GaveUp, GoalReached
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.sim.monitor import Verdict
 from omnitrack_sim.sim.run import run_batch
 
 
@@ -154,3 +158,60 @@ def test_bad_input_ends_with_status_2():
     )
     assert done.returncode == 2
     assert "mission.goals: must have at least 1 item" in done.stderr
+
+
+@pytest.mark.parametrize(("tilt", "called"), [(0.4, "on_blockage"), (0.6, "on_fall")])
+def test_a_robot_that_hangs_across_its_pipe_is_to_right_itself(tilt, called, monkeypatch):
+    """No other way helps one that lies across: it has fallen, though it is on its route."""
+    simulation = Simulation([fork()])
+    supervisor, senses = simulation.supervisor, simulation.senses
+    here = {name: getattr(senses.location, name) for name in ("distance", "distance_std")}
+    senses.location = SimpleNamespace(**here, tilt=np.array([tilt]))
+    pilot, names = simulation.legs.pilots[0], []
+    for name in ("on_fall", "on_blockage"):
+
+        def decide(*told, name=name):
+            names.append(name)
+            return Decision(pilot.leg)
+
+        monkeypatch.setattr(pilot, name, decide)
+    supervisor._dispatch([Verdict(0, None)])
+    assert names == [called]
+    assert supervisor.active[0]
+
+
+def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):
+    """Also by its own sensors: it has been where it takes itself to be, and looks around no more.
+    Where it does not even know on which pipe it lies, it does."""
+    for events, over in (([GaveUp(0, 0.0, "has fallen too often")], True), ([], False)):
+        simulation = Simulation([override(fork(), {"sensing.kind": "onboard"})])
+        supervisor, pilot = simulation.supervisor, simulation.legs.pilots[0]
+        fallen = Decision(None, events=events)
+        monkeypatch.setattr(pilot, "on_fall", lambda *told, fallen=fallen: fallen)
+        supervisor._dispatch([Verdict(0, Outcome.LEFT_PIPE)])
+        assert supervisor.active[0] != over
+
+
+@pytest.mark.parametrize(
+    ("tilts", "rights"),
+    [([0.1, 0.9], True), ([0.1, 0.7], False), ([0.9, 0.9], False)],
+    ids=["falls over", "leans", "lay across as its leg began"],
+)
+def test_a_robot_that_falls_over_rights_itself_before_it_is_wedged(tilts, rights, monkeypatch):
+    """It leans by 52 degrees for longer than half a second, and was upright on this leg; 40 degrees
+    a robot makes up for as it drives on. Where its pilot knows no leg, it is asked again."""
+    simulation = Simulation([fork()])
+    supervisor, pilot = simulation.supervisor, simulation.legs.pilots[0]
+    times, clock, period = [], [], simulation.period
+
+    def fall(time, position, axis):
+        times.append(clock[-1])
+        return Decision(None)
+
+    monkeypatch.setattr(pilot, "on_fall", fall)
+    supervisor._follow(0, Decision(pilot.leg))
+    for tilt, step in product(tilts, range(round(1.3 / period))):
+        clock.append(step * period)
+        simulation.senses.location = SimpleNamespace(tilt=np.array([tilt]))
+        supervisor._right(np.ones(1, bool))
+    assert times == [pytest.approx(time, abs=0.03) for time in (0.5, 1.0)[: 2 * rights]]

@@ -21,7 +21,16 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
-from omnitrack_sim.autonomy.sight import LOOKS, Ahead, Look, LookingBack, LookingCloser, side_of
+from omnitrack_sim.autonomy.sight import (
+    LOOKS,
+    Ahead,
+    Look,
+    LookingBack,
+    LookingCloser,
+    is_measured,
+    side_of,
+    weights,
+)
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
@@ -98,8 +107,6 @@ class ExplorerSettings:
 
 EXPLORER = ExplorerSettings()
 
-LEAST_STD = 1e-4
-"""Standard deviation of a distance, m, below which one look counts no more than another."""
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
 
@@ -134,7 +141,8 @@ class Explorer(MapPilot):
         belief: its map.
         goals: names of the goals; with none, it explores all.
         distance: m, from the port where it began to its centre then.
-        falls: how often it may fall off its route.
+        falls: how often it may fall off its route, or hang where it has come through before, until
+            it has inspected one more end.
 
     Attributes:
         goals: those that are still to be reached.
@@ -152,6 +160,7 @@ class Explorer(MapPilot):
         falls: int,
     ) -> None:
         super().__init__(number, falls)
+        self._most_falls = falls
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
         self._bends: set[int] = set()  # elbows and wyes whose angle has not been measured yet
@@ -160,6 +169,8 @@ class Explorer(MapPilot):
         # Sightings of the same one from close by, and from where, m.
         self._close: list[tuple[Ahead, float]] = []
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
+        # Of reducers in doubt, by name: the weight of the looks from before them, 1/m².
+        self._ahead: dict[str, float] = {}
         self._felt = math.nan  # m, bore by the arms at the last look, where the map has another
         self._missed: Missed | None = None
         # Out of a fitting: what was sighted first, where, and from where, m.
@@ -298,6 +309,12 @@ class Explorer(MapPilot):
                 if self.belief.fitting(port[0]).is_plain:
                     self.belief.lengthen(port[0], -ahead)
                 self._give_up_port(port, "no headway")
+        if self.leg.goal < 0 or _end_of(self.leg.path) == self.belief.start:
+            # It has come this way, so nothing closes it: the robot lies badly.
+            again = self.planner.once_more(self.leg, distance)
+            if again and self._falls > 0:
+                self._falls -= 1
+                return self._begin(time, [], [*again, *self._to_come])
         return super().on_blockage(time, distance, goal)
 
     # Looking once more
@@ -523,8 +540,7 @@ class Explorer(MapPilot):
         looks = [look for look in self._close if look[0].kind == ahead.kind]
         looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
         ends = [at + look.distance for look, at in looks]
-        stds = np.array([look.distance_std for look, _ in looks])
-        return float(np.average(ends, weights=np.maximum(stds, LEAST_STD) ** -2))
+        return float(np.average(ends, weights=weights([look.distance_std for look, _ in looks])))
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
@@ -567,29 +583,34 @@ class Explorer(MapPilot):
             return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
         reducers = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
         sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
-        differ, mean = np.ptp(sizes, axis=0), sizes.mean(axis=0)
+        stds = [look.distance_std for look, _ in looks]
+        differ, mean = np.ptp(sizes, axis=0), np.average(sizes, axis=0, weights=weights(stds))
         if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
             self._doubts[name] = "looks at it differ in its sizes"
-        std = min(look.distance_std for look, _ in looks)
-        if std > EXPLORER.most_reducer_std:
+        if min(stds) > EXPLORER.most_reducer_std:
             self._doubts[name] = "its ends hardly show"
-        elif std > LEAST_LENGTH / 2 and name not in self._doubts:
+        elif min(stds) > LOOKS.most_size_std and name not in self._doubts:
             self._doubts[name] = ONE_SIDED
+        if name in self._doubts:
+            self._ahead[name] = float(weights(stds).sum())
         return Reducer(*mean.tolist())
 
     def _measure_passed(self) -> float:
         """Resize a reducer or an elbow in doubt that the robot has measured from behind; return by
         how much longer it is now, m."""
         looks = self._back.sizes.items()
-        part = next((part for part, seen in looks if len(seen) == LOOKS.for_sizes), None)
+        part = next((part for part, seen in looks if is_measured(seen)), None)
         if part is None:
             return 0.0
-        sizes, fitting = np.array(self._back.sizes.pop(part)), self.belief.fitting(part)
+        sizes, stds = np.array(self._back.sizes.pop(part)).T
+        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return 0.0
-        size, name = float(sizes.mean()), self.belief.part_name(part)
-        if isinstance(fitting, Reducer) and self._doubts.get(name) == ONE_SIDED:
-            size = (size + fitting.length) / 2
+        size = float(np.average(sizes, weights=weights(stds)))
+        if isinstance(fitting, Reducer) and name in self._ahead:
+            # Looks from both sides count by how exactly they show its ends.
+            both = [weights(stds).sum(), self._ahead.pop(name)]
+            size = float(np.average([size, fitting.length], weights=both))
         if isinstance(fitting, Elbow):
             key, longer = "mean_radius", (size - fitting.mean_radius) * fitting.angle
         else:
@@ -722,6 +743,7 @@ class Explorer(MapPilot):
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
         """Decide at an observed end: note it as explored, and go on."""
         belief, reached = self.belief, goal if goal in self.goals else ""
+        self._falls = self._most_falls
         belief.done(end, reached)
         events: list[Event] = [
             EndInspected(self._number, time, belief.name(end), belief.ends[end]),
@@ -749,12 +771,29 @@ class Explorer(MapPilot):
                 location = planner.location(leg, distance)
                 options.append(planner.replan_from(location, goal, closed))
             legs = min((legs for legs in options if legs), key=_travel, default=None)
-            if legs is None or not self._sharp_turns(legs):
-                return legs
-            location = planner.location(leg, distance)
-            return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
+            return self._spared(legs, planner, planner.location(leg, distance), goal, closed)
 
         return onward
+
+    def _from(self, location: PartLocation) -> Replan:
+        def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
+            legs = planner.replan_from(location, goal, closed)
+            return self._spared(legs, planner, location, goal, closed)
+
+        return onward
+
+    def _spared(
+        self,
+        legs: list[Leg] | None,
+        planner: LegPlanner,
+        location: PartLocation,
+        goal: int,
+        closed: Closed,
+    ) -> list[Leg] | None:
+        """Return legs to a goal, or others that spare the robot the sharp turns on them."""
+        if legs is None or not self._sharp_turns(legs):
+            return legs
+        return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
 
     def _gently(
         self,
@@ -807,7 +846,7 @@ class Explorer(MapPilot):
         """Go to the unexplored port that asks for the least travel, or else to the start."""
         events = list(events)
         legs = self._least(self.belief.unexplored, plan)
-        if legs is None and self._tries_again:
+        if legs is None and self._tries_again and (self._closed or self._left):
             self._try_again()
             legs = self._least(self.belief.unexplored, plan)
         if legs is None:

@@ -300,6 +300,19 @@ class LegPlanner:
                 return over
         return None
 
+    def once_more(self, leg: Leg, distance: float) -> list[Leg]:
+        """Plan the legs of a robot that makes no headway at arc length ``distance`` m of ``leg``,
+        where the way is known to be free: it backs off to where it stands clear before the fitting
+        that its nose is in, and comes again; none where it has begun too close to that."""
+        route, half = self.route(leg.path), self.robot.length / 2
+        index = route.index_at(distance + half)
+        stand = min(self._stand(route, index, leg.path[index]), distance - half)
+        stand = max(stand, leg.begin)
+        if distance - stand < self.robot.standing_room:
+            return []
+        back = self._back_out(self._driven(leg, distance), stand)
+        return [back, replace(leg, begin=stand)]
+
     def _path_up_to(self, enter: End, closed: Closed) -> tuple[Edge, ...]:
         """The path from the nearest open end up to a port by which a part is entered; empty where
         the port is itself an open end, or where no path leads there from one."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.leg_planner import LegPlanner
+from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array
@@ -214,11 +214,11 @@ class MapPilot(Pilot):
             return self._give_up(time, events, "has fallen too often")
         self._falls -= 1
         self._turns += self.planner.turn_in(self.leg, part)
-        return self._replan(
-            time,
-            events,
-            lambda planner, goal, closed: planner.replan_from(location, goal, closed),
-        )
+        return self._replan(time, events, self._from(location))
+
+    def _from(self, location: PartLocation) -> Replan:
+        """Return what plans legs to a goal from where a robot lies, whatever its leg."""
+        return lambda planner, goal, closed: planner.replan_from(location, goal, closed)
 
     def _onward(self, distance: float) -> Replan:
         """Return what plans legs to a goal from arc length ``distance`` m on the leg at hand."""

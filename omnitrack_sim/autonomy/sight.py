@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from typing import NamedTuple
@@ -225,6 +225,10 @@ class LookSettings:
         least_slip: m, the same in addition.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
+        least_std: m, standard deviation of a distance below which one look counts no more than
+            another.
+        most_size_std: m, standard deviation of a size measured from behind up to which it is known:
+            half of what lengths on a map may be wrong by.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
         for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
             90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
@@ -244,6 +248,8 @@ class LookSettings:
     least_slip: float = 0.005
     again: float = 0.003
     doubt: float = 0.01
+    least_std: float = 1e-4
+    most_size_std: float = 0.005
     for_sizes: int = 3
     for_radius: int = 5
 
@@ -255,6 +261,18 @@ def _slipped(shift: float, *stds: float) -> bool:
     """Return whether belts have slipped where looks of standard deviations ``stds`` m place a robot
     by ``shift`` m elsewhere."""
     return abs(shift) > LOOKS.least_slip + LOOKS.slip * math.hypot(*stds)
+
+
+def weights(stds: Sequence[float]) -> Array:
+    """Weights (n,) of measurements, 1/m², by their standard deviations, m."""
+    return np.maximum(stds, LOOKS.least_std) ** -2
+
+
+def is_measured(looks: Sequence[tuple[float, float]]) -> bool:
+    """Return whether looks, each a size and its standard deviation, m, are enough to tell a size:
+    their mean is known well enough, and more than one has been made."""
+    std = float(weights([std for _, std in looks]).sum()) ** -0.5 if looks else math.inf
+    return len(looks) >= LOOKS.for_sizes and std < LOOKS.most_size_std
 
 
 class LookingBack:
@@ -272,13 +290,13 @@ class LookingBack:
     Attributes:
         doubts: names of pipes in which a look back has shown something else than the map, and what.
         sizes: m, by their parts, of reducers and elbows to be measured from behind: lengths
-            and mean radii, of each look.
+            and mean radii, of each look, with the standard deviation of where the look has them.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
         self._belief, self._half, self._confidence = belief, half, least_confidence
         self.doubts: dict[str, str] = {}
-        self.sizes: dict[int, list[float]] = {}
+        self.sizes: dict[int, list[tuple[float, float]]] = {}
         self._done: set[int] = set()
         self._twice: set[int] = set()
         self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
@@ -332,10 +350,10 @@ class LookingBack:
             return distance
         sizes = self.sizes.get(route.passages[i - 1].index)
         if sizes is not None and isinstance(behind.fitting, Reducer):
-            sizes.append(behind.fitting.length)
+            sizes.append((behind.fitting.length, behind.distance_std))
         elif sizes is not None and isinstance(behind.fitting, Elbow):
-            sizes.append(behind.fitting.mean_radius)
-        if sizes is None or len(sizes) == LOOKS.for_sizes:
+            sizes.append((behind.fitting.mean_radius, behind.distance_std))
+        if sizes is None or is_measured(sizes):
             self._done.add(here.index)
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
