@@ -48,8 +48,8 @@ class RecoveryTable(Table):
     """Offset from the centreline beyond which a robot has gone past the branch."""
     back_off: Annotated[Part, Unit("m")] = 0.6
     """Distance at cruise speed after which backing off is given up."""
-    # Robots that have gone past the branch stand at 0.1 to 0.4 of the turn, as they have turned back
-    # on the way; those that hang in it at 0.7 and more.
+    # Robots that have gone past the branch stand at 0.1 to 0.4 of the turn, as they have turned
+    # back on the way; those that hang in it at 0.7 and more.
     past: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.5
     """Part of a turn into a branch: a robot that has turned by less rolls before it backs off."""
 
