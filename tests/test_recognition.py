@@ -255,6 +255,36 @@ def test_where_a_bend_begins_is_told_apart_from_how_narrow_it_is(camera):
         assert sighting.sizes["mean_radius"] == pytest.approx(0.24, abs=0.03)
 
 
+@pytest.mark.parametrize("turn", [0.4, 0.87])
+def test_a_bend_at_the_edge_of_a_picture_is_not_taken_for_a_camera_that_leans(turn):
+    """From 60 mm before it, by a lamp; the dark joint where it begins is hardly in the picture."""
+    place = -np.array([0.0, 0.0, 1.5])
+    lead = Part("lead", Straight(1.5), Pose(np.eye(3), place))
+    elbow = Part("elbow", Elbow(0.24), attached(lead.port("end"), Elbow(0.24), "start", 0.0))
+    on = Part("on", Straight(0.6), attached(elbow.port("end"), Straight(0.6), "start", 0.0))
+    numbers = np.array([[0.002, -0.003, 0.0, 0.005, 0.06, turn]])
+    taken, _ = photographed("headlight", ([lead, elbow, on], ()), numbers)
+    sighting = recogniser("headlight").single(taken[0])
+    assert sighting.kind == "elbow"
+    assert sighting.distance == pytest.approx(0.06, abs=0.002)
+    assert sighting.sizes["mean_radius"] == pytest.approx(0.24, rel=0.03)
+    assert np.abs(sighting.tilt).max() < math.radians(2)
+
+
+def test_the_length_of_a_reducer_is_that_to_the_joint_at_its_far_end():
+    """By a lamp, of one of 6 % whose cone hardly shows: all lengths are tried."""
+    place = -np.array([0.0, 0.0, 1.5])
+    lead, wider = Part("lead", Straight(1.5), Pose(np.eye(3), place)), Straight(0.6, 0.17)
+    cone = Reducer(0.1, 0.17)
+    reducer = Part("reducer", cone, attached(lead.port("end"), cone, "start", 0.0))
+    on = Part("on", wider, attached(reducer.port("end"), wider, "start", 0.0))
+    numbers = np.array([[0.002, -0.003, 0.0, 0.005, 0.11, 0.0]])
+    taken, _ = photographed("headlight", ([lead, reducer, on], ()), numbers)
+    sighting = recogniser("headlight").single(taken[0])
+    assert sighting.kind == "reducer"
+    assert sighting.sizes["length"] == pytest.approx(0.1, abs=0.003)
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_a_straight_pipe_is_straight(camera):
     """As far as is seen; a fitting at 1 m is not told as one."""

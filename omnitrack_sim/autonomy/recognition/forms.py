@@ -55,8 +55,8 @@ class Sighting:
 
 SIZES = 2
 """Most sizes of a form."""
-ANGLE = 1
-"""Place of the angle in the sizes of an elbow."""
+ANGLE = LENGTH = 1
+"""Places of the angle in the sizes of an elbow, and of the length in those of a reducer."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -195,6 +195,20 @@ class Form:
     def padded_starts(self) -> Array:
         """Starting sizes (s, SIZES), filled up with zeros."""
         return np.array([[*start, *[0.0] * (SIZES - len(start))] for start in self.starts])
+
+    def restarts(self, sizes: Array) -> Array:
+        """Sizes (k, SIZES) from which its search begins again, where it has come to ``sizes``
+        (SIZES,); none where gradients lead to the best from anywhere.
+
+        Start, radius and angle of a bend are nearly confounded. The length of a reducer shows by
+        the dark joint at its far end, to which gradients lead from nearby only.
+        """
+        if self.kind == "reducer":
+            low, high = self.sizes[LENGTH].low, self.sizes[LENGTH].high
+            lengths = np.arange(low, high, RECOGNISER.restart_length * low)
+            return np.stack([np.full(len(lengths), sizes[0]), lengths], axis=1)
+        many = self.period > 0 and len(self.starts) > 1
+        return self.padded_starts if many else np.empty((0, SIZES))
 
     def map(self, sizes: Sequence[float], bore: float) -> Map:
         """Its parts where the port plane is z = 0, the robot comes along +z, and the x axis of the

@@ -276,10 +276,14 @@ class Recogniser:
         last, inside = Views(views.pictures[-1:], [STILL], views.prior), views.prior is not CENTRED
         pose = views.prior.mean if inside else self._pose(last)
         rough, straight = self._searched(last, pose)
+        off = ((pose - views.prior.mean) / views.prior.std)[:DISTANCE]
         if inside:
             # A map tells the pose to a degree, and what fits the picture best tells it better.
             again, straight = self._searched(last, rough.numbers[rough.cost.argmin()])
             rough = joined([rough, again])
+        elif off @ off > RECOGNISER.usual_stand:
+            # A bend at the edge of the picture looks like a camera that leans.
+            rough = joined([rough, self._searched(last, views.prior.mean)[0]])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
         grid = 1 if many == 1 else 0
@@ -347,28 +351,29 @@ class Recogniser:
     def _begun_again(
         self, fits: Tries, pose: Array, joints: Sequence[float], views: Views
     ) -> list[Tries]:
-        """Return rows of forms with many starting sizes, begun again from the best of all sizes and
-        nearby distances."""
-        # Start and radius of a bend and the tilt of the camera are nearly confounded: a search that
-        # errs in one of them does not come out of it.
+        """Return rows of forms whose search begins again, from the best of other sizes and nearby
+        distances."""
+        # A search that errs in one of several numbers that are nearly confounded does not come out
+        # of it.
         rows = []
         for row, form in enumerate(fits.forms):
-            many = len(form.starts)
-            if form.period == 0 or many == 1:
+            sizes = form.restarts(fits.sizes[row])
+            if not len(sizes):
                 continue
             numbers, nearest = fits.numbers[row], views.prior.nearest
             offsets = numbers[DISTANCE] + RECOGNISER.restart_offsets
             places = np.unique(np.clip([*offsets, *joints], nearest, RECOGNISER.farthest)).tolist()
             part = _combined(
                 replace(fits.take([row]), gains=np.ones((1, fits.gains.shape[1]))),
-                sizes=form.padded_starts,
+                sizes=sizes,
                 distances=places,
                 turns=[numbers[TURN]],
                 stands=[pose[:DISTANCE], 0 * pose[:DISTANCE]],
             )
             part = self._fit.costs(part, views, self._level(0, 6.0))
-            each = part.cost.reshape(many, -1).argmin(axis=1)
-            each += np.arange(many) * (len(part.forms) // many)
+            each = part.cost.reshape(len(sizes), -1).argmin(axis=1)
+            each += np.arange(len(sizes)) * (len(part.forms) // len(sizes))
+            each = each[np.argsort(part.cost[each], kind="stable")[: RECOGNISER.restart_sizes]]
             best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
             best = best.take(np.argsort(best.cost, kind="stable")[: RECOGNISER.restarts].tolist())
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))

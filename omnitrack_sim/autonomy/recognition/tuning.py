@@ -40,9 +40,15 @@ class RecogniserSettings:
         fine_turns: (7,) rad, the same in the end.
         few_starts: starting sizes of a form up to which the rough search tries all once more; forms
             with more begin again on their own.
-        restart_offsets: (11,) m, positions beside the first at which the search for a bend begins
-            again: its start, its radius and the camera's tilt are nearly confounded.
+        restart_offsets: (11,) m, positions beside the first at which the search for a bend or a
+            reducer begins again: start and sizes of a bend and the camera's tilt are nearly
+            confounded.
+        restart_length: least lengths of a reducer, between those at which its search begins again:
+            gradients lead to a dark joint from within 10 mm.
+        restart_sizes: number of starting sizes from which these searches are followed roughly.
         restarts: number of these searches that are followed.
+        usual_stand: squared standard deviations of a camera's pose in straight pipe from which on
+            all is searched again from the pipe's axis.
         dim_distances: (13,) bores, at which fittings that a lamp lights dimly have a search of
             their own: the coarse looks pass over the few pixels at the middle of the picture.
         dim_turns: number of directions of that search.
@@ -115,7 +121,10 @@ class RecogniserSettings:
     fine_turns: Array = field(default_factory=lambda: np.radians([0, -8, -5, -2.5, 2.5, 5, 8]))
     few_starts: int = 3
     restart_offsets: Array = field(default_factory=lambda: np.arange(-0.06, 0.0601, 0.012))
+    restart_length: float = 0.375
+    restart_sizes: int = 10
     restarts: int = 3
+    usual_stand: float = 3.0
     dim_distances: Array = field(default_factory=lambda: np.arange(0.5, 2.35, 0.15))
     dim_turns: int = 16
     dim_starts: int = 9
