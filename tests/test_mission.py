@@ -272,9 +272,7 @@ def test_network_files_are_found_beside_the_scenario(tmp_path):
 def test_films_of_missions_follow_the_robot(name, camera, monkeypatch, tmp_path):
     """Without --camera the film of a mission follows, that of plain pipes is from the side."""
     used = []
-    monkeypatch.setattr(
-        "omnitrack_sim.show.film.render.render_video", lambda *_, camera, **__: used.append(camera)
-    )
+    monkeypatch.setattr("omnitrack_sim.render_video", lambda *_, camera, **__: used.append(camera))
     short = ["--set", "run.time_limit=0.1", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", name, *short])
     assert done.exit_code == 0, done.output
