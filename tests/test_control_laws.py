@@ -370,36 +370,6 @@ def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -
         assert command.resting.tolist() == [off]  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(("heading_deg", "rolls"), [(15.0, True), (75.0, False)])
-def test_a_robot_past_a_branch_stands_and_rolls_before_it_backs_off(
-    heading_deg: float, rolls: bool
-) -> None:
-    """Until the opening is midway between two modules: with one of them towards it, the tail falls
-    into the branch. A robot that has turned by more than half hangs in the turn and is not past
-    the branch: it drives back at once."""
-    bench = Bench(scenario_of("tee_turn", **{"control.align": True, "control.retry": True}))
-    routes, inside, theta5_deg = bench.routes, bench.inside(), 7.0
-    # Before the fitting it is aligned as it is, and settled.
-    aligned = [bench.step(float(routes.start[0]) - 0.1, theta5_deg) for _ in range(2)]
-    assert aligned[-1].roll == pytest.approx(np.zeros((1, 3)))
-    normal = cross(routes.ahead[0], routes.directions[0])
-    at = bench.observe(inside, theta5_deg)
-    aside = -0.7 * BORE / 2 * cross(at.location.tangent, at.location.normal)[0]
-    pose = {"tilt": np.radians(heading_deg - 45.0) * normal, "aside": aside}
-    commands = [bench.step(inside, theta5_deg, **pose) for _ in range(400)]
-    assert [type(event) for event in commands[0].events] == [BackedOff]
-    rolled = np.array([command.roll for command in commands])[:, 0]
-    speed = np.array([command.belt_speed for command in commands])[:, 0]
-    still = (speed == 0.0).all(axis=1)
-    error = orientation_error(bench.observe(inside, theta5_deg, **pose).location.theta5, np.pi / 3)
-    change = error / (bench.scenario.robot.lug_radius / (BORE / 2))
-    assert rolled[-1] == pytest.approx(np.repeat(change * rolls, 3), abs=0.02)
-    assert np.count_nonzero(still) == pytest.approx(
-        rolls * np.abs(change[0]) / (bench.scenario.robot.roll_rate * PERIOD), abs=5
-    )
-    assert not still[-1]
-
-
 @pytest.mark.parametrize("retries", [0, 1, 3])
 def test_a_robot_backs_off_as_often_as_it_may(retries: int) -> None:
     """In a turn in which it hangs for good, whatever it tries."""

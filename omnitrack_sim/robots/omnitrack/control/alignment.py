@@ -25,7 +25,7 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.fittings.base import Manoeuvre
-from omnitrack_sim.pipes.route_map import Location, RouteMap
+from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import Event, NotAligned, Rolled
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import MODULES
@@ -516,21 +516,6 @@ class Aligner:
         """As ``align_again``, and for fittings that go with any orientation, too."""
         self.align_again(robots, passage)
         self._inside = self._inside | robots
-
-    def roll_past(self, robots: NDArray[np.bool_], location: Location) -> NDArray[np.bool_]:
-        """Have ``robots`` (n,) that align roll until the opening that they stand at is midway
-        between two modules; return them (n,)."""
-        rolled = robots & self.settings.align
-        ratio = self.robot.lug_radius / self.routes.radius.take(location.passage)
-        change = orientation_error(location.theta5, preferred_theta5("tee_straight")) / ratio
-        target = self.roll + change[:, None]
-        self.roll_target = np.where(rolled[:, None], target, self.roll_target)
-        return rolled
-
-    @property
-    def rolling(self) -> NDArray[np.bool_]:
-        """Robots (n,) whose set point of the roll has not come to its target."""
-        return np.abs(self.roll_target - self.roll).max(axis=-1) > self._settled
 
     def step(
         self, observation: Observation, room: Array

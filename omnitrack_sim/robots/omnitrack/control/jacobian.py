@@ -106,8 +106,8 @@ class JacobianController:
     the safe margin.
 
     A robot that makes no headway in a turn backs off to where the turn began, aligns anew and tries
-    again; one that has gone past its branch rolls first. One whose inner module slips in a turn
-    into a branch sways, and so does one that tries again.
+    again. One whose inner module slips in a turn into a branch sways, and so does one that tries
+    again.
     """
 
     phases: ClassVar[tuple[str, ...]] = (
@@ -213,8 +213,7 @@ class JacobianController:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
         belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)
-        still = aligning | self.recovery.rolling
-        if np.count_nonzero(still):
-            belt_speed = np.where(still[:, None], 0.0, belt_speed)
+        if np.count_nonzero(aligning):
+            belt_speed = np.where(aligning[:, None], 0.0, belt_speed)
         roll = self.aligner.roll.copy()
         return Command(belt_speed, roll, phase, self.resting, [*retried, *rolled])

@@ -1,11 +1,5 @@
 """A robot that makes no headway in a turn backs off to before the fitting and tries again; straight
-over an opening it rolls where it is.
-
-A robot that has gone past a branch lies along the run, with the module that it would have turned
-about towards the opening. Backing off like that, the springs of the other two push its tail into
-the branch, as nothing holds it there, and it comes to lie across the run. So it stands and rolls
-first, until the opening is midway between two modules, as it would to go straight over.
-"""
+over an opening it rolls where it is."""
 
 from __future__ import annotations
 
@@ -21,7 +15,6 @@ from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
-from omnitrack_sim.robots.omnitrack.control.tracking import turn_progress
 
 
 class RecoveryTable(Table):
@@ -48,10 +41,6 @@ class RecoveryTable(Table):
     """Offset from the centreline beyond which a robot has gone past the branch."""
     back_off: Annotated[Part, Unit("m")] = 0.6
     """Distance at cruise speed after which backing off is given up."""
-    # Robots that have gone past the branch stand at 0.1 to 0.4 of the turn, as they have turned
-    # back on the way; those that hang in it at 0.7 and more.
-    past: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.5
-    """Part of a turn into a branch: a robot that has turned by less rolls before it backs off."""
 
 
 class Recovery:
@@ -65,7 +54,6 @@ class Recovery:
         farthest: (n,) m, farthest point so far.
         waiting: (n,) s without headway, or backing off.
         backing: (n,) bool, robots that back off.
-        rolling: (n,) bool, robots that stand and roll before they do.
         retries: (n,) at the current ``passage``.
         passage: (n,) that retries are counted for.
     """
@@ -73,7 +61,7 @@ class Recovery:
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self._path, n = path, setup.n
         self.farthest, self.waiting = np.zeros((2, n))
-        self.backing, self.rolling = np.zeros((2, n), bool)
+        self.backing = np.zeros(n, bool)
         self.retries, self.passage = np.zeros((2, n), np.intp)
         self.reset(np.arange(n), setup)
 
@@ -85,7 +73,6 @@ class Recovery:
         own, speed = setup.robot.own_length, setup.settings.cruise_speed
         self._hesitation = own(each["hesitation"]) / speed  # (n,) s
         self._most_retries, self._beside = each["retries"], each["beside"]
-        self._past = each["past"]  # (n,)
         self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
         self._patience = own(each["patience"]) / speed  # (n,) s
         self._merge_patience = own(each["merge_patience"]) / speed
@@ -101,8 +88,7 @@ class Recovery:
         """Forget the progress and the retries of robots ``rows``, which begin a leg."""
         # Arc length begins elsewhere on another leg: any value is headway.
         self.farthest[rows], self.waiting[rows] = -np.inf, 0.0
-        self.backing[rows], self.rolling[rows] = False, False
-        self.retries[rows], self.passage[rows] = 0, -1
+        self.backing[rows], self.retries[rows], self.passage[rows] = False, 0, -1
 
     def extend_leg(self, robot: int, shift: int) -> None:
         """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
@@ -118,8 +104,7 @@ class Recovery:
             observation: of this moment.
             standing: (n,) robots that roll on the spot and are not waited for.
             room: (n,) m, from the nose to the next fitting.
-            aligner: told to align robots again that have backed off, and to roll those that have
-                gone past a branch.
+            aligner: told to align robots again that have backed off.
         """
         location = observation.location
         moved_on = location.passage != self.passage
@@ -132,16 +117,13 @@ class Recovery:
             self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
-        events = self._begin(observation, room, aligner)
-        if np.count_nonzero(self.rolling):
-            self.rolling = self.rolling & aligner.rolling
-            self.waiting = np.where(self.rolling, 0.0, self.waiting)
+        events = self._begin(observation, room)
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(location.distance, aligner)
         return self.backing, events
 
-    def _begin(self, observation: Observation, room: Array, aligner: Aligner) -> list[Event]:
+    def _begin(self, observation: Observation, room: Array) -> list[Event]:
         location, routes = observation.location, self.routes
         turning = routes.is_turn.take(location.passage) & (room < 0) & ~self.backing
         if not np.count_nonzero(turning):
@@ -165,9 +147,6 @@ class Recovery:
             self.backing = self.backing | failed
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
-            turned = turn_progress(routes, location.passage, observation.rotation)
-            past = failed & routes.into_branch[location.passage] & (turned < self._past)
-            self.rolling = self.rolling | aligner.roll_past(past, location)
         return events
 
     def _roll_where_they_hang(

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.pipes.route_map import Location, RouteMap
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
@@ -147,19 +147,6 @@ class Tracking:
             wanted = cross(location.tangent, location.normal) * curvature[:, None] + wanted
         limit = limit * (1.0 + lean.most)  # the turn goes on while the robot leans
         return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
-
-
-def turn_progress(routes: RouteMap, passage: NDArray[np.intp], rotation: Array) -> Array:
-    """Return the part (n,) of their turns by which robots have turned.
-
-    Args:
-        routes: of the robots.
-        passage: (n,) turn of each.
-        rotation: (n, 3, 3) robot frame in the world.
-    """
-    axis = rotation[:, :, 2]
-    ahead, towards = (v.take(passage, axis=0) for v in (routes.ahead, routes.directions))
-    return np.arctan2(dot(axis, towards), dot(axis, ahead)) / routes.turn.take(passage)
 
 
 def wall_speeds(
@@ -300,7 +287,9 @@ class Sway:
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
         normal = cross(ahead, towards)
-        progress = turn_progress(self.routes, passage, rotation)
+        axis = rotation[:, :, 2]
+        heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
+        progress = heading / self.routes.turn.take(passage)
         in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
         radius = self.routes.radius.take(passage)
         # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
