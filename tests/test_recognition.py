@@ -61,6 +61,12 @@ def world(name):
     fitting, enter = FITTINGS[name]
     if fitting is None:
         return [lead], [(0, "end")] if name == "closed end" else []
+    return world_of(fitting, enter)
+
+
+def world_of(fitting, enter="start"):
+    """The same of a fitting with straights at all of its ports."""
+    lead = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))
     part = Part("ahead", fitting, attached(lead.port("end"), fitting, enter, 0.0))
     after = []
     for port in fitting.port_names:
@@ -258,12 +264,8 @@ def test_where_a_bend_begins_is_told_apart_from_how_narrow_it_is(camera):
 @pytest.mark.parametrize("turn", [0.4, 0.87])
 def test_a_bend_at_the_edge_of_a_picture_is_not_taken_for_a_camera_that_leans(turn):
     """From 60 mm before it, by a lamp; the dark joint where it begins is hardly in the picture."""
-    place = -np.array([0.0, 0.0, 1.5])
-    lead = Part("lead", Straight(1.5), Pose(np.eye(3), place))
-    elbow = Part("elbow", Elbow(0.24), attached(lead.port("end"), Elbow(0.24), "start", 0.0))
-    on = Part("on", Straight(0.6), attached(elbow.port("end"), Straight(0.6), "start", 0.0))
     numbers = np.array([[0.002, -0.003, 0.0, 0.005, 0.06, turn]])
-    taken, _ = photographed("headlight", ([lead, elbow, on], ()), numbers)
+    taken, _ = photographed("headlight", world_of(Elbow(0.24)), numbers)
     sighting = recogniser("headlight").single(taken[0])
     assert sighting.kind == "elbow"
     assert sighting.distance == pytest.approx(0.06, abs=0.002)
@@ -273,13 +275,8 @@ def test_a_bend_at_the_edge_of_a_picture_is_not_taken_for_a_camera_that_leans(tu
 
 def test_the_length_of_a_reducer_is_that_to_the_joint_at_its_far_end():
     """By a lamp, of one of 6 % whose cone hardly shows: all lengths are tried."""
-    place = -np.array([0.0, 0.0, 1.5])
-    lead, wider = Part("lead", Straight(1.5), Pose(np.eye(3), place)), Straight(0.6, 0.17)
-    cone = Reducer(0.1, 0.17)
-    reducer = Part("reducer", cone, attached(lead.port("end"), cone, "start", 0.0))
-    on = Part("on", wider, attached(reducer.port("end"), wider, "start", 0.0))
     numbers = np.array([[0.002, -0.003, 0.0, 0.005, 0.11, 0.0]])
-    taken, _ = photographed("headlight", ([lead, reducer, on], ()), numbers)
+    taken, _ = photographed("headlight", world_of(Reducer(0.1, 0.17)), numbers)
     sighting = recogniser("headlight").single(taken[0])
     assert sighting.kind == "reducer"
     assert sighting.sizes["length"] == pytest.approx(0.1, abs=0.003)
