@@ -143,10 +143,11 @@ class Centreline:
         """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
         without twist."""
         s = np.asarray(s, float)
-        rows = self._rows[self._segment(s, line)]
-        angle = np.clip(s - rows[:, _START], 0.0, rows[:, _LENGTH]) * rows[:, _CURVATURE]
+        rows = self._rows.take(self._segment(s, line), axis=0)
+        u = s - rows[:, _START]
+        angle = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH]) * rows[:, _CURVATURE]
         x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
-        _, z, _, _ = self.at(s, line)
+        _, z, _, _ = _along(rows, u)
         return frame_of(x, z)
 
     def locate(

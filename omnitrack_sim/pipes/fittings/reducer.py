@@ -83,13 +83,42 @@ def _rise(sizes, px, py, pz, ax, ay, az, s):
 
 
 @compiled
+def _root(sizes, px, py, pz, ax, ay, az, a, b):
+    """Return the place between ``a`` and ``b`` where ``_before_wide_end`` of a line is 0, but for
+    rounding; NaN or a place elsewhere where a quadratic does not tell it."""
+    radius, length, end_radius = sizes[0], sizes[1], sizes[2]
+    slope = abs(end_radius - radius) / length
+    # The value is w + v s less the slope times the distance from the axis.
+    w, v = (pz, az) if end_radius < radius else (length - pz, -az)
+    w += slope * max(radius, end_radius)
+    squared = slope * slope
+    first = squared * (ax * ax + ay * ay) - v * v
+    half = squared * (px * ax + py * ay) - w * v
+    last = squared * (px * px + py * py) - w * w
+    root = math.sqrt(max(half * half - first * last, 0.0))
+    # The form of the roots that adds numbers of one sign, and so loses no digits.
+    q = -half - math.copysign(root, half)
+    s = q / first
+    return s if a <= s <= b and w + v * s >= 0.0 else last / q
+
+
+@compiled
 def _crossing(sizes, px, py, pz, ax, ay, az, a, b, before_at_a):
     """Bracket, by bisection, the place between ``a`` and ``b`` where a line passes the normals of
     the wide edge."""
+    s = _root(sizes, px, py, pz, ax, ay, az, a, b)
+    # The value is looked at where it is in question only: long lines take some twenty halvings.
+    low, high = s - POSITION, s + POSITION
+    if not (low > a and (_rise(sizes, px, py, pz, ax, ay, az, low)[0] >= 0.0) == before_at_a):
+        low = a
+    if not (high < b and (_rise(sizes, px, py, pz, ax, ay, az, high)[0] >= 0.0) != before_at_a):
+        high = b
     while b - a > POSITION:
         s = 0.5 * (a + b)
-        at_s, _ = _rise(sizes, px, py, pz, ax, ay, az, s)
-        if (at_s >= 0.0) == before_at_a:
+        before = s <= low
+        if low < s < high:
+            before = (_rise(sizes, px, py, pz, ax, ay, az, s)[0] >= 0.0) == before_at_a
+        if before:
             a = s
         else:
             b = s

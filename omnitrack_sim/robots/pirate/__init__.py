@@ -271,6 +271,7 @@ class Shape:
     def __init__(self, setup: ControlSetup) -> None:
         self._robot: Pirate = setup.robot
         self._routes, self._period = setup.routes, setup.period
+        self._ends = self._robot.length / 2 * np.array([-1.0, 0.0, 1.0])  # tail to nose, m
         self._twist, self._hold = np.zeros(setup.n), np.zeros(setup.n)
         self._count = np.zeros(setup.n, np.intp)  # steps since the turn began
 
@@ -308,13 +309,15 @@ class Shape:
         """Angles (n,) rad by which fronts are to turn now: of robots that lie in a straight, off
         the plane of the bend ahead."""
         robot, routes = self._robot, self._routes
-        along = place.distance[:, None] + robot.length / 2 * np.array([-1.0, 0.0, 1.0])
+        due = routes.is_turn[place.passage] & (np.abs(place.theta5) > SETTINGS.off)
+        if not due.any():
+            return np.zeros(len(due))
+        along = place.distance[:, None] + self._ends
         tangents = routes.tangents(along, place.route)
         walls = np.min([held(robot, routes, s, place.route) for s in along.T], axis=0)
         is_straight = dot(tangents[:, 0], tangents[:, 2]) > 1 - 1e-9
-        due = is_straight & (walls > SETTINGS.least) & routes.is_turn[place.passage]
         twist = np.clip(-place.theta5, -SETTINGS.twist, SETTINGS.twist)
-        return np.where(due & (np.abs(place.theta5) > SETTINGS.off), twist, 0.0)
+        return np.where(due & is_straight & (walls > SETTINGS.least), twist, 0.0)
 
 
 def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Array]:
@@ -357,6 +360,8 @@ def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> 
     """Return how near to the wall (n,) nodes at arc lengths (n,) m are wanted: 1 where there is one
     on both sides, less over the opening of a branch."""
     openings = routes.is_tee_turn | routes.is_straight_over | routes.out_of_branch
+    if not openings.any():
+        return np.ones(len(s))
     mine = openings & (routes.route_of == route[:, None])  # (n, Q)
     away = np.maximum(routes.start - s[:, None], s[:, None] - routes.end)
     nearest = np.where(mine, away, np.inf).min(axis=1)
