@@ -20,8 +20,9 @@ demo: $(READY) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
 	@echo "To play it, open $(CURDIR)/out/tee_turn/replay.html in a browser"
 
+# Three processes on two cores: a sixth of their time tests wait for browsers and for workers.
 test: $(READY) egl screen
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \

@@ -18,8 +18,8 @@ from omnitrack_sim.robots.omnitrack.track import install_lines
 from omnitrack_sim.walls.collider import install
 
 LONGEST = ["test_robot_claims", SITE := "test_site"]
-"""Files that take longest, in the order in which they begin. Whole files go to the two processes of
-`make test`: a long one that began last would leave one of them idle. While the first compiles the
+"""Files that take longest, in the order in which they begin. Whole files go to the processes of
+`make test`: a long one that began last would leave the others idle. While the first compiles the
 walls, of a fresh checkout, the second builds the site, which needs none."""
 LONGEST += [
     *("test_recognition", "test_sweep_workers", "test_exploring_onboard", "test_viewer"),

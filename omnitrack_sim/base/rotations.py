@@ -82,7 +82,9 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 def frame_of(x: Array, z: Array) -> Array:
     """Rotations (..., 3, 3) whose x and z are given, unit vectors (..., 3) square to each other."""
-    return np.stack([x, cross(z, x), z], axis=-1)
+    frame = np.empty((*z.shape, 3))
+    frame[..., 0], frame[..., 1], frame[..., 2] = x, cross(z, x), z
+    return frame
 
 
 def frame_along(axis: ArrayLike, turn: float) -> Array:
@@ -181,8 +183,10 @@ def turned_by(vector: Array) -> Array:
 def skew(vector: Array) -> Array:
     """Matrices (..., 3, 3) whose product with w is ``vector`` (..., 3) x w."""
     matrix = np.zeros((*vector.shape, 3))
-    matrix[..., [2, 0, 1], [1, 2, 0]] = vector
-    matrix[..., [1, 2, 0], [2, 0, 1]] = -vector
+    # Element by element, which for the few robots of a batch is faster than by arrays of places.
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = x, y, z
+    matrix[..., 1, 2], matrix[..., 2, 0], matrix[..., 0, 1] = -x, -y, -z
     return matrix
 
 

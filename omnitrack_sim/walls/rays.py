@@ -530,6 +530,15 @@ class RayWalls:
         self._maps = [_records(*each) for each in zip(maps, plates, dark, strict=True)]
         self._join()
 
+    @classmethod
+    def joined(cls, several: Sequence[RayWalls]) -> RayWalls:
+        """Return walls that hold the maps of several, in their order, with the grain of the
+        first."""
+        walls = cls.__new__(cls)
+        walls._dirty, walls._maps = several[0]._dirty, [m for each in several for m in each._maps]
+        walls._join()
+        return walls
+
     def replace(
         self,
         number: int,

@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.senses.optics import JOINT, PART, RANGE, Camera, rays_of
-from omnitrack_sim.walls.rays import RayWalls
+from omnitrack_sim.walls.rays import HIT_SIZE, RayWalls
 
 
 class Scale:
@@ -178,24 +178,12 @@ class Fit:
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
         """Rows with their costs: twice the negative logarithm of likelihood and expectations."""
-        n, v, k = len(at.forms), len(views.motions), len(level.pixels)
-        rays = self._rays[level.pixels]
-        place, rotation = cameras(at.numbers, views.motions)
-        cost = np.empty(n)
-        groups: dict[tuple[str | float, ...], list[int]] = {}
-        for j, form in enumerate(at.forms):
-            key = (form.name, *at.sizes[j, : len(form.sizes)].tolist())
-            # Rows of equal walls are traced together.
-            groups.setdefault(key, []).append(j)
-        for rows in groups.values():
-            walls, exits = self._walls_of(at.forms[rows[0]], at.sizes[rows[0]])
-            poses = place[rows].reshape(-1, 3), rotation[rows].reshape(-1, 3, 3)
-            hits = self._traced(walls, *poses, rays)
-            expected = self._expected(hits, rays, level).reshape(len(rows), v, k)
-            image = self._scale.of(expected * at.gains[rows][..., None])
-            pictures = views.pictures[:, level.pixels]
-            beyond = self._beyond(hits, *poses, rays, exits).reshape(len(rows), v, k)
-            cost[rows] = _loss(pictures - image, pictures > beyond, level).sum(axis=(1, 2))
+        rays, pictures = self._rays[level.pixels], views.pictures[:, level.pixels]
+        hits, beyond = self._met(at, views, rays)
+        image = self._image(hits, rays, level)
+        cost = _loss(
+            pictures - self._scale.of(image * at.gains[..., None]), pictures > beyond, level
+        ).sum(axis=(1, 2))
         weights, off = _prior(at, views, level)
         return replace(
             at,
@@ -206,15 +194,12 @@ class Fit:
     def misfit(self, at: Tries, views: Views, level: Level) -> float:
         """Return the mean cost of the only row's pixels that show its form itself, and not what may
         follow it."""
-        v, k, rays = len(views.motions), len(level.pixels), self._rays[level.pixels]
-        hits, exits = self._hits(at, 0, views, rays), self._walls_of(at.forms[0], at.sizes[0])[1]
-        place, rotation = cameras(at.numbers, views.motions)
-        beyond = self._beyond(hits, place[0], rotation[0], rays, exits)
-        pictures = views.pictures[:, level.pixels]
-        image = self._scale.of(self._expected(hits, rays, level) * at.gains[0][:, None])
+        rays, pictures = self._rays[level.pixels], views.pictures[:, level.pixels]
+        hits, beyond = self._met(at, views, rays)
+        image = self._scale.of(self._image(hits, rays, level) * at.gains[..., None])
         own = pictures <= beyond
         cost = _loss(pictures - image, ~own, level)
-        return float(cost[own].mean()) if own.sum() > RECOGNISER.least_own * v * k else np.inf
+        return float(cost[own].mean()) if own.mean() > RECOGNISER.least_own else np.inf
 
     def scores(self, at: Tries, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
@@ -249,37 +234,49 @@ class Fit:
         (n, v k, p)."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
         rays = self._rays[level.pixels]
-        expected, beyond = np.empty((2, n, v, k))
+        hits, beyond = self._met(at, views, rays)
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
-        rows = [at.numbers, *(at.numbers + nudge for nudge in np.diag(RECOGNISER.nudge))]
-        poses = [cameras(row, views.motions) for row in rows]
-        place, rotation = (np.stack(column) for column in zip(*poses, strict=True))
-        for j in range(n):
-            hits = self._hits(at, j, views, rays)
-            exits = self._walls_of(at.forms[j], at.sizes[j])[1]
-            beyond[j] = self._beyond(hits, place[0, j], rotation[0, j], rays, exits)
-            free = [i for i in range(PLACES) if level.free[i] and _sought(at.forms[j], i)]
-            which = [0, *(i + 1 for i in free)]
-            for i in range(v):
-                near = _nearby(
-                    hits[i], rays, place[which, j, i], rotation[which, j, i], self._camera.lamp
-                )
-                image = self._expected(near, rays, level)
-                expected[j, i] = image[0]
-                slopes[j, i][:, free] = ((image[1:] - image[0]) / RECOGNISER.nudge[free, None]).T
-            if self._camera.lamp is not None:
-                # The edges of shadows tell most, and they move: hits from close by do not show it.
-                for i in {DISTANCE, TURN}.intersection(free):
-                    reach = side * level.reach[i - DISTANCE]
-                    moved = replace(at, numbers=at.numbers + reach * np.eye(PLACES)[i])
-                    image = self._expected(self._hits(moved, j, views, rays), rays, level)
-                    slopes[j, ..., i] = (image - expected[j]) / reach
-            for i, size in enumerate(at.forms[j].sizes):
-                # Inwards at the upper bound, where larger sizes do not exist.
-                nudge = -size.step if at.sizes[j, i] + size.step > size.high else size.step
-                changed = replace(at, sizes=at.sizes + nudge * np.eye(SIZES)[i])
-                image = self._expected(self._hits(changed, j, views, rays), rays, level)
-                slopes[j, ..., PLACES + i] = (image - expected[j]) / nudge
+        sought = np.array([[_sought(form, i) for i in range(PLACES)] for form in at.forms])
+        free = np.flatnonzero(level.free)
+        nudges = np.concatenate([np.zeros((1, PLACES)), np.diag(RECOGNISER.nudge)[free]])
+        moved = (at.numbers + nudges[:, None]).reshape(-1, PLACES)
+        place, rotation = cameras(moved, views.motions)
+        near = _nearby(
+            hits.reshape(n * v, k, -1),
+            rays,
+            place.reshape(len(nudges), n * v, 3),
+            rotation.reshape(len(nudges), n * v, 3, 3),
+            self._camera.lamp,
+        )
+        expected, *images = self._image(near.reshape(-1, n, v, k, near.shape[-1]), rays, level)
+        for i, image in zip(free, images, strict=True):
+            rows = sought[:, i]
+            slopes[rows, ..., i] = (image - expected)[rows] / RECOGNISER.nudge[i]
+
+        def change(rows: NDArray[np.intp], column: int, changed: Tries, by: Array) -> None:
+            """Set a column of ``rows`` of the Jacobian, if any, from pictures of changed ones."""
+            if not len(rows):
+                return
+            image = self._image(self._met(changed, views, rays)[0], rays, level)
+            slopes[rows, ..., column] = (image - expected[rows]) / by[:, None, None]
+
+        if self._camera.lamp is not None:
+            # The edges of shadows tell most, and they move: hits from close by do not show it.
+            for i in {DISTANCE, TURN}.intersection(free.tolist()):
+                reach = side * level.reach[i - DISTANCE]
+                rows = np.flatnonzero(sought[:, i])
+                part = at.take(rows.tolist())
+                farther = replace(part, numbers=part.numbers + reach * np.eye(PLACES)[i])
+                change(rows, i, farther, np.full(len(rows), reach))
+        for i in range(SIZES):
+            rows = np.flatnonzero([len(form.sizes) > i for form in at.forms])
+            part = at.take(rows.tolist())
+            steps = np.array([form.sizes[i].step for form in part.forms])
+            high = np.array([form.sizes[i].high for form in part.forms])
+            # Inwards at the upper bound, where larger sizes do not exist.
+            steps = np.where(part.sizes[:, i] + steps > high, -steps, steps)
+            larger = replace(part, sizes=part.sizes + steps[:, None] * np.eye(SIZES)[i])
+            change(rows, PLACES + i, larger, steps)
         gained = expected * at.gains[..., None]
         pictures = views.pictures[None, :, level.pixels]
         residual = pictures - self._scale.of(gained)
@@ -305,12 +302,13 @@ class Fit:
         rays = self._rays[level.pixels]
         place, rotation = cameras(pose[None], views.motions[-1:])
         walls, _ = self._walls_of(straight, np.zeros(SIZES))
-        hits = self._traced(walls, place[0], rotation[0], rays)
+        far, lamp = self._camera.optics.far, self._camera.lamp
+        hits = walls.trace(np.zeros(1, int), place[0], rotation[0], rays, far, lamp)
         along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
         where = np.arange(*RECOGNISER.joint_range)
         other = np.repeat(hits, len(where) + 1, axis=0)
         other[1:, :, JOINT] = np.abs(along - where[:, None])
-        expected = self._scale.of(self._expected(other, rays, level))
+        expected = self._scale.of(self._image(other, rays, level))
         missed = ((views.pictures[-1, level.pixels] - expected) / level.rough) ** 2
         cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
         less = cost[0] - cost[1:]
@@ -331,28 +329,33 @@ class Fit:
             self._kept[key] = kept
         return kept
 
-    def _beyond(
-        self, hits: Array, place: Array, rotation: Array, rays: Array, exits: Array
-    ) -> Array:
-        """Values (m, k) on the scale; see ``beyond``."""
-        return beyond(hits, place, rotation, rays, exits, self._scale, self._camera.lamp)
-
-    def _expected(self, hits: Array, rays: Array, level: Level) -> Array:
-        """Pictures (n, k) that are expected, exposed as whole ones."""
+    def _image(self, hits: Array, rays: Array, level: Level) -> Array:
+        """Pictures (..., k) that are expected of hits (..., k, 8), exposed as whole ones."""
         if self._camera.lamp is None:
             return self._camera.expected(hits, rays)
-        whole = self._camera.expected(hits[:, level.stand], rays[level.stand])
-        return whole[:, level.own]
+        stand = hits[..., level.stand, :].reshape(-1, len(level.stand), HIT_SIZE)
+        whole = self._camera.expected(stand, rays[level.stand])
+        return whole[:, level.own].reshape(hits.shape[:-1])
 
-    def _hits(self, at: Tries, row: int, views: Views, rays: Array) -> Array:
-        """Return the hits (v, k, 8) of the cameras of a row."""
-        place, rotation = cameras(at.numbers[row : row + 1], views.motions)
-        walls, _ = self._walls_of(at.forms[row], at.sizes[row])
-        return self._traced(walls, place[0], rotation[0], rays)
-
-    def _traced(self, walls: RayWalls, place: Array, rotation: Array, rays: Array) -> Array:
+    def _met(self, at: Tries, views: Views, rays: Array) -> tuple[Array, Array]:
+        """Return the hits (n, v, k, 8) of the cameras of all rows, and the values (n, v, k) on the
+        scale; see ``beyond``."""
+        n, v, k = len(at.forms), len(views.motions), len(rays)
+        place, rotation = cameras(at.numbers, views.motions)
+        place, rotation = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
+        kept = [self._walls_of(*row) for row in zip(at.forms, at.sizes, strict=True)]
+        # Rows of equal walls share them; all are traced together.
+        distinct = {id(walls): walls for walls, _ in kept}
+        number = {key: i for i, key in enumerate(distinct)}
+        which = np.repeat([number[id(walls)] for walls, _ in kept], v)
+        walls = RayWalls.joined([*distinct.values()])
         far, lamp = self._camera.optics.far, self._camera.lamp
-        return walls.trace(np.zeros(len(place), int), place, rotation, rays, far, lamp)
+        hits = walls.trace(which, place, rotation, rays, far, lamp)
+        exits = np.zeros((n, max(len(exits) for _, exits in kept), 6))
+        for row, (_, own) in enumerate(kept):
+            exits[row, : len(own)] = own
+        least = beyond(hits, place, rotation, rays, np.repeat(exits, v, axis=0), self._scale, lamp)
+        return hits.reshape(n, v, k, -1), least.reshape(n, v, k)
 
 
 def exits_of(parts: Sequence[Part]) -> Array:
@@ -383,22 +386,21 @@ def beyond(
         place: (m, 3) m, of the cameras.
         rotation: (m, 3, 3) of the cameras.
         rays: (k, 3), camera frame.
-        exits: of the form, see ``exits_of``.
+        exits: (m, parts, 6), of their forms; see ``exits_of``.
         scale: of the camera.
         lamp: of the camera.
     """
-    least = np.full(hits.shape[:2], np.inf)
-    for number, exit in enumerate(exits):
-        camera, ray = np.nonzero(hits[..., PART] == number)
-        if number < 2 or not len(camera):
-            continue
-        if lamp is not None:
-            least[camera, ray] = -np.inf
-            continue
+    least, part = np.full(hits.shape[:2], np.inf), hits[..., PART]
+    if lamp is not None:
+        least[part >= 2] = -np.inf
+        return least
+    for number in range(2, exits.shape[1]):
+        camera, ray = np.nonzero(part == number)
         # A wall nearer than the exit contradicts the form all the same.
-        away = (exit[:3] - place) @ exit[3:]
-        along = rays @ (exit[3:] @ rotation).T  # (k, m)
-        reach = away[camera] / np.maximum(along[ray, camera], 1e-6)
+        position, direction = exits[:, number, :3], exits[:, number, 3:]
+        away = ((position - place) * direction).sum(axis=-1)
+        along = (direction[:, None] @ rotation)[:, 0] @ rays.T  # (m, k)
+        reach = away[camera] / np.maximum(along[camera, ray], 1e-6)
         least[camera, ray] = scale.of(reach) - RECOGNISER.exit_error
     return least
 
@@ -419,16 +421,18 @@ def _loss(residual: Array, free: NDArray[np.bool_], level: Level) -> Array:
 
 
 def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array | None) -> Array:
-    """Hits (m, k, 8) of m cameras close together, from those (k, 8) of the first. The joint at the
-    port plane, z = 0, stays where it is."""
-    m = len(place)
-    first = np.repeat(place[:1], m, axis=0), np.repeat(rotation[:1], m, axis=0)
-    near = nearby(np.repeat(hits[None], m, axis=0), rays, *first, place, rotation, lamp)
+    """Hits (f, m, k, 8) of cameras at f poses (f, m, 3), (f, m, 3, 3) close together, from those
+    (m, k, 8) at the first. The joint at the port plane, z = 0, stays where it is."""
+    f, m = place.shape[:2]
+    other, turned = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
+    first = np.tile(place[0], (f, 1)), np.tile(rotation[0], (f, 1, 1))
+    near = nearby(np.tile(hits, (f, 1, 1)), rays, *first, other, turned, lamp)
     reach = np.where(np.isfinite(near[..., RANGE]), near[..., RANGE], 0.0)
-    along = place[:, 2, None] + reach * (rotation[:, 2] @ rays.T)
-    beside = np.where(np.isfinite(hits[:, JOINT]), hits[:, JOINT], -1.0)
-    at_plane = np.abs(np.abs(along[0]) - beside) < 1e-6
-    near[..., JOINT] = np.where(at_plane, np.abs(along), hits[:, JOINT])
+    along = np.abs(other[:, 2, None] + reach * (turned[:, 2] @ rays.T))
+    joint = hits[..., JOINT]
+    at_plane = np.abs(along[:m] - np.where(np.isfinite(joint), joint, -1.0)) < 1e-6
+    near = near.reshape(f, m, *near.shape[1:])
+    near[..., JOINT] = np.where(at_plane, along.reshape(f, m, -1), joint)
     return near
 
 

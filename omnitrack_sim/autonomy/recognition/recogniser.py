@@ -104,28 +104,20 @@ class Library:
                 else np.zeros(1)
             )
             places = RECOGNISER.library_distances * bore if form.parameters else np.zeros(1)
-            start, place, turn = (
+            start, along, turn = (
                 grid.ravel()
                 for grid in np.meshgrid(np.arange(len(form.starts)), places, turns, indexing="ij")
             )
             numbers = np.zeros((len(start), PLACES))
-            numbers[:, DISTANCE], numbers[:, TURN] = place, turn
-            hits, *poses = self._hits(made, start.astype(np.intp), numbers, self._rays)
+            numbers[:, DISTANCE], numbers[:, TURN] = along, turn
+            start = start.astype(np.intp)
+            hits, place, rotation = self._hits(made, start, numbers, self._rays)
             pictures = self._seen(hits, self._rays)
             hits = hits[:, : len(self.rays)]
-            for i, (parts, _) in enumerate(maps):
-                own = start == i
-                exits = exits_of(parts)
-                here = beyond(
-                    hits[own],
-                    poses[0][own],
-                    poses[1][own],
-                    self.rays,
-                    exits,
-                    self._scale,
-                    self._camera.lamp,
-                )
-                least.append(here.astype(np.float32))
+            exits = np.stack([exits_of(parts) for parts, _ in maps])[start]
+            lamp = self._camera.lamp
+            here = beyond(hits, place, rotation, self.rays, exits, self._scale, lamp)
+            least.append(here.astype(np.float32))
             rows.append((np.full(len(start), which), start, numbers))
             images.append(pictures.astype(np.float32))
             shape = (len(form.starts), len(places), len(turns), -1)
@@ -355,10 +347,10 @@ class Recogniser:
         distances."""
         # A search that errs in one of several numbers that are nearly confounded does not come out
         # of it.
-        rows = []
+        rows, most = [], RECOGNISER.restart_cost * fits.cost.min()
         for row, form in enumerate(fits.forms):
             sizes = form.restarts(fits.sizes[row])
-            if not len(sizes):
+            if not len(sizes) or fits.cost[row] > most:
                 continue
             numbers, nearest = fits.numbers[row], views.prior.nearest
             offsets = numbers[DISTANCE] + RECOGNISER.restart_offsets
@@ -368,7 +360,7 @@ class Recogniser:
                 sizes=sizes,
                 distances=places,
                 turns=[numbers[TURN]],
-                stands=[pose[:DISTANCE], 0 * pose[:DISTANCE]],
+                stands=np.unique([pose[:DISTANCE], 0 * pose[:DISTANCE]], axis=0),
             )
             part = self._fit.costs(part, views, self._level(0, 6.0))
             each = part.cost.reshape(len(sizes), -1).argmin(axis=1)

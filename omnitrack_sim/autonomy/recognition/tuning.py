@@ -45,6 +45,8 @@ class RecogniserSettings:
             confounded.
         restart_length: least lengths of a reducer, between those at which its search begins again:
             gradients lead to a dark joint from within 10 mm.
+        restart_cost: parts of the least cost up to which a form's search begins again: that lowers
+            a cost to a third at most (measured).
         restart_sizes: number of starting sizes from which these searches are followed roughly.
         restarts: number of these searches that are followed.
         usual_stand: squared standard deviations of a camera's pose in straight pipe from which on
@@ -122,6 +124,7 @@ class RecogniserSettings:
     few_starts: int = 3
     restart_offsets: Array = field(default_factory=lambda: np.arange(-0.06, 0.0601, 0.012))
     restart_length: float = 0.375
+    restart_cost: float = 4.0
     restart_sizes: int = 10
     restarts: int = 3
     usual_stand: float = 3.0
