@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ghosts import Ghost
-from network_samples import elbow, joint, reducer, straight, tee
+from network_samples import elbow, forked, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.pilots import Decision
@@ -476,27 +476,68 @@ def test_after_a_fall_it_drives_no_sharp_turn_either():
 
 
 def test_falls_count_anew_when_an_end_has_been_inspected():
-    """A robot that falls at each of five ends, twice, still explores all; with three times at one
-    it gives up."""
-    for falls, home in ((2, True), (3, False)):
-        ghost = Ghost(load_network("fig14"), "inlet")
-        explorer, arrives = ghost.explorer, ghost.explorer.on_arrival
+    """A robot that falls at each of five ends, twice, still explores all, and gives up no port for
+    its falls."""
+    ghost = Ghost(load_network("fig14"), "inlet")
+    explorer, arrives, fallen = ghost.explorer, ghost.explorer.on_arrival, []
 
-        def arrive(time, distance, goal, arrives=arrives, ghost=ghost, falls=falls):
-            position, frame = ghost._pose(distance)
-            axis = frame[:, 2] * ghost.explorer.leg.gear
-            decision = arrives(time, distance, goal)
-            events = list(decision.events)
-            if any(isinstance(event, EndInspected) for event in events):
-                for _ in range(falls):
-                    decision = ghost.explorer.on_fall(time, position, axis)
-                    events += decision.events
-            return decision._replace(events=events)
+    def arrive(time, distance, goal):
+        position, frame = ghost._pose(distance)
+        axis = frame[:, 2] * ghost.explorer.leg.gear
+        decision = arrives(time, distance, goal)
+        events = list(decision.events)
+        if any(isinstance(event, EndInspected) for event in events):
+            for _ in range(2):
+                decision = ghost.explorer.on_fall(time, position, axis)
+                events += decision.events
+        return decision._replace(events=events)
 
-        explorer.on_arrival = arrive
-        ghost.run()
-        assert bool(of_kind(ghost, ExplorationComplete)) == home
-        assert bool(of_kind(ghost, GaveUp)) != home
+    explorer.on_arrival = arrive
+    last_fall = explorer._on_last_fall
+    explorer._on_last_fall = lambda *what: (fallen.append(what), last_fall(*what))[1]
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    assert not fallen
+
+
+@pytest.mark.parametrize(
+    ("pipe", "falls", "outcome"),
+    [
+        ("off", 4, ExplorationComplete),
+        ("off", 7, ExplorationIncomplete),
+        ("foot", 3, GaveUp),
+    ],
+    ids=["it gets there at last", "never", "on its way home"],
+)
+def test_a_port_on_the_way_to_which_it_falls_too_often_is_tried_last(pipe, falls, outcome):
+    """After one fall on the way to it the robot goes elsewhere first, after three it gives it up,
+    and comes once more; after three others it goes home with a map that names this port. On its
+    way home there is nowhere else to go."""
+    ghost = Ghost(validate(forked(on=0.8, off=0.8)), "foot.start")
+    explorer, fallen = ghost.explorer, []
+    part = next(part for part in ghost.pipes.parts if part.name == pipe)
+
+    def falls_here(position, frame):
+        leg, home = explorer.leg, not explorer.belief.unexplored
+        sent = home if pipe == "foot" else leg.note == "to straight_2.end"
+        if not (sent and len(fallen) < falls and part.holds(position[None], 0.0)):
+            return False
+        fallen.append((position, frame[:, 2] * leg.gear))
+        return True
+
+    ghost._blocked = falls_here
+    explorer.on_blockage = lambda time, distance, goal: explorer.on_fall(time, *fallen[-1])
+    ghost.run()
+    assert len(fallen) == falls
+    assert isinstance(ghost.events[-1], outcome)
+    ends = [event.port for event in of_kind(ghost, EndInspected)]
+    reached = outcome is not ExplorationIncomplete
+    assert sorted(ends) == ["straight_2.end", "straight_3.end"][1 - reached :]
+    assert (ends[0] == "straight_3.end") == (pipe == "off")
+    difference = compare_maps(explorer.belief.network, ghost.network, "foot.start")
+    assert difference.consistent
+    if not reached:
+        assert explorer.left == "straight_2.end (has fallen too often on the way there)"
 
 
 @pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])

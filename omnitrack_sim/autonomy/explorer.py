@@ -317,6 +317,18 @@ class Explorer(MapPilot):
                 return self._begin(time, [], [*again, *self._to_come])
         return super().on_blockage(time, distance, goal)
 
+    def _on_last_fall(
+        self, time: float, events: Sequence[Event], location: PartLocation
+    ) -> Decision:
+        """Give up the port that the robot was on its way to, and go on to another; give up all
+        where it was on its way home."""
+        port = _end_of([self.leg, *self._to_come][-1].path)
+        if port not in self.belief.unexplored:
+            return super()._on_last_fall(time, events, location)
+        self._give_up_port(port, "has fallen too often on the way there")
+        self._falls = self._most_falls
+        return self._replan(time, events, self._from(location))
+
     # Looking once more
 
     @property

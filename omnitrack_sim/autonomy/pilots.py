@@ -211,10 +211,16 @@ class MapPilot(Pilot):
         port = network.port_name((part, location.ahead))
         events = [FellOff(self._number, time, network.fittings[part].name, port)]
         if self._falls == 0:
-            return self._give_up(time, events, "has fallen too often")
+            return self._on_last_fall(time, events, location)
         self._falls -= 1
         self._turns += self.planner.turn_in(self.leg, part)
         return self._replan(time, events, self._from(location))
+
+    def _on_last_fall(
+        self, time: float, events: Sequence[Event], location: PartLocation
+    ) -> Decision:
+        """Decide for a robot that has fallen more often than it may."""
+        return self._give_up(time, events, "has fallen too often")
 
     def _from(self, location: PartLocation) -> Replan:
         """Return what plans legs to a goal from where a robot lies, whatever its leg."""
