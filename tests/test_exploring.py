@@ -10,8 +10,9 @@ from ghosts import Ghost
 from network_samples import elbow, forked, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.looking import LOOKS
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import LOOKS, Ahead
+from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -472,7 +473,7 @@ def test_after_a_fall_it_drives_no_sharp_turn_either():
     explorer.on_fall(1.0, port.position + 0.4 * back, back)
     legs = [explorer.leg, *explorer._to_come]
     assert len(legs) > 1
-    assert not explorer._sharp_turns(legs)
+    assert not explorer.planner.sharp_turns(legs)
 
 
 def test_falls_count_anew_when_an_end_has_been_inspected():
