@@ -209,8 +209,9 @@ class CloseLooks:
 
 
 class LookingBack:
-    """Looks of one robot at the fittings that it has passed: one in each straight behind a fitting,
-    and one more where it sees the far end of that straight, which so is measured by looks alone.
+    """Looks back of one robot at the fittings that it has passed: one in each straight behind a
+    fitting, and another as soon as it sees the far end of that straight, so that the length of the
+    straight is measured by looks at both ends.
 
     Round a bend a robot knows least how far it has come, and sees that best when the bend is just
     behind it.
@@ -221,7 +222,7 @@ class LookingBack:
         least_confidence: probability from which on it believes what it sees.
 
     Attributes:
-        doubts: names of pipes in which a look back has shown something else than the map, and what.
+        doubts: by the names of pipes, what a look back has shown in them that the map has not.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
@@ -350,7 +351,7 @@ def _is_measured(looks: Sequence[tuple[float, float]]) -> bool:
 
 
 class LookingCloser:
-    """Looks of one robot, from close by, at the end of a straight that it has observed from afar.
+    """Looks of one robot from close by at the end of a straight that it has observed from afar.
 
     From afar both cameras measure distances to centimetres, and may take one fitting for another.
     So the end of a straight is provisional (``Belief.provisional``) until the robot is near.

@@ -36,9 +36,9 @@ class Decision(NamedTuple):
 
     Attributes:
         leg: the leg to drive; None: there is none.
-        goes_on: ``leg`` is the leg at hand, made longer, and not another one.
-        events: what there is to tell.
-        shift: m, how much farther along its leg the robot is than it took itself to be.
+        goes_on: ``leg`` is the leg at hand, maybe extended, and not another one.
+        events: to be recorded.
+        shift: m, correction of the robot's estimated arc length on its leg.
 
     Example:
         >>> ot.Decision(None).goes_on
