@@ -785,17 +785,24 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
     assert of_kind(ghost, ExplorationComplete)
 
 
-def test_a_bore_that_no_reducer_explains_is_given_up():
-    """The pipe has its bore again, and is in doubt."""
+@pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
+def test_a_bore_that_no_reducer_explains_is_given_up(before):
+    """The pipe has its bore again, and is in doubt. While the robot looks back for the reducer, it
+    moves on between two looks."""
+    looks = []
 
     def no_reducer(ahead):
+        looks.append(ahead)
+        assert len(looks) < 1000
         if not isinstance(ahead.fitting, Reducer):
             return ahead
         return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
 
-    parts = [straight("foot", 0.5), reducer("wider", 0.17)]
+    parts = [straight("foot", 0.5), *before, reducer("wider", 0.17)]
+    ports = ["foot.end", *(f"tee.{port}" for _ in before for port in ("run_start", "run_end"))]
+    ports += ["wider.start", "wider.end", "on.start"]
     parts += [straight("on", 0.7, inner_diameter=0.17)]
-    joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
+    joints = [joint(*pair) for pair in zip(ports[::2], ports[1::2], strict=True)]
     network = validate({"fittings": parts, "joints": joints})
     ghost = Ghost(network, "foot.start", erring=no_reducer, arms=True)
     ghost.run()

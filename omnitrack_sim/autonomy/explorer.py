@@ -307,8 +307,9 @@ class Explorer(MapPilot):
     @property
     def looks_at(self) -> float:
         """Arc length on its leg, m, of the next look."""
-        missed = self._missed.at if self._missed else math.inf
-        return min(self.look_at, missed, self._back.at(self.route()))
+        # While the robot looks back for a missed reducer, other looks back wait.
+        back = self._back.at(self.route()) if self._missed is None else self._missed.at
+        return min(self.look_at, back)
 
     def looks_back(self, distance: float) -> bool:
         """Return whether a look at arc length ``distance`` m of its leg goes back as well."""
