@@ -101,31 +101,31 @@ class Confirmation:
         self._first: tuple[tuple[str, str], float, float] | None = None
 
     def confirms(self, ahead: Ahead, distance: float) -> bool:
-        """Return whether a sighting made at arc length ``distance`` m confirms the one before, of
-        which it takes the place where it does not."""
+        """Return whether a sighting made at arc length ``distance`` m confirms the one before; if
+        it does not, the next one is compared with it."""
         at, bends, confirmed = distance + ahead.distance, isinstance(ahead.fitting, Elbow), False
         if self._first is not None and self._first[0] == ahead.kind:
             _, before, since = self._first
-            # What begins at the lens moves with it. Other fittings are not seen where there are
-            # none.
+            # The rest of a bend begins at the lens and moves with it; another bend has to stay
+            # where it is. Other fittings are not seen where there are none.
             confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
             if bends and not confirmed:
-                return False
-        # The robot may have been elsewhere at the first sighting than it took itself to be, so the
-        # next one is compared with this.
+                return False  # Since the first sighting the rest of a bend has moved farthest.
+        # The robot's estimate may have been off at the first sighting, so this one replaces it.
         self._first = None if confirmed else (ahead.kind, at, distance)
         return confirmed
 
     def cancel(self) -> str:
-        """Forget the sighting that waits for confirmation; return its kind of fitting, "" for none
-        and for a bend, which often is the rest of the one before."""
+        """Forget the sighting that has not been confirmed; return the kind of its fitting, "" for
+        none and for an elbow, which often is the rest of the bend before."""
         kind = "" if self._first is None else self._first[0][0]
         self._first = None
         return "" if kind == Elbow.kind else kind
 
 
 class CloseLooks:
-    """Sightings from close by of one reducer or elbow; their mean gives its sizes and position."""
+    """Sightings of one reducer or elbow from close by, the mean of which gives its sizes and its
+    position."""
 
     def __init__(self) -> None:
         # Each sighting, and the arc length of the robot then, m.
@@ -141,7 +141,7 @@ class CloseLooks:
         self._looks = []
 
     def are_of(self, ahead: Ahead) -> bool:
-        """Return whether there are sightings, and of the kind of ``ahead``."""
+        """Return whether the sightings are of the kind of ``ahead``; False without any."""
         return bool(self._looks) and self._looks[-1][0].kind == ahead.kind
 
     def add(self, ahead: Ahead, distance: float) -> None:
@@ -149,15 +149,15 @@ class CloseLooks:
         self._looks.append((ahead, distance))
 
     def are_few(self) -> bool:
-        """Return whether the sizes ask for another look."""
+        """Return whether another look is needed for the sizes to be known."""
         radii = self._radii() or [0.0]
         differ = max(radii) - min(radii) > LEAST_LENGTH / 2
         return len(self._looks) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
 
     def begin_of(self, ahead: Ahead, distance: float) -> float:
-        """Return the arc length, m, at which the fitting or end of the latest sighting, made at
-        ``distance`` m, begins: the mean of all, weighted by their variances. The last of them sees
-        the cone of a reducer from too near."""
+        """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
+        length ``distance`` m: the mean of all sightings of its kind, weighted by their variances.
+        The last of them sees the cone of a reducer from too near."""
         looks = [look for look in self._looks if look[0].kind == ahead.kind]
         looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
         ends = [at + look.distance for look, at in looks]
@@ -176,8 +176,8 @@ class CloseLooks:
         return Reducer(*np.average(self._reducer_sizes(), axis=0, weights=weights).tolist())
 
     def doubt(self) -> str:
-        """Return why the sizes of a reducer are in doubt, "" where they are not: its cone is
-        shallow, and what follows it hides its end."""
+        """Return why the sizes of a reducer are in doubt, "" where they are not. Its cone is
+        shallow, and its far end may be hidden by what follows."""
         sizes = self._reducer_sizes()
         if not len(sizes):
             return ""
@@ -190,7 +190,7 @@ class CloseLooks:
         return "its length was seen from one side only" if least > LOOKS.most_size_std else ""
 
     def weight(self) -> float:
-        """Return the weight of the mean length of a reducer, 1/m²."""
+        """Return the weight of the mean length, 1/m²: the inverse of its variance."""
         return float(_weights(self._stds()).sum())
 
     def _stds(self) -> list[float]:
