@@ -10,6 +10,9 @@ backs out all the way.
 A robot that lies anywhere else in the network, because it fell off its route, or that has come to a
 goal tail first, may go on either way round: nose first as above, or tail first as if its tail were
 its nose. It takes the one that asks for less travel.
+
+Robots that explore avoid sharp turns, in which they often fall: they drive past the fitting and
+reverse into the port instead, where there is room (``gentler``).
 """
 
 from __future__ import annotations
@@ -323,8 +326,15 @@ class LegPlanner:
     def gentler(
         self, legs: list[Leg], location: PartLocation, goal: int, closed: Closed
     ) -> list[Leg]:
-        """Return legs to a goal without sharp turns for a robot at ``location``; ``legs``, which
-        lead there too, where these have none, or where there are no others."""
+        """Replace legs to a goal by others without sharp turns, if there are any.
+
+        Args:
+            legs: planned from ``location``; returned where they have no sharp turn, or where there
+                are no others.
+            location: of the robot.
+            goal: number of the goal.
+            closed: ports and edges that are not passed.
+        """
         if not self.sharp_turns(legs):
             return legs
         return self._without_sharp_turns(location, goal, closed, LEG_PLANNER.reversals) or legs
@@ -332,8 +342,8 @@ class LegPlanner:
     def _without_sharp_turns(
         self, location: PartLocation, goal: int, closed: Closed, reversals: int
     ) -> list[Leg] | None:
-        """Plan legs to a goal without sharp turns, with the robot either way round: it passes a
-        branch and reverses into it instead; None where there are none."""
+        """Plan legs to a goal without sharp turns, with at most ``reversals`` legs on which the
+        robot drives past a fitting to reverse; None where there are none."""
         legs = self.replan_from(location, goal, (*closed, *self._sharp_edges()))
         sharp = legs or self.replan_from(location, goal, closed)
         if legs or not sharp or not reversals:
@@ -347,7 +357,7 @@ class LegPlanner:
         return rest and [*sharp[:number], over, *rest]
 
     def _sharp_edges(self) -> list[Edge]:
-        """Return the sharp turns in all fittings that have another way through."""
+        """Return the sharp turns of all fittings with more than two ports."""
         return [
             (i, enter, leave)
             for i, part in enumerate(self.network.pipes.parts)
@@ -357,7 +367,8 @@ class LegPlanner:
         ]
 
     def sharp_turns(self, legs: Sequence[Leg]) -> list[tuple[int, int]]:
-        """Return the sharp turns on legs: the number of the leg, and that of the passage on it."""
+        """Return the sharp turns on legs, each by the numbers of its leg and of its passage on
+        that."""
         return [
             (number, index)
             for number, leg in enumerate(legs)
@@ -368,7 +379,7 @@ class LegPlanner:
         ]
 
     def cost(self, legs: Sequence[Leg]) -> float:
-        """Return the travel on legs, m, with what the sharp turns on them count for."""
+        """Return the travel on legs, m, plus ``detour`` for each sharp turn."""
         return travel(legs) + LEG_PLANNER.detour * len(self.sharp_turns(legs))
 
     def _path_up_to(self, enter: End, closed: Closed) -> tuple[Edge, ...]:
