@@ -207,12 +207,7 @@ class Explorer(MapPilot):
             if not self._closer.too_late(self.look_at, route):
                 return Decision(self.leg, True)
             if self._close.latest is None:
-                # The robot has to rely on what it observed from afar. What no form explains from
-                # close by, such as a cross, may look like a tee from there.
-                self._doubts[self._provisional_name()] = "seen from afar only"
-                self.belief.settle()
-                observed = _end_of(self.leg.path) in self.belief.ends
-                self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
+                self._keep_provisional()
                 return Decision(self.leg, True)
             ahead, distance = self._close.latest
         else:
@@ -458,13 +453,18 @@ class Explorer(MapPilot):
             self.belief.resize(self._missed.part, inner_diameter=self._missed.bore)
             self._missed = None
 
-    def _provisional_name(self) -> str:
-        """Return the name of the fitting at the end of the provisional straight, or of that end."""
+    def _keep_provisional(self) -> None:
+        """Keep on the map, in doubt, what was observed only from afar, as looks from close by are
+        ambiguous: a cross, which no form explains there, may look like a tee from afar."""
         belief, straight = self.belief, self.belief.provisional
         assert straight is not None
         end = straight, "end"
         beyond = belief.joined.get(end)
-        return belief.name(end) if beyond is None else belief.part_name(beyond[0])
+        name = belief.name(end) if beyond is None else belief.part_name(beyond[0])
+        self._doubts[name] = "seen from afar only"
+        belief.settle()
+        observed = _end_of(self.leg.path) in belief.ends
+        self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, if the robot is far from it."""
