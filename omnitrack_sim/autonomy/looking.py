@@ -273,8 +273,8 @@ class LookingBack:
         return part, "length", size
 
     def once_more(self, route: Route, distance: float) -> bool:
-        """Ask for one more look back from arc length ``distance`` m on, where the robot has looked
-        back once in this straight; return whether it is asked for."""
+        """Plan a second look back, from arc length ``distance`` m on, if the robot has looked back
+        once in the straight there; return whether it is planned."""
         here = route.passages[route.index_at(distance)]
         if here.index not in self._done - self._twice:
             return False
@@ -283,7 +283,7 @@ class LookingBack:
         return True
 
     def at(self, route: Route) -> float:
-        """Return the arc length on a route, m, where it looks back next; infinite if nowhere."""
+        """Return the arc length on a route, m, of the next look back; infinite if there is none."""
         for before in route.passages[1:]:
             if before.index not in self._done and self._belief.fitting(before.index).is_plain:
                 at = max(before.s_enter + self._half + LOOKS.behind, self._again)
@@ -335,7 +335,7 @@ class LookingBack:
         return self._belief.fitting(route.passages[i].index).is_plain
 
     def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
-        """Note that a look back from passage ``i`` shows a fitting that the map has not there."""
+        """Note that a look back from passage ``i`` shows a fitting that is not on the map."""
         kind, at = behind.kind[0], distance - behind.distance
         # A shallow reducer may be overlooked for what is behind it.
         known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
@@ -391,7 +391,7 @@ class LookingCloser:
         return max(close - LOOKS.out_of_fitting, distance + LOOKS.again)
 
     def forget(self) -> None:
-        """Forget where the end is, as the robot was elsewhere than it took itself to be."""
+        """Forget where the end was seen, as the robot's estimate was off by then."""
         self._far = None
 
     def located(self, route: Route, distance: float, ahead: Ahead | None) -> float:
@@ -405,9 +405,9 @@ class LookingCloser:
         return located if slipped else distance
 
     def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
-        """Return the arc length, m, of another look by a robot that observes something else from
-        close by than from afar, until it has observed one thing twice; None where the look is
-        unambiguous, or where it is too late for another."""
+        """Return the arc length, m, of another look, needed where looks from close by and from afar
+        differ in kind until one kind has been observed twice; None where none is needed, or where
+        it is too late for one."""
         if self.index(route) is None:
             return None
         self._kinds[ahead.kind] += 1
