@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ghosts import Ghost
-from network_samples import elbow, joint, reducer, straight, tee
+from network_samples import elbow, forked, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
+from omnitrack_sim.autonomy.looking import LOOKS
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import LOOKS, Ahead
+from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -472,31 +473,72 @@ def test_after_a_fall_it_drives_no_sharp_turn_either():
     explorer.on_fall(1.0, port.position + 0.4 * back, back)
     legs = [explorer.leg, *explorer._to_come]
     assert len(legs) > 1
-    assert not explorer._sharp_turns(legs)
+    assert not explorer.planner.sharp_turns(legs)
 
 
 def test_falls_count_anew_when_an_end_has_been_inspected():
-    """A robot that falls at each of five ends, twice, still explores all; with three times at one
-    it gives up."""
-    for falls, home in ((2, True), (3, False)):
-        ghost = Ghost(load_network("fig14"), "inlet")
-        explorer, arrives = ghost.explorer, ghost.explorer.on_arrival
+    """A robot that falls at each of five ends, twice, still explores all, and gives up no port for
+    its falls."""
+    ghost = Ghost(load_network("fig14"), "inlet")
+    explorer, arrives, fallen = ghost.explorer, ghost.explorer.on_arrival, []
 
-        def arrive(time, distance, goal, arrives=arrives, ghost=ghost, falls=falls):
-            position, frame = ghost._pose(distance)
-            axis = frame[:, 2] * ghost.explorer.leg.gear
-            decision = arrives(time, distance, goal)
-            events = list(decision.events)
-            if any(isinstance(event, EndInspected) for event in events):
-                for _ in range(falls):
-                    decision = ghost.explorer.on_fall(time, position, axis)
-                    events += decision.events
-            return decision._replace(events=events)
+    def arrive(time, distance, goal):
+        position, frame = ghost._pose(distance)
+        axis = frame[:, 2] * ghost.explorer.leg.gear
+        decision = arrives(time, distance, goal)
+        events = list(decision.events)
+        if any(isinstance(event, EndInspected) for event in events):
+            for _ in range(2):
+                decision = ghost.explorer.on_fall(time, position, axis)
+                events += decision.events
+        return decision._replace(events=events)
 
-        explorer.on_arrival = arrive
-        ghost.run()
-        assert bool(of_kind(ghost, ExplorationComplete)) == home
-        assert bool(of_kind(ghost, GaveUp)) != home
+    explorer.on_arrival = arrive
+    last_fall = explorer._on_last_fall
+    explorer._on_last_fall = lambda *what: (fallen.append(what), last_fall(*what))[1]
+    ghost.run()
+    assert of_kind(ghost, ExplorationComplete)
+    assert not fallen
+
+
+@pytest.mark.parametrize(
+    ("pipe", "falls", "outcome"),
+    [
+        ("off", 4, ExplorationComplete),
+        ("off", 7, ExplorationIncomplete),
+        ("foot", 3, GaveUp),
+    ],
+    ids=["it gets there at last", "never", "on its way home"],
+)
+def test_a_port_on_the_way_to_which_it_falls_too_often_is_tried_last(pipe, falls, outcome):
+    """After one fall on the way to it the robot goes elsewhere first, after three it gives it up,
+    and comes once more; after three others it goes home with a map that names this port. On its
+    way home there is nowhere else to go."""
+    ghost = Ghost(validate(forked(on=0.8, off=0.8)), "foot.start")
+    explorer, fallen = ghost.explorer, []
+    part = next(part for part in ghost.pipes.parts if part.name == pipe)
+
+    def falls_here(position, frame):
+        leg, home = explorer.leg, not explorer.belief.unexplored
+        sent = home if pipe == "foot" else leg.note == "to straight_2.end"
+        if not (sent and len(fallen) < falls and part.holds(position[None], 0.0)):
+            return False
+        fallen.append((position, frame[:, 2] * leg.gear))
+        return True
+
+    ghost._blocked = falls_here
+    explorer.on_blockage = lambda time, distance, goal: explorer.on_fall(time, *fallen[-1])
+    ghost.run()
+    assert len(fallen) == falls
+    assert isinstance(ghost.events[-1], outcome)
+    ends = [event.port for event in of_kind(ghost, EndInspected)]
+    reached = outcome is not ExplorationIncomplete
+    assert sorted(ends) == ["straight_2.end", "straight_3.end"][1 - reached :]
+    assert (ends[0] == "straight_3.end") == (pipe == "off")
+    difference = compare_maps(explorer.belief.network, ghost.network, "foot.start")
+    assert difference.consistent
+    if not reached:
+        assert explorer.left == "straight_2.end (has fallen too often on the way there)"
 
 
 @pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])
@@ -743,17 +785,24 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
     assert of_kind(ghost, ExplorationComplete)
 
 
-def test_a_bore_that_no_reducer_explains_is_given_up():
-    """The pipe has its bore again, and is in doubt."""
+@pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
+def test_a_bore_that_no_reducer_explains_is_given_up(before):
+    """The pipe has its bore again, and is in doubt. While the robot looks back for the reducer, it
+    moves on between two looks."""
+    looks = []
 
     def no_reducer(ahead):
+        looks.append(ahead)
+        assert len(looks) < 1000
         if not isinstance(ahead.fitting, Reducer):
             return ahead
         return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
 
-    parts = [straight("foot", 0.5), reducer("wider", 0.17)]
+    parts = [straight("foot", 0.5), *before, reducer("wider", 0.17)]
+    ports = ["foot.end", *(f"tee.{port}" for _ in before for port in ("run_start", "run_end"))]
+    ports += ["wider.start", "wider.end", "on.start"]
     parts += [straight("on", 0.7, inner_diameter=0.17)]
-    joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
+    joints = [joint(*pair) for pair in zip(ports[::2], ports[1::2], strict=True)]
     network = validate({"fittings": parts, "joints": joints})
     ghost = Ghost(network, "foot.start", erring=no_reducer, arms=True)
     ghost.run()

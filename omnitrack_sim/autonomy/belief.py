@@ -1,9 +1,9 @@
-"""Map that a robot makes of an unknown network; it only grows.
+"""Map that a robot makes of an unknown network.
 
-A fitting is placed at the pose that follows from the joint that it hangs on, and a straight is as
-long as it has been measured, so an error of the robot's position does not tear the map. Where a
-loop closes, its lengths, bends and turns change by the least that brings its ends together, each in
-parts of what it may be wrong by.
+The pose of each fitting follows from the joint that it hangs on, and the length of each straight is
+measured between its ends, so an error of the robot's position leaves no gap in the map. Where a
+loop closes, its lengths, angles and turns are adjusted by least squares, weighted by their standard
+deviations, so that its ends meet.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Belief:
         self._add(Straight(length, bore))
         self.start: End = (0, "start")
 
-    # What is in it
+    # Contents
 
     @property
     def network(self) -> Network:
@@ -175,7 +175,7 @@ class Belief:
         """A port in the world, z outward."""
         return self.network.pipes.parts[end[0]].port(end[1])
 
-    # How it grows
+    # Changes
 
     def lengthen(self, part: int, more: float) -> float:
         """Make a straight ``more`` m longer; return its new length, m."""
@@ -191,11 +191,12 @@ class Belief:
         self._set(name, replace(fitting, **sizes))  # type: ignore[type-var]
 
     def is_last(self, part: int) -> bool:
-        """Return whether a part has no joint but the one it hangs on."""
+        """Return whether nothing hangs on a part."""
         return sum(end[0] == part for end in self.joined) == (part > 0)
 
     def drop(self, part: int) -> bool:
-        """Take back a part, if it is the latest one, not the only one, and hangs on one port."""
+        """Remove a part, if it is the latest, not the only one, and nothing hangs on it; return
+        whether it is removed."""
         if part == 0 or part != len(self._fittings) - 1 or not self.is_last(part):
             return False
         kind = self.fitting(part).kind
@@ -237,7 +238,7 @@ class Belief:
         return min(places, default=(0.0, None))[1]
 
     def meeting(self, part: int) -> list[tuple[End, End]]:
-        """Return the ports of a new part that lie where other unexplored ports do, with these."""
+        """Return pairs of an unexplored port of a new part and another one at the same position."""
         free = [end for end in self.unexplored if end[0] == part]
         pairs = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
         return [(end, other) for end, other in pairs if other is not None]
@@ -255,13 +256,13 @@ class Belief:
         return float(np.linalg.norm(miss))
 
     def settle(self, part: int | None = None) -> None:
-        """Make the end of the straight ``part`` provisional; None: the whole map is reliable."""
+        """Set the straight whose end is provisional; None: the whole map is reliable."""
         if part != self.provisional:
             self.provisional, self._network = part, None
 
     def take_back(self, part: int) -> list[int]:
-        """Remove what was observed from afar at the end of a straight, and what hangs on that;
-        return the parts that were there."""
+        """Remove the parts and the state observed at the provisional end of a straight; return the
+        parts."""
         end = part, "end"
         beyond, _ = self.joined.get(end, (len(self._fittings), ""))
         parts = range(len(self._fittings) - 1, beyond - 1, -1)
@@ -283,13 +284,14 @@ class Belief:
         self._network = None
 
     def reopen(self, end: End) -> None:
-        """Take a port that was inspected, or given up, for unexplored."""
+        """Mark a port as unexplored again."""
         self.explored.discard(end)
         self.ends.pop(end, None)
         self._network = None
 
     def _near(self, end: End) -> Iterator[tuple[float, End]]:
-        """Yield the other unexplored ports that may be the same as one, with their distances, m."""
+        """Yield unexplored ports of other parts that may be the same as ``end``, with their
+        distances, m."""
         here = self.port(end)
         for other in self.unexplored:
             if other[0] == end[0]:
@@ -317,8 +319,7 @@ class Belief:
         return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
 
     def _adjust(self, end: End, other: End) -> None:
-        """Change a loop by the least, in parts of what it may be wrong by, that brings its ends
-        ``end`` and ``other`` together."""
+        """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet."""
         total = np.zeros(len(self._variables(end, other)))
         for _ in range(BELIEF.adjustments):
             variables = self._variables(end, other)
@@ -337,9 +338,9 @@ class Belief:
     def _variables(
         self, end: End, other: End
     ) -> list[tuple[float, Array, Callable[[float], object]]]:
-        """Return what the place of ``end`` depends on, along a loop that begins at ``other``: the
-        standard deviation of each, by how much the port moves (3) and rotates (3) with it, and what
-        changes it."""
+        """Return the variables of a loop from ``other`` to ``end``, m or rad: for each its standard
+        deviation, the derivative (6,) of the position and rotation of ``end``, and a function that
+        adds to it."""
         parts, at = self.network.pipes.parts, self.port(end).position
         joints = {port: i for i, joint in enumerate(self._joints) for port in joint.ports}
 

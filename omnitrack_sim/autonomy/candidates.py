@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pose_filter import POSE
-from omnitrack_sim.base.rotations import Array, cross, orthonormal, skew, turned_by
+from omnitrack_sim.base.rotations import Array, cross, dot, orthonormal, skew, turned_by
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount
 from omnitrack_sim.senses.settings import FilterTable
@@ -89,8 +89,8 @@ def nearby(
     reach = np.where(met, reach, 1.0)
     before = np.einsum("nij,kj->nki", frame, rays)
     after = np.einsum("nij,kj->nki", turned, rays)
-    ahead = reach * _dot(normal, before) + _dot(normal, (place - other)[:, None])
-    far = ahead / np.minimum(_dot(normal, after), -CANDIDATES.least_incidence)
+    ahead = reach * dot(normal, before) + dot(normal, (place - other)[:, None])
+    far = ahead / np.minimum(dot(normal, after), -CANDIDATES.least_incidence)
     near = hits.copy()
     near[..., RANGE] = np.where(
         met, np.clip(far, CANDIDATES.nearest * reach, CANDIDATES.farthest * reach), np.inf
@@ -98,13 +98,9 @@ def nearby(
     if lamp is not None:
         reach = np.where(met, near[..., RANGE], 1.0)
         to_lamp = np.einsum("nij,j->ni", turned, lamp)[:, None] - reach[..., None] * after
-        facing = _dot(to_lamp, normal) / np.sqrt(_dot(to_lamp, to_lamp))
+        facing = dot(to_lamp, normal) / np.sqrt(dot(to_lamp, to_lamp))
         near[..., LIT] = np.where(hits[..., LIT] > 0, np.maximum(facing, 0.0), 0.0)
     return near
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return (a * b).sum(axis=-1)
 
 
 _ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)

@@ -1,4 +1,4 @@
-"""Mission with an unknown map: the true network, which its robots do not know."""
+"""Missions with an unknown map, and the true networks, by which they are judged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from omnitrack_sim.robots.robot import Robot
 
 
 class Exploration:
-    """One mission with an unknown map.
+    """One mission with an unknown map in its true network.
 
     Args:
         network: the true one.
@@ -70,8 +70,13 @@ class Exploration:
         )
 
     def explorer(self, number: int, falls: int) -> Explorer:
-        """A robot that explores it, number ``number`` of its batch, which may fall off its way
-        ``falls`` times. It knows where it stands, and the pipe that it stands in up to its nose."""
+        """Return the pilot of one robot, which knows its pose and the pipe around it up to its
+        nose.
+
+        Args:
+            number: of the robot in its batch.
+            falls: how often it may fall, see ``Explorer``.
+        """
         port = self._port(self.ends[0])
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
         # Ports point outward; the robot's map begins with the z axis into the pipe.
@@ -82,7 +87,7 @@ class Exploration:
         return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)
 
     def goal_at(self, nose: Array) -> str:
-        """The name of the goal that a robot has its nose (3,) m at, world frame; "" at none."""
+        """Return the name of the goal at a robot's nose (3,) m, world frame; "" at none."""
         goals = zip(self.mission.goals, self.ends[1:], strict=True)
         return next((name for name, end in goals if self._is_at(end, nose)), "")
 

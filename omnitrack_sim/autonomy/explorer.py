@@ -1,12 +1,14 @@
 """Exploration of an unknown network.
 
-The pilot looks ahead, extends its map, and chooses the next leg. Its legs lead through the pipes of
-its map. A leg leads to an unexplored port; when the robot's nose is there and it sees on, the leg
-is extended. Among the ports of a fitting that it comes to, it takes the one with the shortest way
-there, which is the branch of a tee; among all others, at an end or where its way is blocked, the
-one that asks for the least travel, back and on. As whatever is ahead asks for less than anything
-that it would have to back out for, it explores depth first, and it never backs out of a pipe that
-it has not seen the end of. When nothing is left it goes back to where it began.
+The pilot extends its map by what the robot sees, and plans legs through the map to unexplored
+ports. When the robot's nose is at such a port and it sees on, the leg is extended. Of the ports of
+a new fitting the pilot takes the one with the shortest way there, which is the branch of a tee. At
+an end, or where its way is blocked, it takes that of all unexplored ports that asks for the least
+travel, back and on. As ports ahead ask for less travel than those that the robot has to back out
+for, exploration is depth first, and the robot never backs out of a pipe whose end it has not seen.
+When no port is left it returns to the start.
+
+How several looks are put together is in ``looking``, how legs are planned in ``leg_planner``.
 """
 
 from __future__ import annotations
@@ -14,23 +16,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
-from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
-from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
-from omnitrack_sim.autonomy.sight import (
+from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation, is_sharp, travel
+from omnitrack_sim.autonomy.looking import (
     LOOKS,
-    Ahead,
-    Look,
+    CloseLooks,
+    Confirmation,
     LookingBack,
     LookingCloser,
-    is_measured,
-    side_of,
-    weights,
+    MissedReducer,
 )
+from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
+from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
@@ -52,36 +52,30 @@ from omnitrack_sim.robots.robot import Robot
 
 @dataclass(frozen=True)
 class ExplorerSettings:
-    """Conditions in which a robot that explores looks, and thresholds for changes of its map.
+    """When a robot that explores looks ahead, and thresholds for changes of its map.
 
     Attributes:
-        creep: m, of free pipe that a robot assumes where it should see on and does not.
-        most_creep: m, that it assumes in all before a look tells it something: what it comes
-            through unseen is not on its map, and soon its pictures are not those of the map.
+        creep: m, of free pipe assumed at an unexplored port where a look shows nothing.
+        most_creep: m, of free pipe assumed without a look that shows something: pipe that has not
+            been seen is not on the map, by which the robot then localises itself badly.
         look_step: m, travel between two looks along a pipe whose end is not in sight.
-        look_before: m, before the end of a leg where a robot looks on: far enough for a second look
-            before its nose is in what follows directly.
+        look_before: m, before the end of a leg where a robot looks ahead: far enough for a second
+            look before its nose is in a fitting that follows directly.
         least_bend: rad, least angle of an elbow.
-        bend_tolerance: rad, error of an elbow's angle from which on the map is changed.
-        settling: m, travel after such a change in which a robot relocalises on the new map.
+        bend_tolerance: rad, error of an elbow's angle from which on the map is corrected.
+        settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
-        sure: probability from which on free pipe, and what else is seen, is not in doubt.
-        sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
-            that from a wye's branch back along its run: ports beyond such turns come last.
-        most_off: rad, between the pipe that a picture shows and the one that the robot is in, from
-            which on its sizes are wrong: by a lamp radii are 20 mm too great beyond.
-        most_move: m, between an end as it was seen from afar and from close by, from which on the
-            length of the pipe is in doubt: the robot may have slipped.
-        most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
-            hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
-        detour: m, travel that a robot prefers to such a turn.
-        reversals: most reversals by which it goes round such turns on its way to a port.
-        touch: m, before an observed end from which on a robot without progress has come to it.
+        sure: probability from which on an observation is not in doubt.
+        most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
+            in that picture are wrong: by a lamp radii are 20 mm too great beyond.
+        most_move: m, between the positions of an end by looks from afar and from close by, from
+            which on the length of the pipe is in doubt: the robot may have slipped.
+        touch: m, from the nose to an observed end, within which a robot without progress is there.
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
             bend its far end is hidden, so that the map may have it too short by that much.
         same_side: rad, between the directions of two bends that may be one.
-        steady: part of a bore by which two looks in a pipe of another bore may differ: the cones of
-            reducers change faster.
+        steady: part of the bore by which two measurements by the arms in one pipe may differ; in
+            the cone of a reducer they differ more.
     """
 
     creep: float = 0.1
@@ -93,12 +87,8 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
-    sharp: float = math.radians(100)
     most_off: float = math.radians(1.5)
     most_move: float = 0.06
-    most_reducer_std: float = 0.02
-    detour: float = 20.0
-    reversals: int = 2
     touch: float = 0.05
     rest: float = math.radians(35)
     same_side: float = math.radians(20)
@@ -109,26 +99,6 @@ EXPLORER = ExplorerSettings()
 
 SHALLOW = "a shallow reducer may be in it"
 """Doubt about pipe that a lamp shows as free."""
-
-ONE_SIDED = "its length was seen from one side only"
-"""Doubt about a reducer whose ends show less exactly than lengths on a map may be wrong."""
-
-
-@dataclass
-class Missed:
-    """A reducer that a robot has come through unseen, and now looks back for.
-
-    Attributes:
-        part: the straight behind it.
-        bore: m, of the pipe before it.
-        at: m, arc length on the leg of the next look.
-        lengths: m, of the reducer, by the looks so far.
-    """
-
-    part: int
-    bore: float
-    at: float
-    lengths: list[float]
 
 
 class Explorer(MapPilot):
@@ -164,21 +134,16 @@ class Explorer(MapPilot):
         self._robot, self._half, self._arcs = robot, robot.length / 2, arcs
         self._belief, self.goals, self._explores = belief, list(goals), not goals
         self._bends: set[int] = set()  # elbows and wyes whose angle has not been measured yet
-        self._named: set[str] = set()
-        self._assumed = 0.0  # m, of free pipe since the last look that told something
-        # Sightings of the same one from close by, and from where, m.
-        self._close: list[tuple[Ahead, float]] = []
+        self._named: set[str] = set()  # fittings that an event has named
+        self._assumed = 0.0  # m, of free pipe since the last look that showed something
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
-        # Of reducers in doubt, by name: the weight of the looks from before them, 1/m².
-        self._ahead: dict[str, float] = {}
         self._felt = math.nan  # m, bore by the arms at the last look, where the map has another
-        self._missed: Missed | None = None
-        # Out of a fitting: what was sighted first, where, and from where, m.
-        self._sighted: tuple[tuple[str, str], float, float] | None = None
-        self._left: dict[End, str] = {}
-        self._tries_again = True
+        self._missed: MissedReducer | None = None
+        self._left: dict[End, str] = {}  # ports that it has given up, and why
+        self._tries_again = True  # the ports given up, once no other is left
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
+        self._close, self._confirmation = CloseLooks(), Confirmation()
         self.planner = self._through([])
         self.leg = self._longer(Leg(((0, "start", "end"),), 1, distance, 0.0, 0, ""))
         self.look_at = distance
@@ -194,6 +159,11 @@ class Explorer(MapPilot):
         return tuple(self.goals)
 
     @property
+    def rights_itself(self) -> bool:
+        """See ``Pilot``: on pipes that nobody has planned for, a robot leans more often."""
+        return True
+
+    @property
     def left(self) -> str:
         """See ``Pilot``."""
         ports = {self.belief.name(end): why for end, why in self._left.items()}
@@ -205,15 +175,15 @@ class Explorer(MapPilot):
         done, to_come = len(self.belief.explored), len(self.belief.unexplored) + 1
         return (done + super().done_at(distance)) / (done + to_come)
 
-    # What happens to it
+    # Decisions
 
     def on_look(self, look: Look) -> Decision:
         """See ``Pilot``; the look goes back as well where the robot ``looks_back``."""
         distance = look.distance
-        if self._is_elsewhere(look):
-            return Decision(self.leg, True, ())
+        if self._finds_other_bore(look):
+            return Decision(self.leg, True)
         if self._missed is not None:
-            decision = self._insert_missed(look)
+            decision = self._look_for_missed(look)
             if decision is not None:
                 return decision
         elif self.looks_back(distance):
@@ -235,49 +205,43 @@ class Explorer(MapPilot):
         if ahead is None or ahead.confidence < EXPLORER.confidence:
             self.look_at = distance + LOOKS.again
             if not self._closer.too_late(self.look_at, route):
-                return Decision(self.leg, True, ())
-            if not self._close:
-                # The robot has to rely on what it observed from afar. What no form explains from
-                # close by, such as a cross, may look like a tee from there.
-                self._doubts[self._provisional_name()] = "seen from afar only"
-                self.belief.settle()
-                observed = _end_of(self.leg.path) in self.belief.ends
-                self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
-                return Decision(self.leg, True, ())
-            ahead, distance = self._close[-1]
+                return Decision(self.leg, True)
+            if self._close.latest is None:
+                self._keep_provisional()
+                return Decision(self.leg, True)
+            ahead, distance = self._close.latest
         else:
             again = self._next_look(ahead, look, route)
             if again is not None:
                 self.look_at = again
-                return Decision(self.leg, True, ())
+                return Decision(self.leg, True)
         self._assumed = 0.0
-        end = self._end_by_looks(ahead, distance)
-        was_far = self._closer.index(route) is not None
-        self._forget_what_was_far()
+        end = self._close.begin_of(ahead, distance)
+        provisional = self._closer.index(route) is not None
+        self._remove_provisional()
         measured = self._measure_bend(look.frame @ ahead.axis)
         more = end - self.route().length
-        if was_far:
+        if provisional:
             self._doubt_end(more)
-        path = self._reached(more)
+        path = self._with_free_pipe(more)
         if measured:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
             self._go_on(path)
             self.look_at = max(
                 distance, min(distance + EXPLORER.settling, self.leg.end - EXPLORER.look_before)
             )
-            return Decision(self.leg, True, ())
+            return Decision(self.leg, True)
         if ahead.fitting is not None:
-            return self._comes_to(ahead.fitting, ahead, path, look)
+            return self._add_fitting(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
         elif ahead.confidence < EXPLORER.sure:
-            name = self.belief.part_name(_end_of(path)[0])
-            self._doubts[name] = SHALLOW
+            self._doubt(_end_of(path)[0], SHALLOW)
         self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
         if ahead.end:
             self._look_closer(ahead, path, distance)
-        return Decision(self.leg, True, ())
+        return Decision(self.leg, True)
 
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
@@ -290,11 +254,11 @@ class Explorer(MapPilot):
             if self._assumed > EXPLORER.most_creep - EXPLORER.creep / 2:
                 self._give_up_port(end, "no look into it tells anything")
                 return self._replan(time, [], self._onward(distance))
-            # It should see on and does not: a little free pipe is assumed, and it looks again.
+            # The look has shown nothing: assume a little free pipe, and look again.
             self._assumed += EXPLORER.creep
-            self._go_on(self._reached(EXPLORER.creep))
+            self._go_on(self._with_free_pipe(EXPLORER.creep))
             self.look_at = distance
-            return Decision(self.leg, True, ())
+            return Decision(self.leg, True)
         return self._inspected(time, distance, end, goal)
 
     def on_blockage(self, time: float, distance: float, goal: str) -> Decision:
@@ -317,13 +281,30 @@ class Explorer(MapPilot):
                 return self._begin(time, [], [*again, *self._to_come])
         return super().on_blockage(time, distance, goal)
 
-    # Looking once more
+    def _on_last_fall(
+        self, time: float, events: Sequence[Event], location: PartLocation
+    ) -> Decision:
+        """Give up the port that the robot was on its way to, and go on to another; give up all
+        where it was on its way home."""
+        port = _end_of([self.leg, *self._to_come][-1].path)
+        if port not in self.belief.unexplored:
+            return super()._on_last_fall(time, events, location)
+        self._give_up_port(port, "has fallen too often on the way there")
+        self._falls = self._most_falls
+        return self._replan(time, events, self._from(location))
+
+    def _doubt(self, part: int, why: str) -> None:
+        """Note why a part of the map may be wrong."""
+        self._doubts[self.belief.part_name(part)] = why
+
+    # Repeated looks
 
     @property
     def looks_at(self) -> float:
         """Arc length on its leg, m, of the next look."""
-        missed = self._missed.at if self._missed else math.inf
-        return min(self.look_at, missed, self._back.at(self.route()))
+        # While the robot looks back for a missed reducer, other looks back wait.
+        back = self._back.at(self.route()) if self._missed is None else self._missed.at
+        return min(self.look_at, back)
 
     def looks_back(self, distance: float) -> bool:
         """Return whether a look at arc length ``distance`` m of its leg goes back as well."""
@@ -347,48 +328,23 @@ class Explorer(MapPilot):
         return None
 
     def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
-        """Return whether a sighting out of a fitting has been made before, of the same at the same
-        place: a bend that is not over looks like another one that begins at the lens."""
+        """Return whether a sighting out of a fitting agrees with the one before; other sightings
+        need no confirmation."""
         out_of, distance = self._before(route), look.distance
         if ahead.fitting is None or self.belief.fitting(out_of[0]).is_plain:
-            self._forget_sighted()
+            kind = self._confirmation.cancel()
+            if kind:
+                self._doubt(_end_of(self.leg.path)[0], f"a {kind} in it was not confirmed")
             return True
-        at, bends = distance + ahead.distance, isinstance(ahead.fitting, Elbow)
-        last = route.passages[-1]
+        at, last = distance + ahead.distance, route.passages[-1]
         # What begins before the middle of the last fitting is that fitting itself.
         itself = last.index == out_of[0] and at < (last.s_enter + last.s_leave) / 2
         if itself or self._is_rest(ahead, look, out_of):
             return False
-        confirmed = False
-        if self._sighted is not None and self._sighted[0] == ahead.kind:
-            _, before, since = self._sighted
-            # What begins at the lens moves with it. Other fittings are not seen where there are
-            # none.
-            near = (distance - since) / 2 if bends else BELIEF.error
-            confirmed = abs(at - before) < near
-            if bends and not confirmed:
-                return False
-        # The robot may have been elsewhere at the first sighting than it took itself to be, so the
-        # next one is compared with this.
-        self._sighted = None if confirmed else (ahead.kind, at, distance)
-        return confirmed
-
-    def _forget_sighted(self) -> None:
-        """Forget what was sighted out of a fitting and not confirmed: the pipe there is in doubt,
-        but for bends, which are often the rest of the one before."""
-        if self._sighted is not None and self._sighted[0][0] != Elbow.kind:
-            name = self.belief.part_name(_end_of(self.leg.path)[0])
-            self._doubts[name] = f"a {self._sighted[0][0]} in it was not confirmed"
-        self._sighted = None
-
-    def _out_of(self) -> Edge:
-        """Return the last passage of the leg; of pipe that is assumed, the one before it."""
-        *before, last = self.leg.path
-        assumed = self._assumed > 0 and self.belief.fitting(last[0]).is_plain
-        return before[-1] if assumed and before else last
+        return self._confirmation.confirms(ahead, distance)
 
     def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
-        """Return whether a bend that is sighted out of a bend may be the rest of that."""
+        """Return whether a bend sighted out of another bend may be the far end of that one."""
         part, enter, leave = out_of
         bend = self.belief.fitting(part)
         if not (isinstance(bend, Elbow) and isinstance(ahead.fitting, Elbow)):
@@ -396,16 +352,19 @@ class Explorer(MapPilot):
         if ahead.fitting.angle > EXPLORER.rest:
             return False
         on = self.belief.port((part, leave)).rotation[:, 2]
-        # Towards the middle of the bend, which lies behind who comes out of it.
+        # Towards the middle of the bend that the robot comes out of.
         middle = self.belief.port((part, enter)).rotation[:, 2]
         middle = middle - on * (middle @ on)
         return float(angle_between(_side(ahead, look, on), middle)) < EXPLORER.same_side
 
-    def _is_elsewhere(self, look: Look) -> bool:
-        """Return whether the robot has just learned by its arms that it is in a pipe of another
-        bore than its map has there, so that a reducer has been missed: it doubts that pipe, gives
-        it the bore, and looks back for the reducer. Where the bore is right, there was none that
-        did not show."""
+    def _finds_other_bore(self, look: Look) -> bool:
+        """Return whether the arms find another bore than the map has for the pipe around the robot,
+        and the map may have missed a reducer.
+
+        Then the pipe is in doubt, and as soon as two looks agree on its bore the map takes that
+        bore, and the robot looks back for the reducer. Where the bore is right, the pipe is no
+        longer in doubt for a shallow reducer.
+        """
         route = self.route()
         here = route.passages[route.index_at(look.distance)]
         within = here.s_enter + self._half < look.distance < here.s_leave - self._half
@@ -418,47 +377,52 @@ class Explorer(MapPilot):
         if not abs(look.bore - bore) > LENGTHS * bore:
             return False
         self._doubts[name] = f"its bore is {1000 * look.bore:.0f} mm by the arms"
-        self._forget_what_was_far()
+        self._remove_provisional()
         part, entered, _ = self.leg.path[-1]
         if part != here.index or entered != "start" or not self.belief.is_last(part):
             return False
         if not abs(look.bore - felt) < EXPLORER.steady * bore:
-            # It may still stand in the reducer.
+            # The robot may still stand in the reducer.
             self._felt, self.look_at = look.bore, look.distance + 2 * LOOKS.doubt
             return True
         self.belief.resize(part, inner_diameter=round(look.bore, 3))
-        self._missed, self.look_at = Missed(part, bore, look.distance, []), look.distance
+        self._missed = MissedReducer(part, bore, look.distance)
+        self.look_at = look.distance
         self._go_on(self.leg.path)
         # The same leg would keep its route, in which the pipe has the other bore.
         self.leg = replace(self.leg, note=f"{self.leg.note}: {self._doubts[name]}")
         return True
 
-    def _insert_missed(self, look: Look) -> Decision | None:
-        """Decide after a look back for a reducer that the robot has missed, to put it into the
-        straight at the end of the map; None where the looks do not tell enough yet."""
-        belief, behind, missed = self.belief, look.behind, self._missed
+    def _look_for_missed(self, look: Look) -> Decision | None:
+        """Decide after a look back for a missed reducer; None where it has not been measured
+        yet."""
+        behind, missed = look.behind, self._missed
         assert missed is not None
         missed.at = look.distance + LOOKS.doubt
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
-        self._forget_what_was_far()
+        self._remove_provisional()
         here = self.route().passages[-1]
-        if not (here.part.fitting.is_plain and belief.is_last(here.index)):
+        if not (here.part.fitting.is_plain and self.belief.is_last(here.index)):
             self._stop_looking_back()
             return None
-        reducer = behind.fitting
+        reducer = missed.measured(behind)
+        if reducer is None:
+            return None
         (near,) = {"start", "end"} - {behind.enter}
-        right = abs(2 * reducer.port_radius(near) - missed.bore) < LENGTHS * missed.bore
-        if not right or behind.distance_std > EXPLORER.most_reducer_std:
-            return None
-        missed.lengths.append(reducer.length)
-        if len(missed.lengths) < LOOKS.for_sizes:
-            return None
-        fitting: Fitting = replace(reducer, length=float(np.mean(missed.lengths)))
-        for port, bore in ((near, missed.bore), (behind.enter, 2 * here.part.fitting.radius)):
-            fitting = _fitted(fitting, port, bore)
+        reducer = _fitted(reducer, near, missed.bore)
+        reducer = _fitted(reducer, behind.enter, 2 * here.part.fitting.port_radius(here.enter))
+        return self._insert_reducer(reducer, near, missed, look)
+
+    def _insert_reducer(
+        self, reducer: Fitting, near: str, missed: MissedReducer, look: Look
+    ) -> Decision | None:
+        """Insert a missed reducer, entered by its port ``near``, into the straight around the
+        robot; give up the search and return None where it has no room there."""
+        belief, behind, here = self.belief, look.behind, self.route().passages[-1]
+        assert behind is not None
         at = look.distance - behind.distance
-        gap = at - float(np.mean(missed.lengths)) - here.s_enter
+        gap = at - reducer.length_of_axes - here.s_enter
         direct = gap <= BELIEF.least_straight
         if gap < -LOOKS.most_shift or (direct and not belief.drop(here.index)):
             self._stop_looking_back()
@@ -470,7 +434,7 @@ class Explorer(MapPilot):
             path = path[:-1]
         else:
             belief.resize(here.index, inner_diameter=missed.bore, length=gap)
-        part = belief.attach(_end_of(path), fitting, near, look.frame[:, 0])
+        part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
         path = (*path, (part, near, behind.enter))
         straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
         if noted is not None:
@@ -484,63 +448,60 @@ class Explorer(MapPilot):
         return Decision(self.leg, True, [event], -gap if direct else 0.0)
 
     def _stop_looking_back(self) -> None:
-        """Give up a missed reducer: the pipe behind it has the bore again that it is joined by."""
+        """Give up the search for a missed reducer, and restore the bore of the straight."""
         if self._missed is not None:
             self.belief.resize(self._missed.part, inner_diameter=self._missed.bore)
             self._missed = None
 
-    def _provisional_name(self) -> str:
-        """Return the name of the fitting at the end of the provisional straight, or of that end."""
+    def _keep_provisional(self) -> None:
+        """Keep on the map, in doubt, what was observed only from afar, as looks from close by are
+        ambiguous: a cross, which no form explains there, may look like a tee from afar."""
         belief, straight = self.belief, self.belief.provisional
         assert straight is not None
         end = straight, "end"
         beyond = belief.joined.get(end)
-        return belief.name(end) if beyond is None else belief.part_name(beyond[0])
+        name = belief.name(end) if beyond is None else belief.part_name(beyond[0])
+        self._doubts[name] = "seen from afar only"
+        belief.settle()
+        observed = _end_of(self.leg.path) in belief.ends
+        self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
 
     def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
-        """Plan another look at the end of a path from close by, where that is still far away."""
+        """Plan another look at the end of a path from close by, if the robot is far from it."""
         close = self._closer.begin(ahead, self.planner.route(path), distance)
         self.look_at = self.look_at if close is None else close
 
     def _doubt_end(self, move: float) -> None:
-        """Doubt the straight at hand where its end is ``move`` m elsewhere than it was seen from
-        afar."""
+        """Doubt the length of the straight ahead if its end has moved by ``move`` m between looks
+        from afar and from close by."""
         if abs(move) > EXPLORER.most_move:
             part, _, _ = self._before(self.route())
-            name = self.belief.part_name(part)
-            self._doubts[name] = f"its end moved by {1000 * abs(move):.0f} mm between looks"
+            self._doubt(part, f"its end moved by {1000 * abs(move):.0f} mm between looks")
 
-    def _forget_what_was_far(self) -> None:
-        """Remove from the map what was observed from afar, now that the robot is close to it."""
+    def _remove_provisional(self) -> None:
+        """Remove from the map what was observed only from afar at the end of the straight ahead, as
+        looks from close by replace it."""
         i = self._closer.index(self.route())
         if i is None:
             return
         for part in self.belief.take_back(self.leg.path[i][0]):
             self._bends.discard(part)
-            self._back.sizes.pop(part, None)
+            self._back.forget(part)
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
     def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
-        """Keep a sighting of a reducer or an elbow from close by; forget those of anything else."""
+        """Keep a sighting of a reducer or an elbow from close by, with those of the same kind just
+        before it."""
         sized = self._shows_sizes(ahead, route)
-        if not sized or (self._close and self._close[-1][0].kind != ahead.kind):
-            self._close = []
-        # A picture that has the pipe another way than it is has wrong sizes too.
+        if not sized or not self._close.are_of(ahead):
+            self._close.clear()
+        # A picture in which the axis of the pipe is wrong has wrong sizes too.
         part, _, leave = self._before(route)
         off = angle_between(look.frame @ ahead.axis, self.belief.port((part, leave)).rotation[:, 2])
         in_pipe = self.belief.fitting(part).is_plain
         if sized and not (in_pipe and off > EXPLORER.most_off):
-            self._close.append((ahead, look.distance))
-
-    def _end_by_looks(self, ahead: Ahead, distance: float) -> float:
-        """Return the arc length, m, at which a sighting from ``distance`` m begins: the mean of the
-        looks from close by, weighted by their variances. The last of them sees the cone of a
-        reducer from too near."""
-        looks = [look for look in self._close if look[0].kind == ahead.kind]
-        looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
-        ends = [at + look.distance for look, at in looks]
-        return float(np.average(ends, weights=weights([look.distance_std for look, _ in looks])))
+            self._close.add(ahead, look.distance)
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
@@ -554,77 +515,39 @@ class Explorer(MapPilot):
         late = again > self.leg.end or self._closer.too_late(again, route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._before(route)[0]).is_plain
-        radii = self._radii() or [0.0]
-        differ = max(radii) - min(radii) > LEAST_LENGTH / 2
-        few = len(self._close) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
+        few = self._close.are_few()
         return plain and not late and few and self._shows_sizes(ahead, route)
 
-    def _radii(self) -> list[float]:
-        """Return the mean radii, m, of an elbow by the looks from close by."""
-        seen = (look.fitting for look, _ in self._close)
-        return [elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow)]
-
     def _before(self, route: Route) -> Edge:
-        """Return the passage before what it looks at: the straight whose end is provisional, or
-        else the last one."""
+        """Return the passage that a look leads out of: the straight whose end is provisional, or
+        else the last one on the leg that is not assumed pipe."""
         i = self._closer.index(route)
-        return self._out_of() if i is None else self.leg.path[i]
-
-    def _mean_of_looks(self, name: str) -> Fitting:
-        """Return a reducer or an elbow, ``name`` on the map, with the mean sizes of the looks at
-        it. Where those of a reducer differ, or its ends hardly show, it is in doubt: its cone is
-        shallow, and what follows it hides its end."""
-        looks, radii, self._close = self._close, sorted(self._radii()), []
-        elbows = [look.fitting for look, _ in looks if isinstance(look.fitting, Elbow)]
-        if elbows:
-            # One look may be far off.
-            middle = radii[1:-1] if len(radii) > LOOKS.for_sizes else radii
-            angle = float(np.mean([elbow.angle for elbow in elbows]))
-            return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
-        reducers = [look.fitting for look, _ in looks if isinstance(look.fitting, Reducer)]
-        sizes = np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
-        stds = [look.distance_std for look, _ in looks]
-        differ, mean = np.ptp(sizes, axis=0), np.average(sizes, axis=0, weights=weights(stds))
-        if np.any(differ > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
-            self._doubts[name] = "looks at it differ in its sizes"
-        if min(stds) > EXPLORER.most_reducer_std:
-            self._doubts[name] = "its ends hardly show"
-        elif min(stds) > LOOKS.most_size_std and name not in self._doubts:
-            self._doubts[name] = ONE_SIDED
-        if name in self._doubts:
-            self._ahead[name] = float(weights(stds).sum())
-        return Reducer(*mean.tolist())
+        if i is not None:
+            return self.leg.path[i]
+        *before, last = self.leg.path
+        assumed = self._assumed > 0 and self.belief.fitting(last[0]).is_plain
+        return before[-1] if assumed and before else last
 
     def _measure_passed(self) -> float:
-        """Resize a reducer or an elbow in doubt that the robot has measured from behind; return by
-        how much longer it is now, m."""
-        looks = self._back.sizes.items()
-        part = next((part for part, seen in looks if is_measured(seen)), None)
-        if part is None:
+        """Correct the size of a fitting that has been measured from behind; return by how much
+        longer it is now, m."""
+        measured = self._back.measured()
+        if measured is None:
             return 0.0
-        sizes, stds = np.array(self._back.sizes.pop(part)).T
-        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
-        if np.ptp(sizes) > 2 * LEAST_LENGTH:
-            return 0.0
-        size = float(np.average(sizes, weights=weights(stds)))
-        if isinstance(fitting, Reducer) and name in self._ahead:
-            # Looks from both sides count by how exactly they show its ends.
-            both = [weights(stds).sum(), self._ahead.pop(name)]
-            size = float(np.average([size, fitting.length], weights=both))
+        part, key, size = measured
+        fitting = self.belief.fitting(part)
+        longer = size - getattr(fitting, key)
         if isinstance(fitting, Elbow):
-            key, longer = "mean_radius", (size - fitting.mean_radius) * fitting.angle
-        else:
-            assert isinstance(fitting, Reducer)
-            key, longer = "length", size - fitting.length
+            longer *= fitting.angle
         self.belief.resize(part, **{key: size})
-        self._doubts.pop(name, None)
+        self._doubts.pop(self.belief.part_name(part), None)
         self.planner = self._through([])
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
         return longer
 
-    # How the map grows
+    # Extending the map
 
-    def _reached(self, more: float) -> tuple[Edge, ...]:
+    def _with_free_pipe(self, more: float) -> tuple[Edge, ...]:
         """Return the path at hand with ``more`` m of free pipe at its end."""
         path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
@@ -634,45 +557,33 @@ class Explorer(MapPilot):
             path, more = path[:-1], left
         if more <= BELIEF.least_straight:
             if more > BELIEF.error:
-                name = self.belief.part_name(path[-1][0])
-                self._doubts[name] = f"{1000 * more:.0f} mm of pipe behind it may be none"
+                self._doubt(path[-1][0], f"{1000 * more:.0f} mm of pipe behind it may be none")
             return path
         return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
 
-    def _comes_to(
-        self,
-        fitting: Fitting,
-        ahead: Ahead,
-        path: tuple[Edge, ...],
-        look: Look,
+    def _add_fitting(
+        self, fitting: Fitting, ahead: Ahead, path: tuple[Edge, ...], look: Look
     ) -> Decision:
-        """Decide at the sight of a fitting at the end of a path: extend the map and the leg."""
-        belief, end, enter = self.belief, _end_of(path), ahead.enter
-        time, distance = look.time, look.distance
-        if self._close and self._close[-1][0].kind == ahead.kind:
-            fitting = self._mean_of_looks(belief.next_name(fitting))
-        fitting = _fitted(fitting, enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
-        if end in belief.joined:  # by another way it is on the map already
-            self._go_on(path)
-            return self._replan(time, [], self._onward(distance))
-        known = belief.known_at(end, fitting, enter)
-        if known is not None:
-            events = [self._closes(time, end, known)]
+        """Add a fitting sighted at the end of a path to the map, and extend the leg into it."""
+        belief, end, time, distance = self.belief, _end_of(path), look.time, look.distance
+        weight = 0.0
+        if self._close.are_of(ahead):
+            fitting, weight, doubt = self._close.mean(), self._close.weight(), self._close.doubt()
+            if doubt:
+                self._doubts.setdefault(belief.next_name(fitting), doubt)
+            self._close.clear()
+        fitting = _fitted(fitting, ahead.enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
+        # The map may have the fitting already, by another way.
+        known = None if end in belief.joined else belief.known_at(end, fitting, ahead.enter)
+        if end in belief.joined or known is not None:
+            events = [] if known is None else [self._closes(time, end, known)]
             self._go_on(path)
             return self._replan(time, events, self._onward(distance))
-        side = _side(ahead, look, belief.port(end).rotation[:, 2])
-        part = belief.attach(end, fitting, enter, side)
-        if isinstance(fitting, Elbow | Wye):
-            self._bends.add(part)
-        name = belief.part_name(part)
-        if name not in self._doubts and ahead.confidence < EXPLORER.sure:
-            self._doubts[name] = "its sizes hardly show"
-            # A lamp shows the cone of a reducer no better from behind.
-            if isinstance(fitting, Elbow):
-                self._back.sizes[part] = []
-        elif name in self._doubts:
-            self._back.sizes[part] = []
-        events: list[Event] = []
+        part = belief.attach(
+            end, fitting, ahead.enter, _side(ahead, look, belief.port(end).rotation[:, 2])
+        )
+        self._measure_later(part, ahead, weight)
+        events, name = list[Event](), belief.part_name(part)
         if name not in self._named:
             self._named.add(name)
             events.append(FittingFound(self._number, time, name, ahead.distance))
@@ -680,7 +591,7 @@ class Explorer(MapPilot):
             if {port, other} <= set(belief.unexplored):
                 events.append(self._closes(time, port, other))
         self._go_on(path)
-        onward = self._through_new(part, enter, distance)
+        onward = self._through_new(part, ahead.enter, distance)
         if onward is None:
             return self._replan(time, events, self._onward(distance))
         self._go_on(onward)
@@ -688,6 +599,20 @@ class Explorer(MapPilot):
         if belief.is_last(part):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
+
+    def _measure_later(self, part: int, ahead: Ahead, weight: float) -> None:
+        """Have a new fitting measured when the robot has come through it: the angle of a bend, and
+        sizes that are in doubt; ``weight``: of those that the map has, see ``CloseLooks``."""
+        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
+        if isinstance(fitting, Elbow | Wye):
+            self._bends.add(part)
+        if name in self._doubts:
+            self._back.measure(part, weight)
+        elif ahead.confidence < EXPLORER.sure:
+            self._doubt(part, "its sizes hardly show")
+            # A lamp shows the cone of a reducer no better from behind.
+            if isinstance(fitting, Elbow):
+                self._back.measure(part)
 
     def _measure_bend(self, axis: Array) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe
@@ -707,7 +632,7 @@ class Explorer(MapPilot):
         self._bends.remove(part)
         angle = float(angle_between(-self.belief.port((part, enter)).rotation[:, 2], axis))
         assert isinstance(fitting, Elbow | Wye)
-        if isinstance(fitting, Wye) and _is_sharp(fitting, enter, leave):
+        if isinstance(fitting, Wye) and is_sharp(fitting, enter, leave):
             angle = math.pi - angle
         if angle < EXPLORER.least_bend or abs(angle - fitting.angle) < EXPLORER.bend_tolerance:
             return False
@@ -716,12 +641,11 @@ class Explorer(MapPilot):
         return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
-        """Close a loop of the map; where it misses by more than a length may be wrong by, it is in
-        doubt, as any of its lengths may be wrong."""
+        """Close a loop of the map; it is in doubt where its ends miss each other by more than the
+        tolerance of lengths."""
         miss = self.belief.close(end, other)
         if miss > 2 * LEAST_LENGTH:
-            name = self.belief.part_name(end[0])
-            self._doubts[name] = f"the loop there missed by {1000 * miss:.0f} mm"
+            self._doubt(end[0], f"the loop there missed by {1000 * miss:.0f} mm")
         return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
@@ -731,7 +655,7 @@ class Explorer(MapPilot):
         unexplored = self.belief.unexplored
         leaves = [end[1] for end in unexplored if end[0] == part]
         fitting = self.belief.fitting(part)
-        leaves = [port for port in leaves if not _is_sharp(fitting, enter, port)]
+        leaves = [port for port in leaves if not is_sharp(fitting, enter, port)]
         if not leaves:
             return None
         leave = min(
@@ -741,7 +665,7 @@ class Explorer(MapPilot):
         return path if distance <= self.planner.latest_stand(path, len(path) - 1) else None
 
     def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
-        """Decide at an observed end: note it as explored, and go on."""
+        """Decide at an observed end: mark it as explored, and go on to another port."""
         belief, reached = self.belief, goal if goal in self.goals else ""
         self._falls = self._most_falls
         belief.done(end, reached)
@@ -755,10 +679,10 @@ class Explorer(MapPilot):
             return Decision(None, False, events)
         return self._replan(time, events, self._onward(distance))
 
-    # Where it goes
+    # Planning
 
     def _onward(self, distance: float) -> Replan:
-        """Return what plans legs to a goal, ahead or back, from the leg at hand."""
+        """See ``MapPilot``; legs lead ahead or back, and round sharp turns where they can."""
         leg = self.leg
 
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
@@ -767,80 +691,22 @@ class Explorer(MapPilot):
                 planner.replan(leg, distance, goal, closed),
             ]
             if planner.ends[goal + 1] == self.belief.start:
-                # It is behind; after a loop it may be nearer ahead.
+                # The start is behind; after a loop it may be nearer ahead.
                 location = planner.location(leg, distance)
                 options.append(planner.replan_from(location, goal, closed))
-            legs = min((legs for legs in options if legs), key=_travel, default=None)
-            return self._spared(legs, planner, planner.location(leg, distance), goal, closed)
+            legs = min((legs for legs in options if legs), key=travel, default=None)
+            return legs and planner.gentler(legs, planner.location(leg, distance), goal, closed)
 
         return onward
 
     def _from(self, location: PartLocation) -> Replan:
+        """See ``MapPilot``; legs lead round sharp turns where they can."""
+
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
             legs = planner.replan_from(location, goal, closed)
-            return self._spared(legs, planner, location, goal, closed)
+            return legs and planner.gentler(legs, location, goal, closed)
 
         return onward
-
-    def _spared(
-        self,
-        legs: list[Leg] | None,
-        planner: LegPlanner,
-        location: PartLocation,
-        goal: int,
-        closed: Closed,
-    ) -> list[Leg] | None:
-        """Return legs to a goal, or others that spare the robot the sharp turns on them."""
-        if legs is None or not self._sharp_turns(legs):
-            return legs
-        return self._gently(planner, location, goal, closed, EXPLORER.reversals) or legs
-
-    def _gently(
-        self,
-        planner: LegPlanner,
-        location: PartLocation,
-        goal: int,
-        closed: Closed,
-        reversals: int,
-    ) -> list[Leg] | None:
-        """Return legs to a goal without sharp turns, with the robot either way round: it passes a
-        branch and reverses into it instead; None where there are none."""
-        legs = planner.replan_from(location, goal, (*closed, *self._sharp_edges()))
-        sharp = legs or planner.replan_from(location, goal, closed)
-        if legs or not sharp or not reversals:
-            return legs
-        number, index = self._sharp_turns(sharp)[0]
-        over = planner.reverse_beyond(sharp[number], index, closed)
-        if over is None:
-            return None
-        there = planner.location(over, over.end)
-        rest = self._gently(planner, there, goal, closed, reversals - 1)
-        return rest and [*sharp[:number], over, *rest]
-
-    def _sharp_edges(self) -> list[Edge]:
-        """Return the sharp turns in all fittings of the map that have another way through."""
-        parts = enumerate(self.belief.network.pipes.parts)
-        return [
-            (i, enter, leave)
-            for i, part in parts
-            if len(part.fitting.port_names) > 2
-            for enter, leave in permutations(part.fitting.port_names, 2)
-            if _is_sharp(part.fitting, enter, leave)
-        ]
-
-    def _sharp_turns(self, legs: Sequence[Leg]) -> list[tuple[int, int]]:
-        """Return the sharp turns on legs: the number of the leg, and that of the passage on it."""
-        return [
-            (number, index)
-            for number, leg in enumerate(legs)
-            for index, (part, *ports) in enumerate(leg.path)
-            if _is_sharp(self.belief.fitting(part), *ports) and self._drives(leg, index)
-        ]
-
-    def _drives(self, leg: Leg, index: int) -> bool:
-        """Return whether passage ``index`` of a leg's path lies between its begin and its end."""
-        here = self.planner.route(leg.path).passages[index]
-        return here.s_leave > leg.begin and here.s_enter < leg.end
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         """Go to the unexplored port that asks for the least travel, or else to the start."""
@@ -855,8 +721,8 @@ class Explorer(MapPilot):
         return self._begin(time, events, legs)
 
     def _try_again(self) -> None:
-        """Take all that the robot has given up for possible, once: it comes there from elsewhere,
-        and often it was a fall that stopped it."""
+        """Reopen all ports that the robot has given up: it comes there from elsewhere now, and
+        often it was a fall that stopped it."""
         self._tries_again = False
         self._closed.clear()
         for end in self._left:
@@ -864,14 +730,14 @@ class Explorer(MapPilot):
         self._left.clear()
 
     def _leave_the_rest(self) -> None:
-        """Give up the ports that are out of reach, as no other is left."""
+        """Give up the unexplored ports, none of which can be reached."""
         hung = ", ".join(self.belief.name(end) for end in dict.fromkeys(self._closed))
         for end in self.belief.unexplored:
             self._give_up_port(end, f"no way past {hung}" if hung else "no way there is left")
 
     def _verdict(self, time: float) -> list[Event]:
-        """Return what a robot says of its map when it has come home by it: before that, nothing has
-        shown that it can be driven by."""
+        """Return the robot's verdict on its map when it is home: before that, nothing has shown
+        that it can be driven by."""
         belief = self.belief
         parts = belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
@@ -888,13 +754,13 @@ class Explorer(MapPilot):
         self._left[end] = why
 
     def _least(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
-        """Return legs to the one of some ports that asks for the least travel; None where no path
-        leads to any."""
+        """Return legs to that of the ports ``goals`` which costs least; None where no path leads to
+        any."""
         planner = self._through(goals)
         for closed in self._obstacles():
             # Rounded, so that equal paths do not swap by the last bit of a length.
             options = [
-                (round(self._cost(legs), 6), goal, legs)
+                (round(planner.cost(legs), 6), goal, legs)
                 for goal in range(len(goals))
                 if (legs := plan(planner, goal, closed))
             ]
@@ -903,16 +769,13 @@ class Explorer(MapPilot):
                 return min(options, key=lambda option: option[:2])[2]
         return None
 
-    def _cost(self, legs: Sequence[Leg]) -> float:
-        """Return the travel on legs, m, and what the sharp turns on them count for."""
-        return _travel(legs) + EXPLORER.detour * len(self._sharp_turns(legs))
-
     def _begin(self, time: float, events: Sequence[Event], legs: Sequence[Leg] | None) -> Decision:
         before, decision = self.leg, super()._begin(time, events, legs)
         if decision.leg is None:
             return decision
         self.belief.settle()
-        self._sighted, self._close = None, []
+        self._confirmation.cancel()
+        self._close.clear()
         self._stop_looking_back()
         self._back.begin()
         end = _end_of(self.leg.path)
@@ -924,7 +787,7 @@ class Explorer(MapPilot):
         return Decision(self.leg, True, events)
 
     def _go_on(self, path: tuple[Edge, ...]) -> None:
-        """Extend the leg at hand to the end of a path that begins as its own does."""
+        """Extend the leg at hand to the end of ``path``, which begins with its own path."""
         self.planner = self._through([])
         self.leg = self._longer(replace(self.leg, path=path))
 
@@ -951,14 +814,6 @@ def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
     (3,), world frame."""
     side = side_of(look.frame, axis)
     return math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
-
-
-def _is_sharp(fitting: Fitting, enter: str, leave: str) -> bool:
-    return fitting.describe(enter, leave).turn_angle > EXPLORER.sharp
-
-
-def _travel(legs: Sequence[Leg]) -> float:
-    return sum(leg.end - leg.begin for leg in legs)
 
 
 def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:

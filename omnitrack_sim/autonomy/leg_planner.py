@@ -10,6 +10,9 @@ backs out all the way.
 A robot that lies anywhere else in the network, because it fell off its route, or that has come to a
 goal tail first, may go on either way round: nose first as above, or tail first as if its tail were
 its nose. It takes the one that asks for less travel.
+
+Robots that explore avoid sharp turns, in which they often fall: they drive past the fitting and
+reverse into the port instead, where there is room (``gentler``).
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, dot, length
-from omnitrack_sim.pipes import ARCS, Arcs, Part, Passage, Route
+from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Part, Passage, Route
 from omnitrack_sim.pipes.network import End, Network
 from omnitrack_sim.pipes.planning import (
     Closed,
@@ -50,6 +53,10 @@ class LegPlannerSettings:
         across: rad, angle beyond which it is not known which way round the robot lies.
         beside: bore radii, largest distance of the centre of a robot that lies in a pipe from the
             pipe's axis.
+        sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
+            that from a wye's branch back along its run.
+        detour: m, travel that a robot prefers to a sharp turn.
+        reversals: most reversals by which it goes round sharp turns on its way to a goal.
     """
 
     rounding: float = 1e-9
@@ -57,6 +64,9 @@ class LegPlannerSettings:
     along: float = math.radians(30)
     across: float = math.radians(80)
     beside: float = 0.5
+    sharp: float = math.radians(100)
+    detour: float = 20.0
+    reversals: int = 2
 
 
 LEG_PLANNER = LegPlannerSettings()
@@ -313,6 +323,65 @@ class LegPlanner:
         back = self._back_out(self._driven(leg, distance), stand)
         return [back, replace(leg, begin=stand)]
 
+    def gentler(
+        self, legs: list[Leg], location: PartLocation, goal: int, closed: Closed
+    ) -> list[Leg]:
+        """Replace legs to a goal by others without sharp turns, if there are any.
+
+        Args:
+            legs: planned from ``location``; returned where they have no sharp turn, or where there
+                are no others.
+            location: of the robot.
+            goal: number of the goal.
+            closed: ports and edges that are not passed.
+        """
+        if not self.sharp_turns(legs):
+            return legs
+        return self._without_sharp_turns(location, goal, closed, LEG_PLANNER.reversals) or legs
+
+    def _without_sharp_turns(
+        self, location: PartLocation, goal: int, closed: Closed, reversals: int
+    ) -> list[Leg] | None:
+        """Plan legs to a goal without sharp turns, with at most ``reversals`` legs on which the
+        robot drives past a fitting to reverse; None where there are none."""
+        legs = self.replan_from(location, goal, (*closed, *self._sharp_edges()))
+        sharp = legs or self.replan_from(location, goal, closed)
+        if legs or not sharp or not reversals:
+            return legs
+        number, index = self.sharp_turns(sharp)[0]
+        over = self.reverse_beyond(sharp[number], index, closed)
+        if over is None:
+            return None
+        there = self.location(over, over.end)
+        rest = self._without_sharp_turns(there, goal, closed, reversals - 1)
+        return rest and [*sharp[:number], over, *rest]
+
+    def _sharp_edges(self) -> list[Edge]:
+        """Return the sharp turns of all fittings with more than two ports."""
+        return [
+            (i, enter, leave)
+            for i, part in enumerate(self.network.pipes.parts)
+            if len(part.fitting.port_names) > 2
+            for enter, leave in permutations(part.fitting.port_names, 2)
+            if is_sharp(part.fitting, enter, leave)
+        ]
+
+    def sharp_turns(self, legs: Sequence[Leg]) -> list[tuple[int, int]]:
+        """Return the sharp turns on legs, each by the numbers of its leg and of its passage on
+        that."""
+        return [
+            (number, index)
+            for number, leg in enumerate(legs)
+            for index, here in enumerate(self.route(leg.path).passages)
+            if is_sharp(here.part.fitting, here.enter, here.leave)
+            and here.s_leave > leg.begin
+            and here.s_enter < leg.end
+        ]
+
+    def cost(self, legs: Sequence[Leg]) -> float:
+        """Return the travel on legs, m, plus ``detour`` for each sharp turn."""
+        return travel(legs) + LEG_PLANNER.detour * len(self.sharp_turns(legs))
+
     def _path_up_to(self, enter: End, closed: Closed) -> tuple[Edge, ...]:
         """The path from the nearest open end up to a port by which a part is entered; empty where
         the port is itself an open end, or where no path leads there from one."""
@@ -422,6 +491,16 @@ class LegPlanner:
         verb = "backs" if leg.gear > 0 else "drives"
         note = f"{verb} out of {route.passages[last].part.name}{to}"
         return Leg(path, -leg.gear, begin, end, goal, note)
+
+
+def travel(legs: Sequence[Leg]) -> float:
+    """Return the travel of a robot's centre on legs, m."""
+    return sum(leg.end - leg.begin for leg in legs)
+
+
+def is_sharp(fitting: Fitting, enter: str, leave: str) -> bool:
+    """Return whether the way from one port of a fitting to another is a sharp turn."""
+    return fitting.describe(enter, leave).turn_angle > LEG_PLANNER.sharp
 
 
 def _locations(

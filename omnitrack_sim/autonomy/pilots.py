@@ -13,7 +13,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation
+from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation, travel
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array
@@ -36,9 +36,9 @@ class Decision(NamedTuple):
 
     Attributes:
         leg: the leg to drive; None: there is none.
-        goes_on: ``leg`` is the leg at hand, made longer, and not another one.
-        events: what there is to tell.
-        shift: m, how much farther along its leg the robot is than it took itself to be.
+        goes_on: ``leg`` is the leg at hand, maybe extended, and not another one.
+        events: to be recorded.
+        shift: m, correction of the robot's estimated arc length on its leg.
 
     Example:
         >>> ot.Decision(None).goes_on
@@ -118,6 +118,12 @@ class Pilot(Protocol):
             axis: (3,) unit vector to its nose, world frame.
         """
         return Decision(None)
+
+    @property
+    def rights_itself(self) -> bool:
+        """Whether ``on_fall`` is asked for a robot that leans over or lies across as well, so that
+        it rights itself before it is wedged."""
+        return False
 
     # For robots that look ahead
 
@@ -211,10 +217,16 @@ class MapPilot(Pilot):
         port = network.port_name((part, location.ahead))
         events = [FellOff(self._number, time, network.fittings[part].name, port)]
         if self._falls == 0:
-            return self._give_up(time, events, "has fallen too often")
+            return self._on_last_fall(time, events, location)
         self._falls -= 1
         self._turns += self.planner.turn_in(self.leg, part)
         return self._replan(time, events, self._from(location))
+
+    def _on_last_fall(
+        self, time: float, events: Sequence[Event], location: PartLocation
+    ) -> Decision:
+        """Decide for a robot that has fallen more often than it may."""
+        return self._give_up(time, events, "has fallen too often")
 
     def _from(self, location: PartLocation) -> Replan:
         """Return what plans legs to a goal from where a robot lies, whatever its leg."""
@@ -245,11 +257,6 @@ class MapPilot(Pilot):
 
     def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
         return Decision(None, events=[*events, GaveUp(self._number, time, cause)])
-
-
-def _way(legs: Sequence[Leg]) -> float:
-    """Way of the robot's centre on legs, m."""
-    return sum(leg.end - leg.begin for leg in legs)
 
 
 class Planned(MapPilot):
@@ -283,7 +290,7 @@ class Planned(MapPilot):
         # Of the plan without detours all legs after that to the goal ahead are still to come.
         plan, ahead = self.planner.plan(), self._goal_ahead
         known = max(i for i, leg in enumerate(plan) if leg.goal == ahead) + 1
-        left = self.leg.end - distance + _way([*self._to_come, *plan[known:]])
+        left = self.leg.end - distance + travel([*self._to_come, *plan[known:]])
         return min(max(done / max(done + left, 1e-9), 0.0), 1.0)
 
     @property
@@ -294,7 +301,7 @@ class Planned(MapPilot):
 
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """See ``Pilot``."""
-        self._driven += _way([self.leg])
+        self._driven += travel([self.leg])
         if self._to_come:
             return self._begin(time, [], self._to_come)
         following = self.leg.goal + 1

@@ -1,5 +1,5 @@
-"""Search of robots that are lost: stand, look, step back, roll, and give up in the end. A lost
-robot never drives on blindly."""
+"""Relocalisation of lost robots: they stand, look, step back and roll, and give up in the end. A
+lost robot never drives on blindly."""
 
 from __future__ import annotations
 

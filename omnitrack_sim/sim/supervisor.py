@@ -24,7 +24,7 @@ from omnitrack_sim.sim.sensing import Senses
 
 @dataclass(frozen=True)
 class RightingSettings:
-    """Lean of a robot that explores from which on it does not drive on, but rights itself.
+    """Lean from which on a robot whose pilot ``rights_itself`` does so, and does not drive on.
 
     Attributes:
         lean: rad, to the centreline: of eight explorations without a fall six had none beyond 30
@@ -99,8 +99,9 @@ class Supervisor:
         self.endings: list[Ending | None] = [None] * n
         self.events: list[list[Event]] = [[] for _ in scenarios]
         self._near, self._done = np.zeros(n), 0.0
-        # Robots that explore; that have stood upright on the leg at hand; s since they lean over.
-        self._explores, self._upright = np.zeros((2, n), bool)
+        # Robots that right themselves; that have stood upright on the leg at hand; s since they
+        # lean over.
+        self._rights, self._upright = np.zeros((2, n), bool)
         self._leaning = np.zeros(n)
 
     def reset(
@@ -112,8 +113,8 @@ class Supervisor:
         """Begin the runs of robots ``rows`` (k,), with remarks ``notes`` (k,) on each; ``readings``
         are those of all n."""
         set_rows(self, rows, active=True, end_time=np.nan, _near=self._legs.near[rows])
-        explores = [self._legs.pilots[row].belief is not None for row in rows.tolist()]
-        set_rows(self, rows, _explores=explores, _upright=False, _leaning=0.0)
+        rights = [self._legs.pilots[row].rights_itself for row in rows.tolist()]
+        set_rows(self, rows, _rights=rights, _upright=False, _leaning=0.0)
         for row, words in zip(rows.tolist(), notes, strict=True):
             self.endings[row] = None
             self.events[row] = [Note(row, 0.0, each) for each in words]
@@ -167,18 +168,18 @@ class Supervisor:
         ]
         if verdicts:
             self._dispatch(verdicts)
-        exploring = robots & self.active & self._explores
-        if np.count_nonzero(exploring):
-            self._right(exploring)
+        righting = robots & self.active & self._rights
+        if np.count_nonzero(righting):
+            self._right(righting)
         # Last, and by the truth: who was sent on is judged on the new route.
         self._end_those_outside(robots)
 
-    def _right(self, exploring: NDArray[np.bool_]) -> None:
-        """Have those of the ``exploring`` robots (n,) right themselves that were upright on the leg
-        at hand and lean over: soon they would lie across, and be wedged."""
+    def _right(self, robots: NDArray[np.bool_]) -> None:
+        """Have those of ``robots`` (n,) right themselves that were upright on the leg at hand and
+        lean over: soon they would lie across, and be wedged."""
         tilt = self._senses.location.tilt
         self._upright = self._upright | (tilt < LEG_PLANNER.along)
-        leans = exploring & self._upright & (tilt > RIGHTING.lean)
+        leans = robots & self._upright & (tilt > RIGHTING.lean)
         self._leaning = np.where(leans, self._leaning + self._monitor.period, 0.0)
         longest = RIGHTING.time * self._scenarios[0].robot.time_scale
         sent: list[int] = []
@@ -221,9 +222,10 @@ class Supervisor:
                 sent.append(robot)
                 self._follow(robot, decision)
                 continue
-            # Who may be elsewhere than he takes himself to be looks around before he gives up; who
-            # explores and has fallen too often lies where it takes itself to be, as it was there.
-            fell = outcome is Outcome.LEFT_PIPE and not (self._explores[robot] and decision.events)
+            # A robot that may be elsewhere than estimated looks around before it gives up. One that
+            # explores, and has fallen too often, is where it takes itself to be: it has been there.
+            explores = self._legs.pilots[robot].belief is not None
+            fell = outcome is Outcome.LEFT_PIPE and not (explores and decision.events)
             if not fell or not self._senses.doubt(robot):
                 self.events[robot] += decision.events
                 self._end(robot, outcome or self._monitor.cause(robot, self.location))
@@ -243,7 +245,7 @@ class Supervisor:
         distance = float(senses.location.distance[robot])
         if outcome is Outcome.REACHED_GOAL:
             return pilot.on_arrival(time, distance, goal)
-        if self._explores[robot] and senses.location.tilt[robot] > LEG_PLANNER.along:
+        if pilot.rights_itself and senses.location.tilt[robot] > LEG_PLANNER.along:
             # It lies across, which no other way helps: it is to right itself.
             decision = self._on_fall(robot)
             if decision.leg is not None:

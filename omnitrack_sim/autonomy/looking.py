@@ -1,0 +1,451 @@
+"""Repeated looks of a robot that explores: when it looks again, and what several looks tell
+together.
+
+One sighting may be wrong in kind, position and sizes, most of all from afar and out of a fitting.
+So a robot confirms a sighting out of a fitting by a second one (``Confirmation``), looks from close
+by at what it has observed from afar (``LookingCloser``), takes the mean of several looks as the
+sizes of a fitting (``CloseLooks``), and looks back at what it has passed (``LookingBack``), or has
+passed unseen (``MissedReducer``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from omnitrack_sim.autonomy.belief import BELIEF, Belief
+from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Elbow, Reducer, Route
+from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """Conditions in which a robot that explores looks again at what it has observed or passed.
+
+    Attributes:
+        behind: m, from its rear to a fitting behind it when it looks back at that.
+        behind_again: m, travel to the next look back, where the one before was ambiguous.
+        most_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
+        most_std: m, standard deviation up to which a look back places the robot. Round a bend the
+            estimate of arc length is off by centimetres.
+        most_shift: m, shift of arc length from which on two looks have to agree.
+        agreement: m, difference of two looks that agree.
+        close: m, from the robot's front to the end of a straight when it looks there once more:
+            from there both cameras measure distances to 1 or 2 mm.
+        closest: m, the same of the last try: nearer, a lens sees too little of the wall before it.
+        out_of_fitting: m, farther off for an end that was observed out of a fitting, where a robot
+            knows least how far it has come: an open end hardly shows from nearer than ``close``.
+        slip: standard deviations of two looks by which travel between them has to be off for the
+            belts to have slipped: of 440 looks by both cameras one was off by more than 3.
+        least_slip: m, the same in addition.
+        again: m, travel to the next look where one was ambiguous.
+        doubt: m, travel to the next look where two contradict each other.
+        least_std: m, standard deviation of a distance below which one look counts no more than
+            another.
+        most_size_std: m, standard deviation of a size measured from behind up to which it is known:
+            half of what lengths on a map may be wrong by.
+        most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
+            hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
+        for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
+        for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
+            90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
+            the least and the greatest by 3; of looks at 45 degrees one in five is off by 60 mm.
+    """
+
+    behind: float = 0.1
+    behind_again: float = 0.01
+    most_lean: float = math.radians(4)
+    most_std: float = 0.01
+    most_shift: float = 0.1
+    agreement: float = 0.02
+    close: float = 0.1
+    closest: float = 0.05
+    out_of_fitting: float = 0.03
+    slip: float = 3.0
+    least_slip: float = 0.005
+    again: float = 0.003
+    doubt: float = 0.01
+    least_std: float = 1e-4
+    most_size_std: float = 0.005
+    most_reducer_std: float = 0.02
+    for_sizes: int = 3
+    for_radius: int = 5
+
+
+LOOKS = LookSettings()
+
+
+def _slipped(shift: float, *stds: float) -> bool:
+    """Return whether belts have slipped where looks of standard deviations ``stds`` m place a robot
+    by ``shift`` m elsewhere."""
+    return abs(shift) > LOOKS.least_slip + LOOKS.slip * math.hypot(*stds)
+
+
+def _weights(stds: Sequence[float]) -> Array:
+    """Weights (n,) of measurements, 1/m², by their standard deviations, m."""
+    return np.maximum(stds, LOOKS.least_std) ** -2
+
+
+class Confirmation:
+    """Confirms a fitting that is sighted out of another one by a second sighting of the same kind
+    at the same position: a bend that is not over looks like another one that begins at the lens."""
+
+    def __init__(self) -> None:
+        # Kind of the sighting to be confirmed, where it is, and from where it was made, m.
+        self._first: tuple[tuple[str, str], float, float] | None = None
+
+    def confirms(self, ahead: Ahead, distance: float) -> bool:
+        """Return whether a sighting made at arc length ``distance`` m confirms the one before; if
+        it does not, the next one is compared with it."""
+        at, bends, confirmed = distance + ahead.distance, isinstance(ahead.fitting, Elbow), False
+        if self._first is not None and self._first[0] == ahead.kind:
+            _, before, since = self._first
+            # The rest of a bend begins at the lens and moves with it; another bend has to stay
+            # where it is. Other fittings are not seen where there are none.
+            confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
+            if bends and not confirmed:
+                return False  # Since the first sighting the rest of a bend has moved farthest.
+        # The robot's estimate may have been off at the first sighting, so this one replaces it.
+        self._first = None if confirmed else (ahead.kind, at, distance)
+        return confirmed
+
+    def cancel(self) -> str:
+        """Forget the sighting that has not been confirmed; return the kind of its fitting, "" for
+        none and for an elbow, which often is the rest of the bend before."""
+        kind = "" if self._first is None else self._first[0][0]
+        self._first = None
+        return "" if kind == Elbow.kind else kind
+
+
+class CloseLooks:
+    """Sightings of one reducer or elbow from close by, the mean of which gives its sizes and its
+    position."""
+
+    def __init__(self) -> None:
+        # Each sighting, and the arc length of the robot then, m.
+        self._looks: list[tuple[Ahead, float]] = []
+
+    @property
+    def latest(self) -> tuple[Ahead, float] | None:
+        """The latest sighting, and the arc length at which it was made, m; None without any."""
+        return self._looks[-1] if self._looks else None
+
+    def clear(self) -> None:
+        """Forget all sightings."""
+        self._looks = []
+
+    def are_of(self, ahead: Ahead) -> bool:
+        """Return whether the sightings are of the kind of ``ahead``; False without any."""
+        return bool(self._looks) and self._looks[-1][0].kind == ahead.kind
+
+    def add(self, ahead: Ahead, distance: float) -> None:
+        """Add a sighting made at arc length ``distance`` m."""
+        self._looks.append((ahead, distance))
+
+    def are_few(self) -> bool:
+        """Return whether another look is needed for the sizes to be known."""
+        radii = self._radii() or [0.0]
+        differ = max(radii) - min(radii) > LEAST_LENGTH / 2
+        return len(self._looks) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
+
+    def begin_of(self, ahead: Ahead, distance: float) -> float:
+        """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
+        length ``distance`` m: the mean of all sightings of its kind, weighted by their variances.
+        The last of them sees the cone of a reducer from too near."""
+        looks = [look for look in self._looks if look[0].kind == ahead.kind]
+        looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
+        ends = [at + look.distance for look, at in looks]
+        return float(np.average(ends, weights=_weights([look.distance_std for look, _ in looks])))
+
+    def mean(self) -> Elbow | Reducer:
+        """Return the fitting with the mean of its sizes."""
+        elbows = [look.fitting for look, _ in self._looks if isinstance(look.fitting, Elbow)]
+        if elbows:
+            radii = self._radii()
+            # One look may be far off.
+            middle = radii[1:-1] if len(radii) > LOOKS.for_sizes else radii
+            angle = float(np.mean([elbow.angle for elbow in elbows]))
+            return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
+        weights = _weights(self._stds())
+        return Reducer(*np.average(self._reducer_sizes(), axis=0, weights=weights).tolist())
+
+    def doubt(self) -> str:
+        """Return why the sizes of a reducer are in doubt, "" where they are not. Its cone is
+        shallow, and its far end may be hidden by what follows."""
+        sizes = self._reducer_sizes()
+        if not len(sizes):
+            return ""
+        least = min(self._stds())
+        if least > LOOKS.most_reducer_std:
+            return "its ends hardly show"
+        mean = np.average(sizes, axis=0, weights=_weights(self._stds()))
+        if np.any(np.ptp(sizes, axis=0) > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
+            return "looks at it differ in its sizes"
+        return "its length was seen from one side only" if least > LOOKS.most_size_std else ""
+
+    def weight(self) -> float:
+        """Return the weight of the mean length, 1/m²: the inverse of its variance."""
+        return float(_weights(self._stds()).sum())
+
+    def _stds(self) -> list[float]:
+        return [look.distance_std for look, _ in self._looks]
+
+    def _radii(self) -> list[float]:
+        """Mean radii of an elbow, m, ascending."""
+        seen = (look.fitting for look, _ in self._looks)
+        return sorted(elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow))
+
+    def _reducer_sizes(self) -> Array:
+        """Lengths and both diameters (n, 3) of a reducer, m."""
+        seen = (look.fitting for look, _ in self._looks)
+        reducers = [fitting for fitting in seen if isinstance(fitting, Reducer)]
+        return np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
+
+
+class LookingBack:
+    """Looks back of one robot at the fittings that it has passed: one in each straight behind a
+    fitting, and another as soon as it sees the far end of that straight, so that the length of the
+    straight is measured by looks at both ends.
+
+    Round a bend a robot knows least how far it has come, and sees that best when the bend is just
+    behind it.
+
+    Args:
+        belief: its map.
+        half: m, from its centre to its ends.
+        least_confidence: probability from which on it believes what it sees.
+
+    Attributes:
+        doubts: by the names of pipes, what a look back has shown in them that the map has not.
+    """
+
+    def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
+        self._belief, self._half, self._confidence = belief, half, least_confidence
+        self.doubts: dict[str, str] = {}
+        # By part, reducers and elbows to be measured from behind: length or mean radius, m, by each
+        # look, with its standard deviation; and the weight of the size on the map, 1/m².
+        self._sizes: dict[int, list[tuple[float, float]]] = {}
+        self._weights: dict[int, float] = {}
+        self._done: set[int] = set()
+        self._twice: set[int] = set()
+        self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
+
+    def begin(self) -> None:
+        """Begin another leg."""
+        self._again, self._once_more = 0.0, math.inf
+
+    def measure(self, part: int, weight: float = 0.0) -> None:
+        """Measure the length of a reducer, or the mean radius of an elbow, from behind as well.
+
+        Args:
+            part: of the map.
+            weight: 1/m², with which the length that the map has counts beside these looks.
+        """
+        self._sizes[part], self._weights[part] = [], weight
+
+    def forget(self, part: int) -> None:
+        """Measure a part no more."""
+        self._sizes.pop(part, None)
+
+    def measured(self) -> tuple[int, str, float] | None:
+        """Return a part that has been measured from behind, the key of its size in the fitting, and
+        the size, m; None where there is none, or where the looks at it disagree."""
+        part = next((part for part, looks in self._sizes.items() if _is_measured(looks)), None)
+        if part is None:
+            return None
+        sizes, stds = np.array(self._sizes.pop(part)).T
+        if np.ptp(sizes) > 2 * LEAST_LENGTH:
+            return None
+        size, fitting = float(np.average(sizes, weights=_weights(stds))), self._belief.fitting(part)
+        if isinstance(fitting, Elbow):
+            return part, "mean_radius", size
+        assert isinstance(fitting, Reducer)
+        if self._weights[part]:
+            # Looks from both sides count by how exactly they show its ends.
+            both = [_weights(stds).sum(), self._weights[part]]
+            size = float(np.average([size, fitting.length], weights=both))
+        return part, "length", size
+
+    def once_more(self, route: Route, distance: float) -> bool:
+        """Plan a second look back, from arc length ``distance`` m on, if the robot has looked back
+        once in the straight there; return whether it is planned."""
+        here = route.passages[route.index_at(distance)]
+        if here.index not in self._done - self._twice:
+            return False
+        self._twice.add(here.index)
+        self._once_more = distance
+        return True
+
+    def at(self, route: Route) -> float:
+        """Return the arc length on a route, m, of the next look back; infinite if there is none."""
+        for before in route.passages[1:]:
+            if before.index not in self._done and self._belief.fitting(before.index).is_plain:
+                at = max(before.s_enter + self._half + LOOKS.behind, self._again)
+                if at < before.s_leave - self._half:
+                    return min(at, self._once_more)
+        return self._once_more
+
+    def located(self, route: Route, distance: float, behind: Ahead | None) -> float:
+        """Return the arc length of a robot on a route, m, from a look back.
+
+        Args:
+            route: it drives along.
+            distance: m, its estimate of the arc length; returned where the look is ambiguous.
+            behind: the look.
+        """
+        i = route.index_at(distance)
+        self._again, self._once_more = distance + LOOKS.behind_again, math.inf
+        if i == 0 or behind is None or not self._is_clear(route, i, behind):
+            return distance
+        here = route.passages[i]
+        if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
+            self._doubt(route, i, distance, behind)
+            return distance
+        located = here.s_enter + behind.distance
+        shift, before = located - distance, self._shift
+        if here.index in self._done:
+            return located if _slipped(shift, behind.distance_std) else distance
+        self._shift = shift
+        # One wrong look must not move the robot far along its map.
+        if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
+            return distance
+        sizes = self._sizes.get(route.passages[i - 1].index)
+        if sizes is not None and isinstance(behind.fitting, Reducer):
+            sizes.append((behind.fitting.length, behind.distance_std))
+        elif sizes is not None and isinstance(behind.fitting, Elbow):
+            sizes.append((behind.fitting.mean_radius, behind.distance_std))
+        if sizes is None or _is_measured(sizes):
+            self._done.add(here.index)
+        # Nothing lies between: what another look back took for a fitting there was none.
+        self.doubts.pop(here.part.name, None)
+        return located
+
+    def _is_clear(self, route: Route, i: int, behind: Ahead) -> bool:
+        """Return whether a look back from passage ``i`` clearly shows a fitting."""
+        if behind.fitting is None or behind.confidence < self._confidence:
+            return False
+        if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
+            return False
+        return self._belief.fitting(route.passages[i].index).is_plain
+
+    def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
+        """Note that a look back from passage ``i`` shows a fitting that is not on the map."""
+        kind, at = behind.kind[0], distance - behind.distance
+        # A shallow reducer may be overlooked for what is behind it.
+        known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
+        if all(abs(at - s_leave) > LOOKS.most_shift for s_leave in known):
+            self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
+
+
+def _is_measured(looks: Sequence[tuple[float, float]]) -> bool:
+    """Return whether looks, each a size and its standard deviation, m, are enough to tell a size:
+    their mean is known well enough, and more than one has been made."""
+    std = float(_weights([std for _, std in looks]).sum()) ** -0.5 if looks else math.inf
+    return len(looks) >= LOOKS.for_sizes and std < LOOKS.most_size_std
+
+
+class LookingCloser:
+    """Looks of one robot from close by at the end of a straight that it has observed from afar.
+
+    From afar both cameras measure distances to centimetres, and may take one fitting for another.
+    So the end of a straight is provisional (``Belief.provisional``) until the robot is near.
+
+    Args:
+        belief: its map.
+        half: m, from its centre to its ends.
+    """
+
+    def __init__(self, belief: Belief, half: float) -> None:
+        self._belief, self._half = belief, half
+        self._kinds: Counter[tuple[str, str]] = Counter()
+        self._far: Ahead | None = None
+
+    def index(self, route: Route) -> int | None:
+        """Return the number of the passage through the straight whose end is provisional."""
+        parts = [passage.index for passage in route.passages]
+        part = self._belief.provisional
+        return None if part is None or part not in parts else parts.index(part)
+
+    def begin(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+        """Make the end of a route provisional, as it was observed from ``distance`` m, where the
+        route ends in a straight and the robot is not close to its end yet.
+
+        Returns:
+            Arc length, m, from which the robot looks at it again; None if it is not provisional.
+        """
+        last, close = route.passages[-1], route.length - self._half - LOOKS.close
+        if not self._belief.fitting(last.index).is_plain or distance >= close - LOOKS.again:
+            return None
+        self._belief.settle(last.index)
+        self._kinds, self._far = Counter([ahead.kind]), ahead
+        # Until its rear is out of a bend, a robot knows least how far it has come.
+        if distance > last.s_enter + self._half:
+            return close
+        self.forget()
+        return max(close - LOOKS.out_of_fitting, distance + LOOKS.again)
+
+    def forget(self) -> None:
+        """Forget where the end was seen, as the robot's estimate was off by then."""
+        self._far = None
+
+    def located(self, route: Route, distance: float, ahead: Ahead | None) -> float:
+        """Return the arc length of a robot on a route, m, from a look at an end that it has seen
+        from afar; arguments as of ``LookingBack.located``."""
+        i, far = self.index(route), self._far
+        if i is None or far is None or ahead is None or ahead.kind != far.kind:
+            return distance
+        located = route.passages[i].s_leave - ahead.distance
+        slipped = _slipped(located - distance, far.distance_std, ahead.distance_std)
+        return located if slipped else distance
+
+    def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+        """Return the arc length, m, of another look, needed where looks from close by and from afar
+        differ in kind until one kind has been observed twice; None where none is needed, or where
+        it is too late for one."""
+        if self.index(route) is None:
+            return None
+        self._kinds[ahead.kind] += 1
+        again = distance + LOOKS.doubt
+        return None if self._kinds[ahead.kind] > 1 or self.too_late(again, route) else again
+
+    def too_late(self, at: float, route: Route) -> bool:
+        """Return whether arc length ``at`` m is too close to the provisional end for a look."""
+        i = self.index(route)
+        return i is not None and at > route.passages[i].s_leave - self._half - LOOKS.closest
+
+
+@dataclass
+class MissedReducer:
+    """A reducer that a robot has come through unseen, measured by looks back from behind it.
+
+    Attributes:
+        part: the straight behind it.
+        bore: m, of the pipe before it.
+        at: m, arc length on the leg of the next look.
+        lengths: m, of the reducer, by the looks so far.
+    """
+
+    part: int
+    bore: float
+    at: float
+    lengths: list[float] = field(default_factory=list)
+
+    def measured(self, behind: Ahead) -> Reducer | None:
+        """Return the reducer, of mean length, after one more look back at it; None where that look
+        is not reliable, or where too few have been made."""
+        reducer = behind.fitting
+        assert isinstance(reducer, Reducer)
+        (near,) = {"start", "end"} - {behind.enter}
+        right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
+        if not right or behind.distance_std > LOOKS.most_reducer_std:
+            return None
+        self.lengths.append(reducer.length)
+        if len(self.lengths) < LOOKS.for_sizes:
+            return None
+        return replace(reducer, length=float(np.mean(self.lengths)))
