@@ -191,6 +191,16 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
         assert sighting.distance == pytest.approx(distance, abs=0.04)
 
 
+def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():
+    """By a lamp, two dark rings in straight pipe fit a shallow reducer better than one joint."""
+    lead, on = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5]))), Straight(0.3)
+    parts = [lead, Part("on", on, attached(lead.port("end"), on, "start", 0.0))]
+    numbers = np.array([[*ROLLED, 0.194, 0.0]])
+    sighting = recogniser("headlight").single(photographed("headlight", (parts, ()), numbers)[0][0])
+    assert sighting.kind == "straight"
+    assert sighting.confidence > 0.95
+
+
 def test_the_angle_of_a_wye_is_told_before_it_sharply():
     """A search from one distance alone takes 45 degrees for 60, as the mouth moves with the
     angle."""

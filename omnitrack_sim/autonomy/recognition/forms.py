@@ -57,6 +57,8 @@ SIZES = 2
 """Most sizes of a form."""
 ANGLE = LENGTH = 1
 """Places of the angle in the sizes of an elbow, and of the length in those of a reducer."""
+PIECE = 0
+"""Place of the length in the sizes of a piece of straight pipe between two joints."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -244,6 +246,7 @@ def forms(bore: float) -> tuple[Form, ...]:
     angle = Size("angle", math.radians(10), math.radians(120), 0.03, half / 2, 0.5)
     lean = Size("angle", math.radians(45), math.radians(75), 0.03, math.radians(52), 0.15)
     length = Size("length", 0.2 * bore, 2.5 * bore, 0.03 * bore, 0.7 * bore, 0.3 * bore)
+    piece = Size("length", 0.2 * bore, RECOGNISER.beyond, 0.03 * bore, 4.0 * bore, 4.0 * bore)
     narrow = Size("end_diameter", 0.5 * bore, 0.97 * bore, 0.01 * bore, 0.8 * bore, 0.2 * bore)
     wide = Size("end_diameter", 1.03 * bore, 1.6 * bore, 0.01 * bore, 1.2 * bore, 0.2 * bore)
     elbow, reducer = partial(Elbow, inner_diameter=bore), partial(_reducer, bore)
@@ -256,7 +259,15 @@ def forms(bore: float) -> tuple[Form, ...]:
     leans = ((half / 4,), (half / 3,))
     return (
         Form("straight", "straight"),
-        Form("joint", "straight", "start", partial(Straight, RECOGNISER.beyond, bore)),
+        # Behind a joint of straight pipes the next one follows, or none where light reaches.
+        Form(
+            "joint",
+            "straight",
+            "start",
+            partial(Straight, inner_diameter=bore),
+            sizes=(piece,),
+            starts=((RECOGNISER.beyond,),),
+        ),
         Form("elbow", "elbow", "start", elbow, sizes=(radius, angle), starts=bends, period=whole),
         Form("tee over", "tee", "run_start", tee, period=whole),
         Form("tee into", "tee", "branch", tee, period=half),

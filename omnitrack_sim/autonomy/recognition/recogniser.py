@@ -27,6 +27,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
     ASIDE,
     CENTRED,
     DISTANCE,
+    LENGTH,
+    PIECE,
     PLACES,
     SIZES,
     STILL,
@@ -223,6 +225,7 @@ class Recogniser:
 
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
         self._forms = forms(bore)
+        self._joint = next(form for form in self._forms if form.name == "joint")
         self._dim = camera.lamp is not None
         self._bore, self._alike = bore, RECOGNISER.lamp_alike if self._dim else 1.0
         self._scale = Scale(camera)
@@ -310,6 +313,7 @@ class Recogniser:
         rough = self._kept(rough.take(list(best.values())), 1)
         rough = self._scanned(rough, joints, last, self._level(0, 6.0))
         rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
+        rough = joined([rough, *self._pieces(rough, last)])
         first = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
             rough = joined([rough, *self._dim_ones(pose, last)])
@@ -377,6 +381,21 @@ class Recogniser:
             best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
             best = best.take(np.argsort(best.cost, kind="stable")[: RECOGNISER.restarts].tolist())
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
+        return rows
+
+    def _pieces(self, fits: Tries, views: Views) -> list[Tries]:
+        """Return the best reducer of each form as a piece of straight pipe between its joints."""
+        # Two joints show the most of a shallow reducer, and a single one does not explain them.
+        best: dict[int, int] = {}
+        for i in np.argsort(fits.cost, kind="stable").tolist():
+            if fits.forms[i].kind == "reducer":
+                best.setdefault(id(fits.forms[i]), i)
+        rows = []
+        for i in best.values():
+            sizes = np.zeros((1, SIZES))
+            sizes[0, PIECE] = fits.sizes[i, LENGTH]
+            piece = tries([self._joint], fits.numbers[[i]], sizes, 1)
+            rows.append(self._fit.refined(piece, views, self._level(0, 5.0), 2))
         return rows
 
     def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
