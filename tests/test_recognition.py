@@ -192,13 +192,15 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
 
 
 def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():
-    """By a lamp, two dark rings in straight pipe fit a shallow reducer better than one joint."""
+    """By a lamp, two dark rings in straight pipe fit a shallow reducer better than one joint; and
+    pipe is free up to them, though a reducer right before the lens would hardly show."""
     lead, on = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5]))), Straight(0.3)
     parts = [lead, Part("on", on, attached(lead.port("end"), on, "start", 0.0))]
     numbers = np.array([[*ROLLED, 0.194, 0.0]])
     sighting = recogniser("headlight").single(photographed("headlight", (parts, ()), numbers)[0][0])
     assert sighting.kind == "straight"
     assert sighting.confidence > 0.95
+    assert sighting.distance > 0.19
 
 
 def test_the_angle_of_a_wye_is_told_before_it_sharply():

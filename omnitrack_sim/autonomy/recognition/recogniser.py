@@ -234,6 +234,7 @@ class Recogniser:
         rays, count = rays_of(camera.optics), camera.optics.pixels
         grid = np.arange(count * count).reshape(count, count)
         half = np.radians(camera.optics.field_of_view_deg) / 2
+        self._blind = bore / 2 / math.tan(half)  # m, from the lens to where it sees the wall
         corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # they show the vignetting
         inner = rays[:, 2] > math.cos(0.56 * half)
         self._grids = []
@@ -304,7 +305,7 @@ class Recogniser:
         if last.prior is not CENTRED:
             # A fitting that follows another directly begins at the port itself.
             joints = [float(last.prior.mean[DISTANCE]), *joints]
-        begin, straight = self._begin(last, pose, joints)
+        begin, straight, near = self._begin(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
         best: dict[int, int] = {}
@@ -316,7 +317,8 @@ class Recogniser:
         rough = joined([rough, *self._pieces(rough, last)])
         first = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
-            rough = joined([rough, *self._dim_ones(pose, last)])
+            nearby = self._near_ones(near, pose, joints, last) if len(near) else []
+            rough = joined([rough, *nearby, *self._dim_ones(pose, last)])
         return rough, straight
 
     def _turned(self, fits: Tries, views: Views, level: Level) -> Tries:
@@ -398,6 +400,18 @@ class Recogniser:
             rows.append(self._fit.refined(piece, views, self._level(0, 5.0), 2))
         return rows
 
+    def _near_ones(
+        self, near: NDArray[np.intp], pose: Array, joints: Sequence[float], views: Views
+    ) -> list[Tries]:
+        """Return rows of fittings so near that only parts of them show, each from a search of its
+        own, for those entries ``near`` of the library that the picture does not exclude."""
+        best: dict[int, int] = {}
+        for row in near.tolist():
+            best.setdefault(int(self._library.entries.form[row]), row)
+        begin = self._from_library(np.array([*best.values()], np.intp), pose)
+        begin = self._fit.refined(begin, views, self._level(0, 6.0), 2)
+        return [begin, *self._begun_again(begin, pose, joints, views)]
+
     def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
         """Return rows of fittings in what seems straight pipe, each from a search of its own."""
         # By a lamp, distant things are dim and cover a few pixels at the middle of the picture,
@@ -441,8 +455,11 @@ class Recogniser:
         straight = [i for i in first.values() if fits.forms[i] is self._forms[0]]
         return fits.take(list(dict.fromkeys([*kept, *forms, *straight])))
 
-    def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
-        """Return starting values of every form, and the free distance in straight pipe, m."""
+    def _begin(
+        self, views: Views, pose: Array, joints: Sequence[float]
+    ) -> tuple[Tries, float, NDArray[np.intp]]:
+        """Return starting values of every form, the free distance in straight pipe, m, and entries
+        of the library that may be nearer but have a search of their own."""
         library, entries = self._library, self._library.entries
         cost, alone = library.costs(library.look(views.pictures[0], pose))
         place = entries.numbers[:, DISTANCE]
@@ -469,13 +486,16 @@ class Recogniser:
         begin.numbers[:, DISTANCE] = places
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
         possible &= ~plain & (alone < alone[plain].min() + RECOGNISER.excluded_cost)
-        open_rows = np.flatnonzero(possible)
+        open_rows, near = np.flatnonzero(possible), np.array([], np.intp)
         if self._dim:
-            open_rows = self._visible(open_rows, pose, views)
+            # By a lamp, a shallow reducer that begins before the picture does hardly shows.
+            before = entries.numbers[open_rows, DISTANCE] < self._blind
+            near = self._visible(open_rows[before], pose, views)
+            open_rows = self._visible(open_rows[~before], pose, views)
         straight = float(
             np.min(entries.numbers[open_rows, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )
-        return begin, straight
+        return begin, straight, near
 
     def _from_library(self, rows: NDArray[np.intp], pose: Array) -> Tries:
         """Return entries of the library (m,) as seen by a camera at ``pose`` (6,)."""
