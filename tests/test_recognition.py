@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.autonomy.recognition import Recogniser
-from omnitrack_sim.autonomy.recognition.forms import STILL, PosePrior, cameras, numbers_at
+from omnitrack_sim.autonomy.recognition.forms import (
+    STILL,
+    PosePrior,
+    cameras,
+    forms,
+    numbers_at,
+)
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
@@ -208,6 +214,18 @@ def test_a_shallow_reducer_right_before_a_wye_is_seen_by_a_lamp(distance, enter)
     assert sighting.confidence > 0.95
     assert sighting.distance == pytest.approx(distance, abs=0.01)
     assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
+
+
+def test_any_bend_has_a_form_behind_a_reducer():
+    """Its radius is brought into the bounds of the bore there."""
+    every = {form.name: form for form in forms(0.16)}
+    bend = every["elbow"]
+    for name, sizes in (("wide", (0.256, 0.3)), ("narrow", (0.08, 0.3))):
+        for radius in (bend.sizes[0].low, bend.sizes[0].high):
+            parts, _ = every[name].before(bend, (radius, 1.0)).map(sizes, 0.16)
+            kinds = [part.fitting.kind for part in parts]
+            assert kinds == ["straight", "reducer", "elbow", "straight"]
+            assert parts[2].fitting.inner_diameter == sizes[0]
 
 
 def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():

@@ -246,8 +246,14 @@ class Form:
                 form for form in forms(2 * fitting.port_radius("end")) if form.name == name
             )
             assert other.make is not None
-            keys, enter = [size.key for size in other.sizes], other.enter
-            fitting = other.make(**dict(zip(keys, values, strict=True)))
+            # A wider pipe has no bends as sharp as a narrower one.
+            fitting = other.make(
+                **{
+                    size.key: min(max(value, size.low), size.high)
+                    for size, value in zip(other.sizes, values, strict=True)
+                }
+            )
+            enter = other.enter
             parts.append(_joined(parts[-1], "end", fitting, enter))
         last = parts[-1]
         after = [
