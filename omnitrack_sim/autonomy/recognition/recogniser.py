@@ -403,7 +403,8 @@ class Recogniser:
         return rows
 
     def _preceded(self, fits: Tries, views: Views) -> list[Tries]:
-        """Return rows of a reducer of each form directly before the best of the fittings."""
+        """Return a row of a reducer directly before the best of the fittings, and one of the latter
+        alone from where it lies then."""
         # The cone of a shallow one hardly shows, but what is behind it does: taken for a fitting in
         # this bore, it explains more pixels than a reducer with straight pipe behind it.
         order = np.argsort(fits.cost, kind="stable").tolist()
@@ -423,9 +424,14 @@ class Recogniser:
                 own = fits.take(alone[:1])
                 own.numbers[:, TURN] = behind.numbers[:, TURN]
                 starts.append(replace(own, forms=starts[0].forms[:1]))
-            some = self._fit.refined(joined(starts), views, self._level(0, 5.0), 4)
-            rows.append(some.take([int(some.cost.argmin())]))
-        return rows
+            rows.append(self._fit.refined(joined(starts), views, self._level(0, 5.0), 4))
+        every = joined(rows)
+        both = every.take([int(every.cost.argmin())])
+        end, length = both.sizes[0].tolist()
+        numbers = both.numbers.copy()
+        numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
+        alone = tries([form], numbers, behind.sizes, 1)
+        return [both, self._fit.refined(alone, views, self._level(0, 5.0), 2)]
 
     def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:
         """Return the best rows of a reducer of several lengths before the only row of ``behind``,
@@ -497,7 +503,10 @@ class Recogniser:
             first.setdefault(id(fits.forms[i]), i)  # the best of each form
         forms = [*first.values()][: RECOGNISER.follow_forms[stage]]
         straight = [i for i in first.values() if fits.forms[i] is self._forms[0]]
-        return fits.take(list(dict.fromkeys([*kept, *forms, *straight])))
+        # What is taken for two fittings may be the latter alone.
+        latter = {fits.forms[i].behind[0] for i in (*kept, *forms)}
+        alone = [i for i in first.values() if fits.forms[i].name in latter]
+        return fits.take(list(dict.fromkeys([*kept, *forms, *straight, *alone])))
 
     def _begin(
         self, views: Views, pose: Array, joints: Sequence[float]
