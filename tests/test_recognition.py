@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.autonomy.recognition import Recogniser
-from omnitrack_sim.autonomy.recognition.forms import STILL, PosePrior, cameras, numbers_at
+from omnitrack_sim.autonomy.recognition.forms import (
+    STILL,
+    PosePrior,
+    cameras,
+    forms,
+    numbers_at,
+)
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
@@ -189,6 +195,49 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
         assert sighting.kind == "reducer"
         assert sighting.confidence > 0.95
         assert sighting.distance == pytest.approx(distance, abs=0.04)
+
+
+@pytest.mark.parametrize(("distance", "enter"), [(0.03, "run_start"), (0.06, "run_end")])
+def test_a_shallow_reducer_right_before_a_wye_is_seen_by_a_lamp(distance, enter):
+    """The wye explains more pixels than the reducer alone, as a wye of this bore farther on."""
+    reducer, wye = Reducer(0.1, 0.17), Wye(inner_diameter=0.17, branch_diameter=0.17)
+    parts = [Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))]
+    for fitting, port in ((reducer, "start"), (wye, enter)):
+        place = attached(parts[-1].port("end"), fitting, port, 1.9 if fitting is wye else 0.0)
+        parts.append(Part("ahead", fitting, place))
+    for port in set(wye.port_names) - {enter}:
+        on = Straight(0.6, 0.17)
+        parts.append(Part(port, on, attached(parts[2].port(port), on, "start", 0.0)))
+    taken = photographed("headlight", (parts, ()), np.array([[*ROLLED, distance, 0.0]]))[0]
+    sighting = recogniser("headlight").single(taken[0])
+    assert sighting.kind == "reducer"
+    assert sighting.confidence > 0.95
+    assert sighting.distance == pytest.approx(distance, abs=0.01)
+    assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
+
+
+def test_any_bend_has_a_form_behind_a_reducer():
+    """Its radius is brought into the bounds of the bore there."""
+    every = {form.name: form for form in forms(0.16)}
+    bend = every["elbow"]
+    for name, sizes in (("wide", (0.256, 0.3)), ("narrow", (0.08, 0.3))):
+        for radius in (bend.sizes[0].low, bend.sizes[0].high):
+            parts, _ = every[name].before(bend, (radius, 1.0)).map(sizes, 0.16)
+            kinds = [part.fitting.kind for part in parts]
+            assert kinds == ["straight", "reducer", "elbow", "straight"]
+            assert parts[2].fitting.inner_diameter == sizes[0]
+
+
+def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():
+    """By a lamp, two dark rings in straight pipe fit a shallow reducer better than one joint; and
+    pipe is free up to them, though a reducer right before the lens would hardly show."""
+    lead, on = Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5]))), Straight(0.3)
+    parts = [lead, Part("on", on, attached(lead.port("end"), on, "start", 0.0))]
+    numbers = np.array([[*ROLLED, 0.194, 0.0]])
+    sighting = recogniser("headlight").single(photographed("headlight", (parts, ()), numbers)[0][0])
+    assert sighting.kind == "straight"
+    assert sighting.confidence > 0.95
+    assert sighting.distance > 0.19
 
 
 def test_the_angle_of_a_wye_is_told_before_it_sharply():

@@ -216,6 +216,7 @@ class Fit:
             weights[sought, place] = 2 * np.pi / width**2
         sought = (weights < RECOGNISER.fixed_weight).sum(axis=1)
         known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
+        known += [form.fitted for form in at.forms]
         return at.cost / alike + known - np.log(weights).sum(axis=1)
 
     def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
@@ -359,10 +360,12 @@ class Fit:
 
 
 def exits_of(parts: Sequence[Part]) -> Array:
-    """Return position and direction (parts, 6) of the port planes by which a form's fitting is
+    """Return position and direction (parts, 6) of the port planes by which a form's fittings are
     left, of the straights beyond; 0 of the other parts."""
     exits = np.zeros((len(parts), 6))
     for i, part in enumerate(parts[2:], 2):  # after the straight before it and the fitting
+        if not part.fitting.is_plain:  # another fitting directly behind
+            continue
         port = part.port("start")
         exits[i] = *port.position, *-port.rotation[:, 2]
     return exits
@@ -391,11 +394,12 @@ def beyond(
         lamp: of the camera.
     """
     least, part = np.full(hits.shape[:2], np.inf), hits[..., PART]
-    if lamp is not None:
-        least[part >= 2] = -np.inf
-        return least
     for number in range(2, exits.shape[1]):
-        camera, ray = np.nonzero(part == number)
+        leaves = np.any(exits[:, number] != 0, axis=-1, keepdims=True)
+        camera, ray = np.nonzero((part == number) & leaves)
+        if lamp is not None:
+            least[camera, ray] = -np.inf
+            continue
         # A wall nearer than the exit contradicts the form all the same.
         position, direction = exits[:, number, :3], exits[:, number, 3:]
         away = ((position - place) * direction).sum(axis=-1)

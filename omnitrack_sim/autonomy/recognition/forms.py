@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -57,6 +57,8 @@ SIZES = 2
 """Most sizes of a form."""
 ANGLE = LENGTH = 1
 """Places of the angle in the sizes of an elbow, and of the length in those of a reducer."""
+PIECE = 0
+"""Place of the length in the sizes of a piece of straight pipe between two joints."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 """Places in a row of numbers: m and rad, as of a ``Sighting``."""
 
@@ -173,6 +175,8 @@ class Form:
         sizes: that are sought.
         starts: their values that the search begins with.
         period: rad, turn after which it looks the same; 0 for what is round about the axis.
+        behind: name and sizes of another form that begins at its end; "" where straights do.
+        fitted: cost in the evidence of those sizes, as another fit has found them.
     """
 
     name: str
@@ -184,6 +188,17 @@ class Form:
     sizes: tuple[Size, ...] = ()
     starts: tuple[tuple[float, ...], ...] = ((),)
     period: float = 0.0
+    behind: tuple[str, tuple[float, ...]] = ("", ())
+    fitted: float = 0.0
+
+    def before(self, other: Form, sizes: Sequence[float]) -> Form:
+        """Return this form with another of given sizes directly behind it."""
+        values = tuple(float(size) for size in sizes[: len(other.sizes)])
+        name = f"{self.name} before {other.name} {values}"
+        # The same ratio of expected to known that other sizes pay; a fit tells them to a step.
+        fitted = 2 * sum(math.log(size.spread / size.step) for size in other.sizes)
+        behind = other.name, values
+        return replace(self, name=name, period=other.period, behind=behind, fitted=fitted)
 
     @property
     def parameters(self) -> int:
@@ -224,13 +239,29 @@ class Form:
         if self.make is None:
             return (lead,), (((0, "end"),) if self.closed else ())
         fitting = self.make(**dict(zip([size.key for size in self.sizes], sizes, strict=True)))
-        part = _joined(lead, "end", fitting, self.enter)
-        others = [port for port in fitting.port_names if port != self.enter]
+        parts, enter = [lead, _joined(lead, "end", fitting, self.enter)], self.enter
+        name, values = self.behind
+        if name:
+            other = next(
+                form for form in forms(2 * fitting.port_radius("end")) if form.name == name
+            )
+            assert other.make is not None
+            # A wider pipe has no bends as sharp as a narrower one.
+            fitting = other.make(
+                **{
+                    size.key: min(max(value, size.low), size.high)
+                    for size, value in zip(other.sizes, values, strict=True)
+                }
+            )
+            enter = other.enter
+            parts.append(_joined(parts[-1], "end", fitting, enter))
+        last = parts[-1]
         after = [
-            _joined(part, port, Straight(RECOGNISER.beyond, 2 * fitting.port_radius(port)), "start")
-            for port in others
+            _joined(last, port, Straight(RECOGNISER.beyond, 2 * fitting.port_radius(port)), "start")
+            for port in fitting.port_names
+            if port != enter
         ]
-        return (lead, part, *after), ()
+        return (*parts, *after), ()
 
 
 def _joined(part: Part, port: str, fitting: Fitting, enter: str) -> Part:
@@ -244,6 +275,7 @@ def forms(bore: float) -> tuple[Form, ...]:
     angle = Size("angle", math.radians(10), math.radians(120), 0.03, half / 2, 0.5)
     lean = Size("angle", math.radians(45), math.radians(75), 0.03, math.radians(52), 0.15)
     length = Size("length", 0.2 * bore, 2.5 * bore, 0.03 * bore, 0.7 * bore, 0.3 * bore)
+    piece = Size("length", 0.2 * bore, RECOGNISER.beyond, 0.03 * bore, 4.0 * bore, 4.0 * bore)
     narrow = Size("end_diameter", 0.5 * bore, 0.97 * bore, 0.01 * bore, 0.8 * bore, 0.2 * bore)
     wide = Size("end_diameter", 1.03 * bore, 1.6 * bore, 0.01 * bore, 1.2 * bore, 0.2 * bore)
     elbow, reducer = partial(Elbow, inner_diameter=bore), partial(_reducer, bore)
@@ -256,7 +288,15 @@ def forms(bore: float) -> tuple[Form, ...]:
     leans = ((half / 4,), (half / 3,))
     return (
         Form("straight", "straight"),
-        Form("joint", "straight", "start", partial(Straight, RECOGNISER.beyond, bore)),
+        # Behind a joint of straight pipes the next one follows, or none where light reaches.
+        Form(
+            "joint",
+            "straight",
+            "start",
+            partial(Straight, inner_diameter=bore),
+            sizes=(piece,),
+            starts=((RECOGNISER.beyond,),),
+        ),
         Form("elbow", "elbow", "start", elbow, sizes=(radius, angle), starts=bends, period=whole),
         Form("tee over", "tee", "run_start", tee, period=whole),
         Form("tee into", "tee", "branch", tee, period=half),

@@ -27,6 +27,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
     ASIDE,
     CENTRED,
     DISTANCE,
+    LENGTH,
+    PIECE,
     PLACES,
     SIZES,
     STILL,
@@ -215,6 +217,7 @@ class Recogniser:
 
     def __init__(self, camera: Camera, bore: float, walls: WallMaker) -> None:
         self._forms = forms(bore)
+        self._joint = next(form for form in self._forms if form.name == "joint")
         self._dim = camera.lamp is not None
         self._bore, self._alike = bore, RECOGNISER.lamp_alike if self._dim else 1.0
         self._scale = Scale(camera)
@@ -223,6 +226,7 @@ class Recogniser:
         rays, count = rays_of(camera.optics), camera.optics.pixels
         grid = np.arange(count * count).reshape(count, count)
         half = np.radians(camera.optics.field_of_view_deg) / 2
+        self._blind = bore / 2 / math.tan(half)  # m, from the lens to where it sees the wall
         corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # they show the vignetting
         inner = rays[:, 2] > math.cos(0.56 * half)
         self._grids = []
@@ -276,6 +280,8 @@ class Recogniser:
         elif off @ off > RECOGNISER.usual_stand:
             # A bend at the edge of the picture looks like a camera that leans.
             rough = joined([rough, self._searched(last, views.prior.mean)[0]])
+        if self._dim:
+            rough = joined([rough, *self._preceded(rough, last)])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
         grid = 1 if many == 1 else 0
@@ -293,7 +299,7 @@ class Recogniser:
         if last.prior is not CENTRED:
             # A fitting that follows another directly begins at the port itself.
             joints = [float(last.prior.mean[DISTANCE]), *joints]
-        begin, straight = self._begin(last, pose, joints)
+        begin, straight, near = self._begin(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
         rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
         best: dict[int, int] = {}
@@ -302,9 +308,11 @@ class Recogniser:
         rough = self._kept(rough.take(list(best.values())), 1)
         rough = self._scanned(rough, joints, last, self._level(0, 6.0))
         rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
+        rough = joined([rough, *self._pieces(rough, last)])
         first = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
-            rough = joined([rough, *self._dim_ones(pose, last)])
+            nearby = self._near_ones(near, pose, joints, last) if len(near) else []
+            rough = joined([rough, *nearby, *self._dim_ones(pose, last)])
         return rough, straight
 
     def _turned(self, fits: Tries, views: Views, level: Level) -> Tries:
@@ -371,6 +379,81 @@ class Recogniser:
             rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
         return rows
 
+    def _pieces(self, fits: Tries, views: Views) -> list[Tries]:
+        """Return the best reducer of each form as a piece of straight pipe between its joints."""
+        # Two joints show the most of a shallow reducer, and a single one does not explain them.
+        best: dict[int, int] = {}
+        for i in np.argsort(fits.cost, kind="stable").tolist():
+            if fits.forms[i].kind == "reducer":
+                best.setdefault(id(fits.forms[i]), i)
+        rows = []
+        for i in best.values():
+            sizes = np.zeros((1, SIZES))
+            sizes[0, PIECE] = fits.sizes[i, LENGTH]
+            piece = tries([self._joint], fits.numbers[[i]], sizes, 1)
+            rows.append(self._fit.refined(piece, views, self._level(0, 5.0), 2))
+        return rows
+
+    def _preceded(self, fits: Tries, views: Views) -> list[Tries]:
+        """Return a row of a reducer directly before the best of the fittings, and one of the latter
+        alone from where it lies then."""
+        # The cone of a shallow one hardly shows, but what is behind it does: taken for a fitting in
+        # this bore, it explains more pixels than a reducer with straight pipe behind it.
+        order = np.argsort(fits.cost, kind="stable").tolist()
+        least = fits.cost[order[0]] + RECOGNISER.follow_cost[2]
+        others = [i for i in order if fits.forms[i].kind != "reducer" and fits.cost[i] < least]
+        if not others:
+            return []
+        form, behind = fits.forms[others[0]], fits.take(others[:1])
+        plain = form.make is None or form.kind == "straight"
+        if plain or behind.numbers[0, DISTANCE] < self._blind:
+            return []
+        rows = []
+        for reducer in (form for form in self._forms if form.kind == "reducer"):
+            starts = [self._before(behind, reducer, views)]
+            alone = [i for i in order if fits.forms[i] is reducer]
+            if alone:
+                own = fits.take(alone[:1])
+                own.numbers[:, TURN] = behind.numbers[:, TURN]
+                starts.append(replace(own, forms=starts[0].forms[:1]))
+            rows.append(self._fit.refined(joined(starts), views, self._level(0, 5.0), 4))
+        every = joined(rows)
+        both = every.take([int(every.cost.argmin())])
+        end, length = both.sizes[0].tolist()
+        numbers = both.numbers.copy()
+        numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
+        alone = tries([form], numbers, behind.sizes, 1)
+        return [both, self._fit.refined(alone, views, self._level(0, 5.0), 2)]
+
+    def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:
+        """Return the best rows of a reducer of several lengths before the only row of ``behind``,
+        as of this bore."""
+        start = min(reducer.starts, key=lambda sizes: abs(sizes[0] - self._bore))
+        low, nearest = reducer.sizes[LENGTH].low, views.prior.nearest
+        # A picture tells angles: what is wider by a factor is farther by it.
+        far = behind.numbers[0, DISTANCE] * start[0] / self._bore
+        most = min(self._bore, max(far - nearest, low) + low)
+        chain = reducer.before(behind.forms[0], behind.sizes[0].tolist())
+        rows = []
+        for length in np.arange(low, most, RECOGNISER.restart_length * low):
+            numbers = behind.numbers.copy()
+            numbers[0, DISTANCE] = max(far - length, nearest)
+            rows.append(tries([chain], numbers, np.array([[start[0], length]]), 1))
+        part = self._fit.costs(joined(rows), views, self._level(0, 6.0))
+        return part.take(np.argsort(part.cost, kind="stable")[: RECOGNISER.restarts].tolist())
+
+    def _near_ones(
+        self, near: NDArray[np.intp], pose: Array, joints: Sequence[float], views: Views
+    ) -> list[Tries]:
+        """Return rows of fittings so near that only parts of them show, each from a search of its
+        own, for those entries ``near`` of the library that the picture does not exclude."""
+        best: dict[int, int] = {}
+        for row in near.tolist():
+            best.setdefault(int(self._library.entries.form[row]), row)
+        begin = self._from_library(np.array([*best.values()], np.intp), pose)
+        begin = self._fit.refined(begin, views, self._level(0, 6.0), 2)
+        return [begin, *self._begun_again(begin, pose, joints, views)]
+
     def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
         """Return rows of fittings in what seems straight pipe, each from a search of its own."""
         # By a lamp, distant things are dim and cover a few pixels at the middle of the picture,
@@ -412,10 +495,16 @@ class Recogniser:
             first.setdefault(id(fits.forms[i]), i)  # the best of each form
         forms = [*first.values()][: RECOGNISER.follow_forms[stage]]
         straight = [i for i in first.values() if fits.forms[i] is self._forms[0]]
-        return fits.take(list(dict.fromkeys([*kept, *forms, *straight])))
+        # What is taken for two fittings may be the latter alone.
+        latter = {fits.forms[i].behind[0] for i in (*kept, *forms)}
+        alone = [i for i in first.values() if fits.forms[i].name in latter]
+        return fits.take(list(dict.fromkeys([*kept, *forms, *straight, *alone])))
 
-    def _begin(self, views: Views, pose: Array, joints: Sequence[float]) -> tuple[Tries, float]:
-        """Return starting values of every form, and the free distance in straight pipe, m."""
+    def _begin(
+        self, views: Views, pose: Array, joints: Sequence[float]
+    ) -> tuple[Tries, float, NDArray[np.intp]]:
+        """Return starting values of every form, the free distance in straight pipe, m, and entries
+        of the library that may be nearer but have a search of their own."""
         library, entries = self._library, self._library.entries
         cost, alone = library.costs(library.look(views.pictures[0], pose))
         place = entries.numbers[:, DISTANCE]
@@ -442,13 +531,16 @@ class Recogniser:
         begin.numbers[:, DISTANCE] = places
         plain = np.array([form.kind == "straight" for form in self._forms])[entries.form]
         possible &= ~plain & (alone < alone[plain].min() + RECOGNISER.excluded_cost)
-        open_rows = np.flatnonzero(possible)
+        open_rows, near = np.flatnonzero(possible), np.array([], np.intp)
         if self._dim:
-            open_rows = self._visible(open_rows, pose, views)
+            # By a lamp, a shallow reducer that begins before the picture does hardly shows.
+            before = entries.numbers[open_rows, DISTANCE] < self._blind
+            near = self._visible(open_rows[before], pose, views)
+            open_rows = self._visible(open_rows[~before], pose, views)
         straight = float(
             np.min(entries.numbers[open_rows, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )
-        return begin, straight
+        return begin, straight, near
 
     def _from_library(self, rows: NDArray[np.intp], pose: Array) -> Tries:
         """Return entries of the library (m,) as seen by a camera at ``pose`` (6,)."""
