@@ -224,8 +224,9 @@ class Explorer(MapPilot):
         if provisional:
             self._doubt_end(more)
         path = self._with_free_pipe(more)
-        if measured:
+        if measured and not ahead.end:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
+            # An end is kept: soon the lens may be too near to see it.
             self._go_on(path)
             self.look_at = max(
                 distance, min(distance + EXPLORER.settling, self.leg.end - EXPLORER.look_before)
