@@ -95,10 +95,10 @@ def test_a_robot_may_be_told_to_sway_in_full() -> None:
     assert np.linalg.norm(again) > 0.1
 
 
-def slides(slip: float, progress: float, again: bool = False, **changes: float) -> bool:
+def slides(slip: float, progress: float, again: bool = False, preload: float = 25.0) -> bool:
     """Whether a turn in which so much of the rotation by the belts slips should be begun again,
     when a robot has turned by a part of it."""
-    bench = Bench(scenario_of("tee_turn", **changes))
+    bench = Bench(scenario_of("tee_turn", **{"robot.preload": preload}))
     sway, turning = Sway(bench.setup, "sway"), np.array([True])
     radius = float(bench.routes.radius[0])
     ahead, towards = bench.routes.ahead[0], bench.routes.directions[0]
@@ -129,8 +129,8 @@ def test_a_turn_that_slips_in_its_beginning_is_begun_again() -> None:
     assert not slides(0.7, 0.1)
     assert not slides(0.7, 0.4)
     assert not slides(0.7, 0.2, again=True)
-    assert slides(0.7, 0.2, **{"robot.preload": 19.0})
-    assert not slides(0.7, 0.2, **{"robot.preload": 18.0})
+    assert slides(0.7, 0.2, preload=19.0)
+    assert not slides(0.7, 0.2, preload=18.0)
 
 
 SLIPPERY = {
