@@ -25,7 +25,7 @@ from omnitrack_sim.sim.builder import settings_of
 
 PERIOD, BORE = 0.01, 0.16
 ASIDE = "control.parameters.alignment.aside_tee_turn"
-UPRIGHT = Lean(np.zeros((1, 3)), np.zeros(1))
+UPRIGHT = Lean(np.zeros((1, 3)), np.zeros(1), np.zeros(1))
 STRAIGHT = {"kind": "straight", "length": 0.5}
 WAYS = {
     "elbow": {"kind": "elbow", "mean_radius": 0.24},
@@ -289,6 +289,29 @@ def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
     table = bench.scenario.control_parameters.tracking
     assert begun == [True, False, False]
     assert sizes == pytest.approx([table.upward_rotation_limit] + [table.rotation_limit] * 2)
+
+
+@pytest.mark.parametrize("slip", [0.1, 0.3, 0.6])
+def test_a_turn_that_has_slipped_begins_sooner(slip: float) -> None:
+    """By the distance that its heading would lag behind an arc, up to ``slip_lead``: belts that
+    give 1 - slip of the rotation follow an arc with an error of slip / (1 - slip) / gain."""
+    bench = Bench(scenario_of("tee_turn"))
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    table = bench.scenario.control_parameters.tracking
+    upright = bench.observe(0.1).rotation  # as before the turn
+    ways = np.arange(float(bench.routes.start[0]) - 0.06, bench.inside(), 0.0002)
+
+    def begun(lean: Lean) -> float:
+        for distance in ways:
+            wanted = tracking.wanted_rotation(
+                bench.observe(distance).location, upright, one, 0 * one, lean
+            )
+            if length(wanted)[0] > 0.1:
+                return float(distance)
+        raise AssertionError("the turn does not begin")
+
+    lead = begun(UPRIGHT) - begun(UPRIGHT._replace(slip=np.array([slip])))
+    assert lead == pytest.approx(min(slip / (1 - slip) / table.gain, table.slip_lead), abs=3e-4)
 
 
 @pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])

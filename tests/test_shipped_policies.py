@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.base.workers import LocalPool
+from omnitrack_sim.record.events import BackedOff
 
 ACTING = {"tee_turn": "direct", "tee_turn_residual": "residual"}
 
@@ -38,6 +40,23 @@ def test_it_turns_into_the_branch(name, friction, theta5_deg):
     }
     result = ot.run(ot.load_scenario("tee_turn", changes))
     assert result.outcome is ot.Outcome.REACHED_GOAL
+
+
+def test_a_base_leaves_a_turn_that_slips_to_the_decisions():
+    """Straight down on slippery walls the policy turns the belts against each other and passes at
+    the first attempt; its base does not take that for a slide and back off."""
+    tee = ot.load_scenario("tee_turn", {"robot.preload": 26.0})
+    down = 9.81 * tee.route.centreline.at(np.zeros(1))[1][0]
+    changes = {
+        "control.kind": "policy",
+        "control.parameters.policy": "tee_turn_residual",
+        "start.theta5_deg": 7.0,
+        "world.gravity": down.tolist(),
+    }
+    turns = [ot.override(tee, changes | {"world.friction": mu}) for mu in (0.52, 0.56, 0.6)]
+    for result in ot.run_batch(turns, no_load=False):
+        assert result.success
+        assert not [event for event in result.events if isinstance(event, BackedOff)]
 
 
 def test_they_run_in_a_sweep_in_another_process(tmp_path):

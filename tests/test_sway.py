@@ -8,6 +8,7 @@ from test_control_laws import PERIOD, Bench, scenario_of
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import cross, rotation_about
+from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robots.omnitrack.control.tracking import SWAY, Sway
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 
@@ -94,6 +95,44 @@ def test_a_robot_may_be_told_to_sway_in_full() -> None:
     assert np.linalg.norm(again) > 0.1
 
 
+def slides(slip: float, progress: float, again: bool = False, preload: float = 25.0) -> bool:
+    """Whether a turn in which so much of the rotation by the belts slips should be begun again,
+    when a robot has turned by a part of it."""
+    bench = Bench(scenario_of("tee_turn", **{"robot.preload": preload}))
+    sway, turning = Sway(bench.setup, "sway"), np.array([True])
+    radius = float(bench.routes.radius[0])
+    ahead, towards = bench.routes.ahead[0], bench.routes.directions[0]
+    upright = bench.observe(0.1).rotation[0]
+    normal = upright.T @ cross(ahead, towards)
+    for part in np.linspace(0.0, progress, 20):
+        axis = cross(ahead, towards) * part * TURN
+        turned = rotation_about(axis, np.linalg.norm(axis)) @ upright
+        wall_speed = module_speeds(0.1, RATE * normal[0], RATE * normal[1], radius)
+        seen = bench.observe(
+            bench.inside(),
+            rotation=turned,
+            wall_speed=wall_speed,
+            angular_velocity=(1 - slip) * RATE * normal,
+        )
+        lean = sway.step(seen, turning, np.array([again]))
+        assert lean.slip == 0.0
+    assert sway.slip == pytest.approx([slip])
+    return bool(sway.slides[0])
+
+
+def test_a_turn_that_slips_in_its_beginning_is_begun_again() -> None:
+    """Not one that slips less, nor later, nor at a further attempt, which would be given up as
+    well; and not by a robot whose springs leave the outer modules without a wall to lean on."""
+    assert slides(0.7, 0.2)
+    assert slides(0.6, 0.2)
+    assert not slides(0.5, 0.2)
+    assert not slides(0.7, 0.1)
+    assert not slides(0.7, 0.4)
+    assert not slides(0.7, 0.2, again=True)
+    assert slides(0.7, 0.2, preload=19.0)
+    assert not slides(0.7, 0.2, preload=18.0)
+
+
 SLIPPERY = {
     "robot.preload": 33.0,
     "start.theta5_deg": 5.0,
@@ -117,3 +156,22 @@ def test_a_robot_that_drives_downward_on_a_slippery_wall_passes_by_its_sway() ->
     dry = ot.override(base, {"world.friction": 0.9})
     a, b = ot.run_batch([dry, ot.override(dry, none)], no_load=False)
     assert np.array_equal(a.trajectory["position"], b.trajectory["position"])
+
+
+def test_a_robot_that_would_slide_past_a_branch_begins_its_turn_again() -> None:
+    """Straight down on a slippery wall it backs off once and passes; if it only backs off when it
+    has slid past, it falls out of the pipe at the second retry."""
+    base = ot.load_scenario("tee_turn")
+    down = 9.81 * base.route.centreline.at(np.zeros(1))[1][0]
+    base = ot.override(base, {"world.gravity": down.tolist(), "world.friction": 0.52})
+    turns = [
+        ot.override(base, {"robot.preload": preload, "start.theta5_deg": theta5_deg})
+        for preload in (22.0, 26.0)
+        for theta5_deg in (-7.0, 7.0)
+    ]
+    never = {"control.parameters.sway.begin_again": 1e3}
+    for changes, passes, retries in (({}, True, 1), (never, False, 2)):
+        scenarios = [ot.override(turn, changes) for turn in turns]
+        for result in ot.run_batch(scenarios, no_load=False):
+            backed_off = [event for event in result.events if isinstance(event, BackedOff)]
+            assert (result.success, len(backed_off)) == (passes, retries)

@@ -163,6 +163,8 @@ class ControlSetup:
         period: s between two steps.
         gravity: (n, 3) m/s², world frame, as a robot with an inertial unit knows it.
         model: MuJoCo's model of pipes and robot.
+        robots: the parameters of each robot, where ``Robot.own_values`` differ; empty: all have
+            those of ``robot``.
 
     Example:
         >>> import omnitrack_sim as ot
@@ -180,6 +182,7 @@ class ControlSetup:
     period: float
     gravity: Array
     model: Any = None
+    robots: Sequence[Any] = ()
 
     @property
     def n(self) -> int:
@@ -192,6 +195,10 @@ class ControlSetup:
         for name in path.split("."):
             values = [getattr(value, name) for value in values]
         return np.array(values)
+
+    def own(self, name: str) -> Array:
+        """Return one of ``Robot.own_values`` of all robots (n,)."""
+        return np.array([getattr(robot, name) for robot in self.robots or [self.robot] * self.n])
 
 
 class Controller(Protocol):

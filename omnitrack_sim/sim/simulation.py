@@ -153,6 +153,7 @@ class Simulation:
             command=self.plant.command,
             period=self.period,
             gravity=start.gravity,
+            robots=start.robots,
         )
         self.controller: Controller = first.controller_class(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
@@ -207,6 +208,7 @@ class Simulation:
             location=self.senses.location,
             command=with_command_rows(self.setup.command, rows, self.plant.command),
             gravity=with_rows(self.setup.gravity, rows, start.gravity),
+            robots=[s.robot for s in self.scenarios],
         )
         nobody = np.zeros(self.n, bool)
         self._settle(with_rows(nobody, rows, True), nobody)

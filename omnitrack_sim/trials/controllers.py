@@ -31,12 +31,14 @@ _BEFORE = {
     "robot.motor.speed_bandwidth": 50.0,
     "robot.motor.speed_droop": 0.0,
     "control.parameters.tracking.turn_speed": 1.0,
+    "control.parameters.tracking.slip_lead": 0.0,
     "control.parameters.tracking.upward_lead": 0.0,
     "control.parameters.tracking.upward_gain": 40.0,
     "control.parameters.tracking.upward_rotation_limit": 15.0,
     "control.parameters.damping.tee_turn": 5.0,
     "control.parameters.damping.tee_straight": 2.5,
     "control.parameters.sway.lean_deg": 0.0,
+    "control.parameters.sway.begin_again": 1e6,
     "control.parameters.alignment.aside_tee_turn": [0.0, 0.0, 0.0],
 }
 _SHIPPED = (

@@ -107,7 +107,7 @@ class JacobianController:
 
     A robot that makes no headway in a turn backs off to where the turn began, aligns anew and tries
     again. One whose inner module slips in a turn into a branch sways, and so does one that tries
-    again.
+    again; where it slips much, the turn is begun again, sooner, before the robot slides past.
     """
 
     phases: ClassVar[tuple[str, ...]] = (
@@ -179,7 +179,9 @@ class JacobianController:
         location, s = observation.location, self.settings
         room = self.routes.nose_room(location, self.robot.length)
         # Recovery first: it may have the aligner plan anew, in this very step.
-        backing, retried = self.recovery.step(observation, self.resting, room, self.aligner)
+        backing, retried = self.recovery.step(
+            observation, self.resting, self.sway.slides, room, self.aligner
+        )
         standing, rolled = self.aligner.step(observation, room)
         aligning = standing & ~backing
         self.resting = aligning | backing

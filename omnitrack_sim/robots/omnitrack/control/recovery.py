@@ -96,13 +96,19 @@ class Recovery:
         self.passage[robot] += shift
 
     def step(
-        self, observation: Observation, standing: NDArray[np.bool_], room: Array, aligner: Aligner
+        self,
+        observation: Observation,
+        standing: NDArray[np.bool_],
+        sliding: NDArray[np.bool_],
+        room: Array,
+        aligner: Aligner,
     ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
         """Return the robots (n,) that drive backward now, and the events of this step.
 
         Args:
             observation: of this moment.
             standing: (n,) robots that roll on the spot and are not waited for.
+            sliding: (n,) robots that are about to slide past a branch.
             room: (n,) m, from the nose to the next fitting.
             aligner: told to align robots again that have backed off.
         """
@@ -117,13 +123,15 @@ class Recovery:
             self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
-        events = self._begin(observation, room)
+        events = self._begin(observation, sliding, room)
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(location.distance, aligner)
         return self.backing, events
 
-    def _begin(self, observation: Observation, room: Array) -> list[Event]:
+    def _begin(
+        self, observation: Observation, sliding: NDArray[np.bool_], room: Array
+    ) -> list[Event]:
         location, routes = observation.location, self.routes
         turning = routes.is_turn.take(location.passage) & (room < 0) & ~self.backing
         if not np.count_nonzero(turning):
@@ -136,7 +144,7 @@ class Recovery:
         room_beside = self._beside * routes.radius[location.passage]
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
         may = turning & (self.retries < self._most_retries) & self.settings.retry
-        failed = may & (hanging | fallen | beside)
+        failed = may & (hanging | fallen | beside | sliding)
         events: list[Event] = []
         for robot in np.flatnonzero(failed).tolist():
             name = routes.name_of(int(location.passage[robot]))

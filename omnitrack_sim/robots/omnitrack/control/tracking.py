@@ -22,6 +22,7 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
+from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE
 
 LEADS = 7
@@ -51,6 +52,11 @@ class TrackingTable(Table):
     that."""
     upward_lead: Annotated[NotNegative, Unit("m")] = 0.015
     """Distance by which a turn out of a branch begins sooner where the run leads steeply up."""
+    # On slippery walls with the weight down the run (friction 0.5 to 0.58, 20 to 26 N) 120 of 160
+    # turns that lean in full pass without it, 128 with 10 mm, 134 with 15, 133 with 20, 123 with
+    # 25.
+    slip_lead: Annotated[NotNegative, Unit("m")] = 0.015
+    """Most by which a turn that has slipped is begun sooner at the next attempt."""
     heading_lead: Annotated[NotNegative, Unit("m")] = 0.09
     """Length of centreline beyond the lookahead point within which the heading is not turned
     back. In the open middle of a tee the robot turns faster than the arc, and turning it back
@@ -90,6 +96,7 @@ class Tracking:
         )
         stretches = np.array([np.linspace(0.0, reach, LEADS) for reach in lead])
         self.leads = lookahead[:, None] + stretches  # (n, LEADS) m
+        self._slip_lead = robot.own_length(each["slip_lead"])  # (n,) m
         self._upward_lead = robot.own_length(each["upward_lead"])  # (n,) m
         self._upward_gain = each["upward_gain"] * REFERENCE_BORE / robot.nominal_bore
         self._upward_limit = each["upward_rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
@@ -119,6 +126,11 @@ class Tracking:
             leads = leads + (sharper * self._upward_lead)[:, None]
             gain = gain + sharper * (self._upward_gain - gain)
             limit = limit + sharper * (self._upward_limit - limit)
+        if np.count_nonzero(lean.slip):
+            # The distance by which the heading lags behind an arc, where belts give 1 - slip of the
+            # rotation that is asked.
+            lag = lean.slip / ((1.0 - lean.slip) * self.gain)
+            leads = leads + np.minimum(lag, self._slip_lead)[:, None]
         ahead = location.distance[:, None] + direction[:, None] * leads  # (n, leads) m
         # Index 0 is the lookahead point; on a straight stretch all points have its tangent.
         nearest = self._rows * 0
@@ -194,6 +206,11 @@ class SwayTable(Table):
     """A turn that slips no more than this is left alone."""
     slip_range: Annotated[Part, Unit("1")] = 0.2
     """Slip beyond that with which the lean is in full."""
+    # A robot that has slid past the branch hardly ever comes back (docs/studies/tee-turn.md). With
+    # 0.4 from a tenth of the turn on, 25 of 120 robots begin again with friction 0.6 to 0.75 and 19
+    # to 24 N, of which all would have passed and 2 fail; with 0.55 from 0.15 on 5, and none fails.
+    begin_again: Annotated[NotNegative, Unit("1")] = 0.55
+    """Slip in the beginning of a turn beyond which the robot backs off to try again at once."""
 
 
 @dataclass(frozen=True)
@@ -207,15 +224,20 @@ class SwayProfile:
         judged: part of the turn after which its slip is no longer measured. Farther on the inner
             module may have lost its wall, and its belt then turns nothing on a dry wall either.
         least_turn: rad, rotation by the belts that is enough to tell how much of it slips.
+        beginning: parts of the turn between which it can be begun again. Before, belts that have
+            just begun to turn a robot slip on dry walls, too; farther on it no longer comes back.
     """
 
     progress: tuple[float, ...] = (1 / 9, 1 / 3, 5 / 9, 7 / 9)
     lean: tuple[float, ...] = (-0.15, 1.0, 0.5, 0.0)
     judged: float = 1 / 3
     least_turn: float = np.radians(5.0)
+    beginning: tuple[float, float] = (0.15, 0.3)
 
 
 SWAY = SwayProfile()
+MOST_SLIP = 0.9
+"""Slip beyond which no more is made of it: a robot may also be turned back."""
 
 
 class Lean(NamedTuple):
@@ -224,10 +246,13 @@ class Lean(NamedTuple):
     Attributes:
         aside: (n, 3) added to the unit vector of the wanted heading, world frame.
         most: (n,) largest size of ``aside`` in this turn.
+        slip: (n,) that of the turn at the first attempt, up to ``MOST_SLIP``, where robots try
+            again; 0 of the others.
     """
 
     aside: Array
     most: Array
+    slip: Array
 
 
 class Sway:
@@ -243,11 +268,14 @@ class Sway:
     Attributes:
         by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts.
         turned: (n,) rad, the same by the gyroscope.
+        slides: (n,) bool, robots that slip so much in the beginning of a turn that they had better
+            begin it again.
     """
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self._path = path
-        self._side, self.by_belts, self.turned = np.zeros((3, setup.n))
+        self._side, self.by_belts, self.turned, self._slipped = np.zeros((4, setup.n))
+        self.slides = np.zeros(setup.n, bool)
         self.reset(np.arange(setup.n), setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
@@ -257,7 +285,9 @@ class Sway:
         # Added across a unit vector, a tangent turns it by the angle.
         self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
         self._slip, self._slip_range = each["slip"], each["slip_range"]
+        self._begin_again = np.where(_keeps_the_wall(setup), each["begin_again"], np.inf)
         self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
+        self._slipped[rows], self.slides[rows] = 0.0, False
 
     @property
     def slip(self) -> Array:
@@ -273,16 +303,19 @@ class Sway:
         Args:
             observation: of this moment.
             turning: (n,) robots that turn into a branch now.
-            full: (n,) robots that sway in full at any slip.
+            full: (n,) robots that sway in full at any slip, as they try again.
         """
         location = observation.location
         # Equal orientations lean alike: theta5 = -115 is 5 degrees beside the best, as 5 itself.
         error = orientation_error(location.theta5, preferred_theta5("tee_turn"))
         beside = np.where(error < 0, 1.0, -1.0)
         self._side = np.where(turning, self._side, beside)
+        self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MOST_SLIP))
+        again = np.where(full & turning, self._slipped, 0.0)
         if not np.count_nonzero(turning):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
-            return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)))
+            self.slides = turning  # none
+            return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)), again)
         passage, rotation = location.passage, observation.rotation
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
@@ -298,9 +331,21 @@ class Sway:
         elapsed = np.where(turning & (progress < SWAY.judged), self.period, 0.0)
         self.by_belts = np.where(turning, self.by_belts, 0.0) + elapsed * belts
         self.turned = np.where(turning, self.turned, 0.0) + elapsed * gyro
+        start, end = SWAY.beginning
+        begins = turning & ~full & (progress >= start) & (progress < end)
+        self.slides = begins & (self.slip > self._begin_again)
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
         share = np.where(full, 1.0, share)
         most = np.where(turning, self._most * share, 0.0)
         # Back at 0 before the turn ends: the robot has to leave it in its plane.
         size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
-        return Lean(size[:, None] * normal, most)
+        return Lean(size[:, None] * normal, most, again)
+
+
+def _keeps_the_wall(setup: ControlSetup) -> NDArray[np.bool_]:
+    """Whether the springs of robots (n,) reach far enough to press both outer modules of a turn in
+    a tee against its wall, from the best orientation; leaning needs both of them."""
+    robot = setup.robot
+    radius = robot.nominal_pipe_radius
+    reach = radius + setup.own("preload") / robot.module_stiffness
+    return safe_margin(sector_angle(radius, reach, np.pi / 2)) > 0
