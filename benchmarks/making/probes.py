@@ -85,6 +85,12 @@ PROBES = {
         4.2,
         "a robot that hangs in a tee and backs off",
     ),
+    "slide": Probe(
+        "tee_turn",
+        NEAR | {"start.theta5_deg": 7.0, "world.friction": 0.52, "world.gravity": [0.0, 0.0, 9.81]},
+        4.0,
+        "a turn that slips down the run and is begun again",
+    ),
     "over": Probe(
         "tee_straight",
         NEAR | {"start.theta5_deg": 30.0},
