@@ -175,3 +175,4 @@ def test_a_robot_that_would_slide_past_a_branch_begins_its_turn_again() -> None:
         for result in ot.run_batch(scenarios, no_load=False):
             backed_off = [event for event in result.events if isinstance(event, BackedOff)]
             assert (result.success, len(backed_off)) == (passes, retries)
+            assert backed_off[0].cause == ("slips" if passes else "slips past")

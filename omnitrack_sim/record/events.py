@@ -205,13 +205,18 @@ class NotAligned(Event):
 
 @dataclass(frozen=True)
 class BackedOff(Event):
-    """A turn makes no headway: the robot backs off to before the fitting and tries again."""
+    """A turn fails, or is about to: the robot backs off to before the fitting and tries again.
+
+    Attributes:
+        cause: why.
+    """
 
     fitting: str
     distance: float
     tilt_deg: float
+    cause: str = "no headway"
     sentence = (
-        "in {fitting}: no headway at {distance:.3f} m, tilt {tilt_deg:.1f} deg: backs "
+        "in {fitting}: {cause} at {distance:.3f} m, tilt {tilt_deg:.1f} deg: backs "
         "off and tries again"
     )
 

@@ -145,12 +145,14 @@ class Recovery:
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
         may = turning & (self.retries < self._most_retries) & self.settings.retry
         failed = may & (hanging | fallen | beside | sliding)
+        causes = {"no headway": hanging, "falls back": fallen, "slips past": beside}
         events: list[Event] = []
         for robot in np.flatnonzero(failed).tolist():
             name = routes.name_of(int(location.passage[robot]))
             time, distance = float(observation.time[robot]), float(location.distance[robot])
             tilt = float(np.degrees(location.tilt[robot]))
-            events.append(BackedOff(robot, time, name, distance, tilt))
+            cause = next((cause for cause, robots in causes.items() if robots[robot]), "slips")
+            events.append(BackedOff(robot, time, name, distance, tilt, cause))
         if events:
             self.backing = self.backing | failed
             self.retries = self.retries + failed
