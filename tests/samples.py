@@ -11,11 +11,12 @@ from omnitrack_sim.pipes import Assembly, Route
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.record.events import Outcome, Remark
-from omnitrack_sim.record.metrics import BeltRun, summarise
+from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
+from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.scenario import validate
 
 LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
@@ -56,7 +57,8 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         "reason": "reached 0.5 m",
         "duration_s": float(trajectory.time[-1]),
         "metrics": summarise(
-            BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"])
+            BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"]),
+            METRICS,
         ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),

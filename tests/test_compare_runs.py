@@ -58,8 +58,10 @@ def test_pipes_of_another_number_are_one_difference():
 
 
 def test_figures_are_all_numbers_of_both_with_units():
-    """Duration, one number a module, one a phase; what only one run has is None in the other."""
-    other = result(metrics=dict(result().metrics) | {"mine_n": 3.0}, duration_s=5.0)
+    """Duration, one number a module, one a phase, of the estimate; what only one run has is None in
+    the other."""
+    more = {"theta5_error_p95_deg": 2.0, "mine_n": 3.0}
+    other = result(metrics=dict(result().metrics) | more, duration_s=5.0)
     found = ot.compare(result(), other)
     figures = {one.name: one for one in found.figures}
     assert len(figures) == len(found.figures)
@@ -67,9 +69,10 @@ def test_figures_are_all_numbers_of_both_with_units():
     assert figures["traction_rms_n_2"].unit == "N"
     assert figures["phase_time_s.turn"].unit == "s"
     assert figures["slip_ratio_mean_3"].a == result().metrics["slip_ratio_mean"][2]
+    assert figures["theta5_error_p95_deg"].unit == "deg"
     mine = figures["mine_n"]
     assert (mine.a, mine.b, mine.difference, mine.unit, mine.differs) == (None, 3.0, None, "", True)
-    assert sorted(one.name for one in found.figures if one.differs) == ["duration_s", "mine_n"]
+    assert sorted(one.name for one in found.figures if one.differs) == ["duration_s", *sorted(more)]
 
 
 def test_the_noise_of_floats_is_no_difference():

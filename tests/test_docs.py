@@ -21,9 +21,10 @@ from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
-from omnitrack_sim.record import channels, metrics
+from omnitrack_sim.record import channels
 from omnitrack_sim.robots.control import controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
@@ -281,7 +282,7 @@ def test_marks_of_tables_name_tables_and_no_table_is_left_over():
 def test_the_page_of_sweeps_says_which_metrics_its_tables_leave_out():
     """All that are in no table, by name."""
     sweeps = page("sweeps")
-    left_out = [metric.name for metric in metrics.METRICS if not metric.in_tables]
+    left_out = [metric.name for metric in METRICS if not metric.in_tables]
     assert [name for name in left_out if f"`{name}`" not in sweeps] == []
 
 
@@ -300,9 +301,9 @@ def test_tables_of_the_pages_are_those_of_the_code():
     count = channels.CHANNELS["contact_count"]
     row = f"| `contact_count` | 1 | 3 x 2 | - | swapped | yes | yes | {count.meaning} |"
     assert f"\n{row}\n" in page("channels")
-    travel = next(one for one in metrics.METRICS if one.name == "spring_travel_max_m")
+    travel = next(one for one in METRICS if one.name == "spring_travel_max_m")
     assert f"\n| `{travel.name}` | m | 3 | {travel.meaning} |\n" in page("metrics")
-    named = {"channels": channels.CHANNELS, "metrics": [one.name for one in metrics.METRICS]}
+    named = {"channels": channels.CHANNELS, "metrics": [one.name for one in METRICS]}
     for name, every in named.items():
         assert [one for one in every if f"\n| `{one}` |" not in page(name)] == []
 

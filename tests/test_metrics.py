@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
-from omnitrack_sim.record.metrics import BeltRun, Metrics, summarise
+from omnitrack_sim.record.metrics import Metrics, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.drive import DRIVES, Drive
+from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 
 T = 201
 PER_MODULE = (
@@ -27,7 +28,8 @@ PER_MODULE = (
 
 def figures(trajectory: Trajectory) -> Metrics:
     return summarise(
-        BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"])
+        BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"]),
+        METRICS,
     )
 
 
@@ -135,7 +137,7 @@ def test_a_belt_is_at_its_limit_where_its_motors_can_give_no_more(drive, limits)
     for part, seconds in ((0.985, 0.0), (0.995, 4.0)):
         torque = each(*(part * limit for limit in limits))
         run = sample_trajectory(T, motor_torque=torque, belt_speed=each(0.0, 0.0, 0.0))
-        found = summarise(BeltRun(run, 9.81, 0.0, LUG_RADIUS, 1.18, drive=drive))
+        found = summarise(BeltRun(run, 9.81, 0.0, LUG_RADIUS, 1.18, drive=drive), METRICS)
         assert found["time_at_limit_s"] == pytest.approx([seconds] * 3)
         assert found["stall_time_s"] == found["time_at_limit_s"]
 

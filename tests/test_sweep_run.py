@@ -25,8 +25,8 @@ from omnitrack_sim import OutputError, SweepError, run, run_sweep
 from omnitrack_sim.base import writing
 from omnitrack_sim.base.writing import whole_file
 from omnitrack_sim.record.events import BackedOff, FellOff
-from omnitrack_sim.record.metrics import METRICS
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.trials import batches, dispatch
 from omnitrack_sim.trials.store import metric_columns, to_parquet

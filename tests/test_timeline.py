@@ -19,12 +19,13 @@ from samples import (
 )
 
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
-from omnitrack_sim.record.metrics import BeltRun, summarise
+from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
+from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 
 WAY = np.arange(0.1, 1.2, 0.002)
 
@@ -70,7 +71,8 @@ def test_durations_energy_and_slip_add_up_to_the_run(bend):
     trajectory = record(bend, motor_torque=wave, slip_velocity=0.01 * wave)
     rows = visits(trajectory, bend)
     whole = summarise(
-        BeltRun(trajectory, 9.81, 0.0, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"])
+        BeltRun(trajectory, 9.81, 0.0, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"]),
+        METRICS,
     )
     assert sum(row.duration_s for row in rows) == pytest.approx(trajectory.time[-1])
     assert sum(row.energy_j for row in rows) == pytest.approx(whole["energy_j"])

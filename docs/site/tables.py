@@ -30,6 +30,7 @@ from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.robots.omnitrack.motors import Motor
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, PolicyTable
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS
@@ -197,7 +198,7 @@ TABLES: dict[str, Callable[[], str]] = {
         ("metric", "unit", "modules", "meaning"),
         (
             (f"`{one.name}`", one.unit, "3" if one.per_module else "", one.meaning)
-            for one in metrics.METRICS
+            for one in METRICS
         ),
     ),
     "estimates": lambda: table(

@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from omnitrack_sim.base.text import clipped, counted, printable
-from omnitrack_sim.record.metrics import COMMON_METRICS, METRICS
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS
 from omnitrack_sim.results.html import LONGEST, safe, table_html
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.model import unit_of
 
 NOISE = 1e-9
@@ -23,7 +24,6 @@ _DIGITS, _MOST_DIGITS = 4, 12
 """Digits of a number, and most digits where two numbers hardly differ."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
-_UNITS = {metric.name: metric.unit for metric in (*METRICS, *COMMON_METRICS)}
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,15 @@ class Comparison:
             for run in runs
         )
         names = [*first, *(name for name in second if name not in first)]
+        robots = (run.scenario.robot for run in (self.a, self.b))
+        metrics = (
+            *(metric for robot in robots for metric in robot.metrics),
+            *(*ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS),
+        )
+        units = {"duration_s": "s"} | {metric.name: metric.unit for metric in metrics}
         return tuple(
-            ComparedValue(name, _unit(name), first.get(name), second.get(name)) for name in names
+            ComparedValue(name, _unit(name, units), first.get(name), second.get(name))
+            for name in names
         )
 
     def summary(self) -> dict[str, Any]:
@@ -191,15 +198,11 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def _unit(name: str) -> str:
-    """Unit of a figure of a run; empty for a user's own metric."""
-    if name == "duration_s":
-        return "s"
+def _unit(name: str, units: Mapping[str, str]) -> str:
+    """Return the unit of a figure of a run; empty for a user's own metric."""
     # The name as it is, without a module's number, without a phase.
-    for known in (name, name.rpartition("_")[0], name.partition(".")[0]):
-        if known in _UNITS:
-            return _UNITS[known]
-    return ""
+    names = (name, name.rpartition("_")[0], name.partition(".")[0])
+    return next((units[known] for known in names if known in units), "")
 
 
 def value_row(one: ComparedValue) -> tuple[str, ...]:

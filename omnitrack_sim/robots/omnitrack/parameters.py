@@ -17,10 +17,11 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from omnitrack_sim.record.channels import CHANNELS, Channel
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
-from omnitrack_sim.record.metrics import METRICS, BeltRun, Metric
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.quantity import (
     ROUNDING,
