@@ -224,6 +224,29 @@ def test_an_mjcf_file_is_a_robot(tmp_path, monkeypatch):
         ot.override(scenario, {"run.time_limit": 0.2})
 
 
+def test_a_robot_that_nothing_drives_says_so(tmp_path, monkeypatch):
+    """A file with actuators and no controller is told of at the start; one without is a body that
+    may be pulled or may fall."""
+    monkeypatch.chdir(tmp_path)
+    motor = "<actuator><motor joint='rim'/></actuator>"
+    for actuators in (motor, ""):
+        Path("car.xml").write_text(
+            "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.03'/>"
+            "<body pos='0 0 0.03'><joint name='rim'/><geom size='0.02'/></body></body></worldbody>"
+            f"{actuators}</mujoco>"
+        )
+        scenario = validate(
+            {
+                "robot": {"kind": "mjcf", "file": "car.xml", "bore": 0.1},
+                "start": {"distance": 0.3},
+                "run": {"time_limit": 0.1},
+                "pipes": [{"kind": "straight", "length": 0.6, "inner_diameter": 0.1}],
+            }
+        )
+        told = [str(event) for event in ot.run(scenario).events if "nothing drives" in str(event)]
+        assert len(told) == bool(actuators)
+
+
 def test_a_controller_of_ones_own_answers_with_inputs():
     """It sees joints, sensors by name and its place; its inputs are recorded."""
 
@@ -262,7 +285,7 @@ def test_a_sweep_has_the_robots_metrics(tmp_path):
     )
     sweep = ot.load_sweep(tmp_path / "grip.toml")
     result = ot.run_sweep(sweep, out=tmp_path / "sweep", workers=1)
-    force = result.table["wall_force_mean_n"].to_numpy()
+    force = result.table["wall_force_sum_mean_n"].to_numpy()
     assert force[1] == pytest.approx(2 * force[0], rel=0.1)
 
 

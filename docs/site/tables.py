@@ -93,6 +93,11 @@ def rows_of_channels() -> Iterator[Row]:
         yield (*cells, one.tail_first, seen, kept, one.meaning)
 
 
+def rows_of_names(those: Iterable[channels.Channel | metrics.Metric]) -> Iterator[Row]:
+    """Yield a row for each channel or metric: name, unit, meaning."""
+    return ((f"`{one.name}`", one.unit, one.meaning) for one in those)
+
+
 def attributes_of(model: type[BaseModel]) -> dict[str, str]:
     """Return the meanings of keys that stand under ``Attributes`` in a model's docstrings."""
     texts = (inspect.cleandoc(one.__dict__.get("__doc__") or "") for one in model.__mro__)
@@ -194,6 +199,7 @@ TABLES: dict[str, Callable[[], str]] = {
         ("channel", "unit", "shape", "frame", "tail first", "seen", "recorded", "meaning"),
         rows_of_channels(),
     ),
+    "metrics.common": lambda: table(NAMED, rows_of_names(metrics.COMMON_METRICS)),
     "metrics": lambda: table(
         ("metric", "unit", "modules", "meaning"),
         (
@@ -202,11 +208,7 @@ TABLES: dict[str, Callable[[], str]] = {
         ),
     ),
     "estimates": lambda: table(
-        NAMED,
-        (
-            (f"`{one.name}`", one.unit, one.meaning)
-            for one in (*metrics.ESTIMATES, *metrics.ESTIMATE_METRICS)
-        ),
+        NAMED, rows_of_names((*metrics.ESTIMATES, *metrics.ESTIMATE_METRICS))
     ),
     "keys.view": lambda: keys_of(VIEW),
     "keys.replay": lambda: keys_of(REPLAY),

@@ -256,7 +256,11 @@ _SHIPPED = (
         "negated",
     ),
     _of_module(
-        "traction", "N", "wall force on each module along its axis, forward positive", "negated"
+        "traction",
+        "N",
+        "wall force on each module along its axis, forward positive; on a rim, whose normal leans "
+        "along the axis, it may be more than friction times `normal_force`",
+        "negated",
     ),
     _of_module(
         "normal_force",

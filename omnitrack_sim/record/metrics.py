@@ -166,10 +166,10 @@ COMMON_METRICS: tuple[Metric, ...] = (
         lambda r: float(r.trajectory["wall_force"].max(initial=0.0)),
     ),
     Metric(
-        "wall_force_mean_n",
+        "wall_force_sum_mean_n",
         "N",
-        "forces between the wall and all bodies of the robot together, mean over time; it may be "
-        "more than the largest of one body",
+        "sum of the sizes of the forces between the wall and each body, mean over time: with many "
+        "bodies it is more than `wall_force_max_n`, which is of one body",
         lambda r: float(r.mean(r.trajectory["wall_force"].sum(axis=1))),
     ),
     Metric(
@@ -194,6 +194,7 @@ TITLES: Mapping[str, tuple[str, int]] = {
     "slip_distance_m": ("slip distance", 4),
     "traction_rms_n": ("traction, rms", 2),
     "normal_force_mean_n": ("mean normal force", 1),
+    "normal_force_max_n": ("largest normal force", 1),
     "contact_fraction": ("time in contact", 3),
     "spring_travel_max_m": ("largest spring travel", 4),
     "motor_torque_max_nm": ("largest motor torque", 3),

@@ -18,7 +18,7 @@ from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.control import Settings
 from omnitrack_sim.robots.plant import Start
-from omnitrack_sim.robots.robot import STANDARD, robot_class
+from omnitrack_sim.robots.robot import STANDARD, Robot, robot_class
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import PhysicsTable
 from omnitrack_sim.walls.geoms import TIMESTEP
@@ -126,7 +126,7 @@ def settings_of(
         speed, step = _speed_note(scenario, most, factor), _step_note(scenario)
         bores = [2 * radius for radius in scenario.bores.values()]
         own = scenario.robot.bore_notes(bores)
-        notes.append([*speed, *step, *own, *_idle_note(scenario.physics)])
+        notes.append([*speed, *step, *own, *_idle_note(scenario.physics), *_still_note(scenario)])
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
@@ -185,6 +185,17 @@ def _idle_note(physics: PhysicsTable) -> Iterator[str]:
                 f"physics.{key} has no effect on exact walls; it is for physics.collider = "
                 '"primitives"'
             )
+
+
+def _still_note(scenario: Scenario) -> Iterator[str]:
+    """Yield a remark on a robot with actuators and without anything that commands them."""
+    robot = scenario.robot
+    gait = type(robot).gait
+    if scenario.control.kind == "own" and gait is Robot.gait and robot.channels["ctrl"].shape[0]:
+        yield (
+            "nothing drives the robot: it has no gait of its own (Robot.gait), so its inputs stay "
+            'as they are at the start; name your controller as control.kind = "module:Class"'
+        )
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:

@@ -132,6 +132,12 @@ METRICS: tuple[Metric, ...] = (
         lambda r: r.mean(r.trajectory["normal_force"]).tolist(),
     ),
     _of_modules(
+        "normal_force_max_n",
+        "N",
+        "largest sum of the normal forces at the module's lugs in a sample",
+        lambda r: _largest(r.trajectory["normal_force"]),
+    ),
+    _of_modules(
         "contact_fraction",
         "1",
         "part of the time in which at least one lug of the module touches the wall, 0 to 1",

@@ -427,6 +427,8 @@ class Omnitrack(Robot):
         if low < bore < high:
             return ""
         made = f"robot.scale = {self.scale_for(bore):.4g} makes the robot for it"
+        if low < bore / 1000 < high:
+            made = f"lengths are in m; {bore:.4g} mm are {bore / 1000:.4g} m"
         return f"the arms reach bores from {low:.4g} to {high:.4g} m ({made})"
 
     def check(self) -> None:
