@@ -506,14 +506,15 @@ def test_falls_count_anew_when_an_end_has_been_inspected():
     [
         ("off", 4, ExplorationComplete),
         ("off", 7, ExplorationIncomplete),
-        ("foot", 3, GaveUp),
+        ("foot", 5, ExplorationComplete),
+        ("foot", 6, GaveUp),
     ],
-    ids=["it gets there at last", "never", "on its way home"],
+    ids=["it gets there at last", "never", "it gets home at last", "never home"],
 )
 def test_a_port_on_the_way_to_which_it_falls_too_often_is_tried_last(pipe, falls, outcome):
     """After one fall on the way to it the robot goes elsewhere first, after three it gives it up,
     and comes once more; after three others it goes home with a map that names this port. On its
-    way home there is nowhere else to go."""
+    way home there is nowhere else to go, so it tries that as often once more."""
     ghost = Ghost(validate(forked(on=0.8, off=0.8)), "foot.start")
     explorer, fallen = ghost.explorer, []
     part = next(part for part in ghost.pipes.parts if part.name == pipe)
@@ -633,6 +634,26 @@ def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     assert not of_kind(ghost, ExplorationComplete)
     (incomplete,) = of_kind(ghost, ExplorationIncomplete)
     assert "a look back shows a tee" in incomplete.left
+
+
+def test_looks_back_that_tell_nothing_become_rare():
+    """What they cannot show from one place they hardly show 10 mm farther on."""
+    looks = []
+
+    def nothing_behind(look):
+        if look.behind is not None and isinstance(look.behind.fitting, Elbow):
+            looks.append(look.distance)
+            look = look._replace(behind=None)
+        return on_look(look)
+
+    parts = [straight("foot", 0.4), elbow("bend"), straight("on", 1.2)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    on_look, ghost.explorer.on_look = ghost.explorer.on_look, nothing_behind
+    ghost.run()
+    assert len(looks) >= 3
+    steps = np.diff(looks)
+    assert np.all(steps[:4] > LOOKS.behind_again * 2.0 ** np.arange(len(steps[:4])) - 1e-9)
 
 
 def test_a_doubt_is_over_when_a_look_back_agrees_with_the_map():

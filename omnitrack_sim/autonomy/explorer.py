@@ -141,6 +141,7 @@ class Explorer(MapPilot):
         self._missed: MissedReducer | None = None
         self._left: dict[End, str] = {}  # ports that it has given up, and why
         self._tries_again = True  # the ports given up, once no other is left
+        self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
         self._close, self._confirmation = CloseLooks(), Confirmation()
@@ -285,12 +286,15 @@ class Explorer(MapPilot):
     def _on_last_fall(
         self, time: float, events: Sequence[Event], location: PartLocation
     ) -> Decision:
-        """Give up the port that the robot was on its way to, and go on to another; give up all
-        where it was on its way home."""
+        """Give up the port that the robot was on its way to, and go on to another; on its way home
+        there is none, so it tries that once more before it gives up."""
         port = _end_of([self.leg, *self._to_come][-1].path)
-        if port not in self.belief.unexplored:
+        if port in self.belief.unexplored:
+            self._give_up_port(port, "has fallen too often on the way there")
+        elif self._tries_home_again:
+            self._tries_home_again = False
+        else:
             return super()._on_last_fall(time, events, location)
-        self._give_up_port(port, "has fallen too often on the way there")
         self._falls = self._most_falls
         return self._replan(time, events, self._from(location))
 

@@ -30,7 +30,8 @@ class LookSettings:
 
     Attributes:
         behind: m, from its rear to a fitting behind it when it looks back at that.
-        behind_again: m, travel to the next look back, where the one before was ambiguous.
+        behind_again: m, travel to the next look back; it doubles with each one in a straight that
+            tells nothing: what an elbow shows from behind changes little within 10 mm.
         most_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
         most_std: m, standard deviation up to which a look back places the robot. Round a bend the
             estimate of arc length is off by centimetres.
@@ -234,6 +235,7 @@ class LookingBack:
         self._weights: dict[int, float] = {}
         self._done: set[int] = set()
         self._twice: set[int] = set()
+        self._vain: Counter[int] = Counter()  # looks that told nothing, by straight
         self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
 
     def begin(self) -> None:
@@ -300,10 +302,13 @@ class LookingBack:
             behind: the look.
         """
         i = route.index_at(distance)
+        here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
         if i == 0 or behind is None or not self._is_clear(route, i, behind):
+            self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
+            self._vain[here.index] += 1
             return distance
-        here = route.passages[i]
+        self._vain[here.index] = 0
         if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
             self._doubt(route, i, distance, behind)
             return distance
