@@ -602,6 +602,39 @@ def test_pipe_that_no_look_tells_anything_of_is_left_and_not_explored():
     assert "elbow" not in {kind for pair in difference.kinds for kind in pair}
 
 
+def test_pipe_that_was_only_assumed_is_looked_into_anew_after_a_fall():
+    """Where a lens in the assumed pipe would have passed what follows directly."""
+    names = ("foot", "side", "on")
+    parts = [*(straight(name, 0.6) for name in names), tee("tee"), elbow("bend")]
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.run_end", "bend.start")]
+    joints += [joint("bend.end", "on.start"), joint("tee.branch", "side.start")]
+    fallen = []
+
+    def blind(ahead):
+        return None if isinstance(ahead.fitting, Elbow) and not fallen else ahead
+
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=blind)
+    explorer = ghost.explorer
+
+    def falls(position, frame):
+        if fallen or explorer._assumed == 0.0:
+            return False
+        fallen.append((position, frame[:, 2] * explorer.leg.gear))
+        return True
+
+    def fall(time, distance, goal):
+        decision = explorer.on_fall(time, *fallen[-1])
+        belief = explorer.belief
+        assert "tee_1.run_end" in [belief.name(end) for end in belief.unexplored]
+        return decision
+
+    ghost._blocked, explorer.on_blockage = falls, fall
+    ghost.run()
+    assert fallen
+    assert compare_maps(explorer.belief.network, network, "foot.start").same
+
+
 def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     """A tee that was overlooked ahead is seen behind: there is more than the map has."""
 

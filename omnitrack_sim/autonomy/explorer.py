@@ -688,6 +688,8 @@ class Explorer(MapPilot):
 
     def _onward(self, distance: float) -> Replan:
         """See ``MapPilot``; legs lead ahead or back, and round sharp turns where they can."""
+        route = self.route()
+        self._drop_assumed(route.passages[route.index_at(distance)].index)
         leg = self.leg
 
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
@@ -706,12 +708,28 @@ class Explorer(MapPilot):
 
     def _from(self, location: PartLocation) -> Replan:
         """See ``MapPilot``; legs lead round sharp turns where they can."""
+        self._drop_assumed(location.part)
 
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
             legs = planner.replan_from(location, goal, closed)
             return legs and planner.gentler(legs, location, goal, closed)
 
         return onward
+
+    def _drop_assumed(self, here: int) -> None:
+        """Remove free pipe that the robot has only assumed, unless its part ``here`` is that: when
+        it comes again it is to look from where the fitting before that pipe ends."""
+        *path, (part, enter, _) = self.leg.path
+        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
+        if self._assumed == 0.0 or not path or part == here or enter != "start":
+            return
+        more = fitting.length_of_axes > self._assumed + BELIEF.shortest
+        if more or not fitting.is_plain or not self.belief.drop(part):
+            return
+        self._assumed = 0.0
+        self._doubts.pop(name, None)
+        self.planner = self._through([])
+        self.leg = replace(self.leg, path=tuple(path))
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         """Go to the unexplored port that asks for the least travel, or else to the start."""
