@@ -10,7 +10,7 @@ from ghosts import Ghost
 from network_samples import elbow, forked, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.looking import LOOKS
+from omnitrack_sim.autonomy.looking import LOOKS, Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between
@@ -103,6 +103,21 @@ def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
     ghost = Ghost(network, "foot.start", erring=before_the_end_of_the_bend)
     ghost.run()
     assert compare_maps(ghost.explorer.belief.network, network).same
+
+
+@pytest.mark.parametrize(
+    ("ends", "last"),
+    [([2.227, 2.198, 2.200], True), ([2.227, 2.237, 2.247, 2.257], False)],
+    ids=["estimate put right", "rest of a bend"],
+)
+def test_a_bend_is_confirmed_though_the_first_sighting_was_off(ends, last):
+    """The estimate settles after the angle of the bend before has been put right on the map."""
+    confirmation, bend = Confirmation(), Elbow(0.24)
+    for i, end in enumerate(ends):
+        distance = 2.164 + 0.01 * i
+        ahead = Ahead(bend, "start", distance=end - distance)
+        confirmed = confirmation.confirms(ahead, distance)
+        assert confirmed == (last and i == len(ends) - 1)
 
 
 @pytest.mark.parametrize(("wrong", "right"), [(1, True), (99, False)], ids=["once", "always"])
@@ -474,6 +489,37 @@ def test_after_a_fall_it_drives_no_sharp_turn_either():
     legs = [explorer.leg, *explorer._to_come]
     assert len(legs) > 1
     assert not explorer.planner.sharp_turns(legs)
+
+
+def test_a_robot_that_rights_itself_on_the_path_at_hand_begins_another_leg():
+    """Else the time that it has hung counts on, and it falls anew in each control step."""
+    parts = [*(straight(name, 0.6) for name in ("foot", "side", "on"))]
+    parts += [{"kind": "wye", "name": "wye"}]
+    joints = [joint("foot.end", "wye.run_end"), joint("wye.run_start", "on.start")]
+    joints += [joint("wye.branch", "side.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, decisions = ghost.explorer, []
+    (wye,) = (part for part in ghost.pipes.parts if part.name == "wye")
+    run, branch = (wye.port(port).rotation[:, 2] for port in ("run_start", "branch"))
+    middle = (wye.port("run_end").position + wye.port("run_start").position) / 2
+    side = branch - run * (branch @ run)
+    across = 0.5 * run + np.sqrt(0.75) * side / np.linalg.norm(side)
+
+    def lies_across(position, frame):
+        return not decisions and np.linalg.norm(position - middle) < 0.1
+
+    def fall(time, distance, goal):
+        leg, (position, _) = explorer.leg, ghost._pose(distance)
+        decisions.append((leg, explorer.on_fall(time, position, across)))
+        return decisions[-1][1]
+
+    ghost._blocked, explorer.on_blockage = lies_across, fall
+    ghost.run()
+    ((before, decision),) = decisions
+    assert decision.leg.note == "rights itself in wye_1"
+    assert decision.leg.path[: len(before.path)] == before.path
+    assert not decision.goes_on
+    assert decision.leg.begin > before.begin
 
 
 def test_falls_count_anew_when_an_end_has_been_inspected():

@@ -43,6 +43,7 @@ from omnitrack_sim.record.events import (
     Event,
     ExplorationComplete,
     ExplorationIncomplete,
+    FellOff,
     FittingFound,
     GoalReached,
     LoopClosed,
@@ -805,6 +806,9 @@ class Explorer(MapPilot):
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
         self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
         if self.leg.gear != before.gear or self.leg.path[: len(before.path)] != before.path:
+            return decision
+        if any(isinstance(event, FellOff) for event in events):
+            # Even on the path at hand, headway counts anew from where it lies: it was none there.
             return decision
         self.leg = replace(self.leg, begin=before.begin)
         return Decision(self.leg, True, events)

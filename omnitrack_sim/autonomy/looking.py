@@ -110,9 +110,10 @@ class Confirmation:
             # The rest of a bend begins at the lens and moves with it; another bend has to stay
             # where it is. Other fittings are not seen where there are none.
             confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
-            if bends and not confirmed:
+            if bends and not confirmed and at > before:
                 return False  # Since the first sighting the rest of a bend has moved farthest.
-        # The robot's estimate may have been off at the first sighting, so this one replaces it.
+        # The robot's estimate may have been off at the first sighting, so this one replaces it: so
+        # it was where a bend has come nearer, as its rest moves on alone.
         self._first = None if confirmed else (ahead.kind, at, distance)
         return confirmed
 
