@@ -887,9 +887,9 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
 
 @pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
 def test_a_bore_that_no_reducer_explains_is_given_up(before):
-    """The pipe has its bore again, and is in doubt. While the robot looks back for the reducer, it
-    moves on between two looks."""
-    looks = []
+    """The pipe has its bore again, and is in doubt. The robot looks back for the reducer a few
+    times, farther and farther on."""
+    looks, back = [], []
 
     def no_reducer(ahead):
         looks.append(ahead)
@@ -905,7 +905,15 @@ def test_a_bore_that_no_reducer_explains_is_given_up(before):
     joints = [joint(*pair) for pair in zip(ports[::2], ports[1::2], strict=True)]
     network = validate({"fittings": parts, "joints": joints})
     ghost = Ghost(network, "foot.start", erring=no_reducer, arms=True)
+    on_look, explorer = ghost.explorer.on_look, ghost.explorer
+
+    def counted(look):
+        back.extend([look.distance] if explorer._missed is not None else [])
+        return on_look(look)
+
+    explorer.on_look = counted
     ghost.run()
+    assert 2 < len(back) < 10
     bores = {row.inner_diameter for row in ghost.explorer.belief.network.fittings}
     assert bores == {0.16}
     (incomplete,) = of_kind(ghost, ExplorationIncomplete)

@@ -404,7 +404,7 @@ class Explorer(MapPilot):
         yet."""
         behind, missed = look.behind, self._missed
         assert missed is not None
-        missed.at = look.distance + LOOKS.doubt
+        reducer = missed.measured(behind, look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
         self._remove_provisional()
@@ -412,7 +412,6 @@ class Explorer(MapPilot):
         if not (here.part.fitting.is_plain and self.belief.is_last(here.index)):
             self._stop_looking_back()
             return None
-        reducer = missed.measured(behind)
         if reducer is None:
             return None
         (near,) = {"start", "end"} - {behind.enter}

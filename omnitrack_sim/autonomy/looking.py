@@ -435,18 +435,25 @@ class MissedReducer:
         bore: m, of the pipe before it.
         at: m, arc length on the leg of the next look.
         lengths: m, of the reducer, by the looks so far.
+        vain: number of looks since the last that showed a reducer.
     """
 
     part: int
     bore: float
     at: float
     lengths: list[float] = field(default_factory=list)
+    vain: int = 0
 
-    def measured(self, behind: Ahead) -> Reducer | None:
-        """Return the reducer, of mean length, after one more look back at it; None where that look
-        is not reliable, or where too few have been made."""
-        reducer = behind.fitting
-        assert isinstance(reducer, Reducer)
+    def measured(self, behind: Ahead | None, distance: float) -> Reducer | None:
+        """Return the reducer, of mean length, after one more look back at it, from arc length
+        ``distance`` m; None where that look shows none or is not reliable, or where too few have
+        been made."""
+        reducer = None if behind is None else behind.fitting
+        if behind is None or not isinstance(reducer, Reducer):
+            self.at = distance + LOOKS.doubt * 2**self.vain
+            self.vain += 1
+            return None
+        self.at, self.vain = distance + LOOKS.doubt, 0
         (near,) = {"start", "end"} - {behind.enter}
         right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
         if not right or behind.distance_std > LOOKS.most_reducer_std:
