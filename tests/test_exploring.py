@@ -10,7 +10,7 @@ from ghosts import Ghost
 from network_samples import elbow, forked, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.looking import LOOKS
+from omnitrack_sim.autonomy.looking import LOOKS, Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between
@@ -103,6 +103,21 @@ def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
     ghost = Ghost(network, "foot.start", erring=before_the_end_of_the_bend)
     ghost.run()
     assert compare_maps(ghost.explorer.belief.network, network).same
+
+
+@pytest.mark.parametrize(
+    ("ends", "last"),
+    [([2.227, 2.198, 2.200], True), ([2.227, 2.237, 2.247, 2.257], False)],
+    ids=["estimate put right", "rest of a bend"],
+)
+def test_a_bend_is_confirmed_though_the_first_sighting_was_off(ends, last):
+    """The estimate settles after the angle of the bend before has been put right on the map."""
+    confirmation, bend = Confirmation(), Elbow(0.24)
+    for i, end in enumerate(ends):
+        distance = 2.164 + 0.01 * i
+        ahead = Ahead(bend, "start", distance=end - distance)
+        confirmed = confirmation.confirms(ahead, distance)
+        assert confirmed == (last and i == len(ends) - 1)
 
 
 @pytest.mark.parametrize(("wrong", "right"), [(1, True), (99, False)], ids=["once", "always"])
@@ -476,6 +491,37 @@ def test_after_a_fall_it_drives_no_sharp_turn_either():
     assert not explorer.planner.sharp_turns(legs)
 
 
+def test_a_robot_that_rights_itself_on_the_path_at_hand_begins_another_leg():
+    """Else the time that it has hung counts on, and it falls anew in each control step."""
+    parts = [*(straight(name, 0.6) for name in ("foot", "side", "on"))]
+    parts += [{"kind": "wye", "name": "wye"}]
+    joints = [joint("foot.end", "wye.run_end"), joint("wye.run_start", "on.start")]
+    joints += [joint("wye.branch", "side.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, decisions = ghost.explorer, []
+    (wye,) = (part for part in ghost.pipes.parts if part.name == "wye")
+    run, branch = (wye.port(port).rotation[:, 2] for port in ("run_start", "branch"))
+    middle = (wye.port("run_end").position + wye.port("run_start").position) / 2
+    side = branch - run * (branch @ run)
+    across = 0.5 * run + np.sqrt(0.75) * side / np.linalg.norm(side)
+
+    def lies_across(position, frame):
+        return not decisions and np.linalg.norm(position - middle) < 0.1
+
+    def fall(time, distance, goal):
+        leg, (position, _) = explorer.leg, ghost._pose(distance)
+        decisions.append((leg, explorer.on_fall(time, position, across)))
+        return decisions[-1][1]
+
+    ghost._blocked, explorer.on_blockage = lies_across, fall
+    ghost.run()
+    ((before, decision),) = decisions
+    assert decision.leg.note == "rights itself in wye_1"
+    assert decision.leg.path[: len(before.path)] == before.path
+    assert not decision.goes_on
+    assert decision.leg.begin > before.begin
+
+
 def test_falls_count_anew_when_an_end_has_been_inspected():
     """A robot that falls at each of five ends, twice, still explores all, and gives up no port for
     its falls."""
@@ -506,14 +552,15 @@ def test_falls_count_anew_when_an_end_has_been_inspected():
     [
         ("off", 4, ExplorationComplete),
         ("off", 7, ExplorationIncomplete),
-        ("foot", 3, GaveUp),
+        ("foot", 5, ExplorationComplete),
+        ("foot", 6, GaveUp),
     ],
-    ids=["it gets there at last", "never", "on its way home"],
+    ids=["it gets there at last", "never", "it gets home at last", "never home"],
 )
 def test_a_port_on_the_way_to_which_it_falls_too_often_is_tried_last(pipe, falls, outcome):
     """After one fall on the way to it the robot goes elsewhere first, after three it gives it up,
     and comes once more; after three others it goes home with a map that names this port. On its
-    way home there is nowhere else to go."""
+    way home there is nowhere else to go, so it tries that as often once more."""
     ghost = Ghost(validate(forked(on=0.8, off=0.8)), "foot.start")
     explorer, fallen = ghost.explorer, []
     part = next(part for part in ghost.pipes.parts if part.name == pipe)
@@ -601,6 +648,39 @@ def test_pipe_that_no_look_tells_anything_of_is_left_and_not_explored():
     assert "elbow" not in {kind for pair in difference.kinds for kind in pair}
 
 
+def test_pipe_that_was_only_assumed_is_looked_into_anew_after_a_fall():
+    """Where a lens in the assumed pipe would have passed what follows directly."""
+    names = ("foot", "side", "on")
+    parts = [*(straight(name, 0.6) for name in names), tee("tee"), elbow("bend")]
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.run_end", "bend.start")]
+    joints += [joint("bend.end", "on.start"), joint("tee.branch", "side.start")]
+    fallen = []
+
+    def blind(ahead):
+        return None if isinstance(ahead.fitting, Elbow) and not fallen else ahead
+
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=blind)
+    explorer = ghost.explorer
+
+    def falls(position, frame):
+        if fallen or explorer._assumed == 0.0:
+            return False
+        fallen.append((position, frame[:, 2] * explorer.leg.gear))
+        return True
+
+    def fall(time, distance, goal):
+        decision = explorer.on_fall(time, *fallen[-1])
+        belief = explorer.belief
+        assert "tee_1.run_end" in [belief.name(end) for end in belief.unexplored]
+        return decision
+
+    ghost._blocked, explorer.on_blockage = falls, fall
+    ghost.run()
+    assert fallen
+    assert compare_maps(explorer.belief.network, network, "foot.start").same
+
+
 def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     """A tee that was overlooked ahead is seen behind: there is more than the map has."""
 
@@ -633,6 +713,26 @@ def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     assert not of_kind(ghost, ExplorationComplete)
     (incomplete,) = of_kind(ghost, ExplorationIncomplete)
     assert "a look back shows a tee" in incomplete.left
+
+
+def test_looks_back_that_tell_nothing_become_rare():
+    """What they cannot show from one place they hardly show 10 mm farther on."""
+    looks = []
+
+    def nothing_behind(look):
+        if look.behind is not None and isinstance(look.behind.fitting, Elbow):
+            looks.append(look.distance)
+            look = look._replace(behind=None)
+        return on_look(look)
+
+    parts = [straight("foot", 0.4), elbow("bend"), straight("on", 1.2)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    on_look, ghost.explorer.on_look = ghost.explorer.on_look, nothing_behind
+    ghost.run()
+    assert len(looks) >= 3
+    steps = np.diff(looks)
+    assert np.all(steps[:4] > LOOKS.behind_again * 2.0 ** np.arange(len(steps[:4])) - 1e-9)
 
 
 def test_a_doubt_is_over_when_a_look_back_agrees_with_the_map():
@@ -787,9 +887,9 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
 
 @pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
 def test_a_bore_that_no_reducer_explains_is_given_up(before):
-    """The pipe has its bore again, and is in doubt. While the robot looks back for the reducer, it
-    moves on between two looks."""
-    looks = []
+    """The pipe has its bore again, and is in doubt. The robot looks back for the reducer a few
+    times, farther and farther on."""
+    looks, back = [], []
 
     def no_reducer(ahead):
         looks.append(ahead)
@@ -805,7 +905,15 @@ def test_a_bore_that_no_reducer_explains_is_given_up(before):
     joints = [joint(*pair) for pair in zip(ports[::2], ports[1::2], strict=True)]
     network = validate({"fittings": parts, "joints": joints})
     ghost = Ghost(network, "foot.start", erring=no_reducer, arms=True)
+    on_look, explorer = ghost.explorer.on_look, ghost.explorer
+
+    def counted(look):
+        back.extend([look.distance] if explorer._missed is not None else [])
+        return on_look(look)
+
+    explorer.on_look = counted
     ghost.run()
+    assert 2 < len(back) < 10
     bores = {row.inner_diameter for row in ghost.explorer.belief.network.fittings}
     assert bores == {0.16}
     (incomplete,) = of_kind(ghost, ExplorationIncomplete)

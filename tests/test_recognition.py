@@ -197,6 +197,23 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
         assert sighting.distance == pytest.approx(distance, abs=0.04)
 
 
+@pytest.mark.parametrize("distance", [0.02, 0.036])
+def test_a_shallow_reducer_before_a_bend_is_seen_out_of_a_fitting(distance):
+    """The bend explains more pixels than the reducer alone, as a bend of this bore farther on."""
+    parts = [Part("lead", Straight(1.5), Pose(np.eye(3), np.array([0, 0, -1.5])))]
+    for fitting in (Reducer(0.1, 0.17), Elbow(0.24, inner_diameter=0.17), Straight(0.4, 0.17)):
+        place = attached(parts[-1].port("end"), fitting, "start", 2.0)
+        parts.append(Part("ahead", fitting, place))
+    stand = np.array([0.003, -0.002, 0.05, 0.03, distance, 0.0])
+    taken = photographed("depth", (parts, ()), stand[None])[0][0]
+    error = np.array([0.002, 0.001, -0.015, 0.015, 0.003, 0.0])
+    sighting = recogniser("depth").single(taken, PosePrior(stand + error, RECOGNISER.camera_std))
+    assert sighting.kind == "reducer"
+    assert sighting.confidence > 0.95
+    assert sighting.distance == pytest.approx(distance, abs=0.02)
+    assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
+
+
 @pytest.mark.parametrize(("distance", "enter"), [(0.03, "run_start"), (0.06, "run_end")])
 def test_a_shallow_reducer_right_before_a_wye_is_seen_by_a_lamp(distance, enter):
     """The wye explains more pixels than the reducer alone, as a wye of this bore farther on."""

@@ -43,6 +43,7 @@ from omnitrack_sim.record.events import (
     Event,
     ExplorationComplete,
     ExplorationIncomplete,
+    FellOff,
     FittingFound,
     GoalReached,
     LoopClosed,
@@ -141,6 +142,7 @@ class Explorer(MapPilot):
         self._missed: MissedReducer | None = None
         self._left: dict[End, str] = {}  # ports that it has given up, and why
         self._tries_again = True  # the ports given up, once no other is left
+        self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._closer = LookingCloser(belief, self._half)
         self._close, self._confirmation = CloseLooks(), Confirmation()
@@ -285,12 +287,15 @@ class Explorer(MapPilot):
     def _on_last_fall(
         self, time: float, events: Sequence[Event], location: PartLocation
     ) -> Decision:
-        """Give up the port that the robot was on its way to, and go on to another; give up all
-        where it was on its way home."""
+        """Give up the port that the robot was on its way to, and go on to another; on its way home
+        there is none, so it tries that once more before it gives up."""
         port = _end_of([self.leg, *self._to_come][-1].path)
-        if port not in self.belief.unexplored:
+        if port in self.belief.unexplored:
+            self._give_up_port(port, "has fallen too often on the way there")
+        elif self._tries_home_again:
+            self._tries_home_again = False
+        else:
             return super()._on_last_fall(time, events, location)
-        self._give_up_port(port, "has fallen too often on the way there")
         self._falls = self._most_falls
         return self._replan(time, events, self._from(location))
 
@@ -399,7 +404,7 @@ class Explorer(MapPilot):
         yet."""
         behind, missed = look.behind, self._missed
         assert missed is not None
-        missed.at = look.distance + LOOKS.doubt
+        reducer = missed.measured(behind, look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
         self._remove_provisional()
@@ -407,7 +412,6 @@ class Explorer(MapPilot):
         if not (here.part.fitting.is_plain and self.belief.is_last(here.index)):
             self._stop_looking_back()
             return None
-        reducer = missed.measured(behind)
         if reducer is None:
             return None
         (near,) = {"start", "end"} - {behind.enter}
@@ -684,6 +688,8 @@ class Explorer(MapPilot):
 
     def _onward(self, distance: float) -> Replan:
         """See ``MapPilot``; legs lead ahead or back, and round sharp turns where they can."""
+        route = self.route()
+        self._drop_assumed(route.passages[route.index_at(distance)].index)
         leg = self.leg
 
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
@@ -702,12 +708,28 @@ class Explorer(MapPilot):
 
     def _from(self, location: PartLocation) -> Replan:
         """See ``MapPilot``; legs lead round sharp turns where they can."""
+        self._drop_assumed(location.part)
 
         def onward(planner: LegPlanner, goal: int, closed: Closed) -> list[Leg] | None:
             legs = planner.replan_from(location, goal, closed)
             return legs and planner.gentler(legs, location, goal, closed)
 
         return onward
+
+    def _drop_assumed(self, here: int) -> None:
+        """Remove free pipe that the robot has only assumed, unless its part ``here`` is that: when
+        it comes again it is to look from where the fitting before that pipe ends."""
+        *path, (part, enter, _) = self.leg.path
+        fitting, name = self.belief.fitting(part), self.belief.part_name(part)
+        if self._assumed == 0.0 or not path or part == here or enter != "start":
+            return
+        more = fitting.length_of_axes > self._assumed + BELIEF.shortest
+        if more or not fitting.is_plain or not self.belief.drop(part):
+            return
+        self._assumed = 0.0
+        self._doubts.pop(name, None)
+        self.planner = self._through([])
+        self.leg = replace(self.leg, path=tuple(path))
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
         """Go to the unexplored port that asks for the least travel, or else to the start."""
@@ -783,6 +805,9 @@ class Explorer(MapPilot):
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
         self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
         if self.leg.gear != before.gear or self.leg.path[: len(before.path)] != before.path:
+            return decision
+        if any(isinstance(event, FellOff) for event in events):
+            # Even on the path at hand, headway counts anew from where it lies: it was none there.
             return decision
         self.leg = replace(self.leg, begin=before.begin)
         return Decision(self.leg, True, events)

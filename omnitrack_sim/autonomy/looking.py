@@ -30,7 +30,8 @@ class LookSettings:
 
     Attributes:
         behind: m, from its rear to a fitting behind it when it looks back at that.
-        behind_again: m, travel to the next look back, where the one before was ambiguous.
+        behind_again: m, travel to the next look back; it doubles with each one in a straight that
+            tells nothing: what an elbow shows from behind changes little within 10 mm.
         most_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
         most_std: m, standard deviation up to which a look back places the robot. Round a bend the
             estimate of arc length is off by centimetres.
@@ -109,9 +110,10 @@ class Confirmation:
             # The rest of a bend begins at the lens and moves with it; another bend has to stay
             # where it is. Other fittings are not seen where there are none.
             confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
-            if bends and not confirmed:
+            if bends and not confirmed and at > before:
                 return False  # Since the first sighting the rest of a bend has moved farthest.
-        # The robot's estimate may have been off at the first sighting, so this one replaces it.
+        # The robot's estimate may have been off at the first sighting, so this one replaces it: so
+        # it was where a bend has come nearer, as its rest moves on alone.
         self._first = None if confirmed else (ahead.kind, at, distance)
         return confirmed
 
@@ -234,6 +236,7 @@ class LookingBack:
         self._weights: dict[int, float] = {}
         self._done: set[int] = set()
         self._twice: set[int] = set()
+        self._vain: Counter[int] = Counter()  # looks that told nothing, by straight
         self._again, self._shift, self._once_more = 0.0, math.inf, math.inf
 
     def begin(self) -> None:
@@ -300,10 +303,13 @@ class LookingBack:
             behind: the look.
         """
         i = route.index_at(distance)
+        here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
         if i == 0 or behind is None or not self._is_clear(route, i, behind):
+            self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
+            self._vain[here.index] += 1
             return distance
-        here = route.passages[i]
+        self._vain[here.index] = 0
         if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
             self._doubt(route, i, distance, behind)
             return distance
@@ -429,18 +435,25 @@ class MissedReducer:
         bore: m, of the pipe before it.
         at: m, arc length on the leg of the next look.
         lengths: m, of the reducer, by the looks so far.
+        vain: number of looks since the last that showed a reducer.
     """
 
     part: int
     bore: float
     at: float
     lengths: list[float] = field(default_factory=list)
+    vain: int = 0
 
-    def measured(self, behind: Ahead) -> Reducer | None:
-        """Return the reducer, of mean length, after one more look back at it; None where that look
-        is not reliable, or where too few have been made."""
-        reducer = behind.fitting
-        assert isinstance(reducer, Reducer)
+    def measured(self, behind: Ahead | None, distance: float) -> Reducer | None:
+        """Return the reducer, of mean length, after one more look back at it, from arc length
+        ``distance`` m; None where that look shows none or is not reliable, or where too few have
+        been made."""
+        reducer = None if behind is None else behind.fitting
+        if behind is None or not isinstance(reducer, Reducer):
+            self.at = distance + LOOKS.doubt * 2**self.vain
+            self.vain += 1
+            return None
+        self.at, self.vain = distance + LOOKS.doubt, 0
         (near,) = {"start", "end"} - {behind.enter}
         right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
         if not right or behind.distance_std > LOOKS.most_reducer_std:

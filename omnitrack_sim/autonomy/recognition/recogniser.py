@@ -280,7 +280,8 @@ class Recogniser:
         elif off @ off > RECOGNISER.usual_stand:
             # A bend at the edge of the picture looks like a camera that leans.
             rough = joined([rough, self._searched(last, views.prior.mean)[0]])
-        if self._dim:
+        if self._dim or inside:
+            # Out of a fitting, no straight wall before the cone shows that it widens.
             rough = joined([rough, *self._preceded(rough, last)])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
