@@ -62,7 +62,7 @@ class DepthCamera:
         measured = scale * reach + spread * normal(keys, "depth", number, pixels)
         return np.where(returned, np.round(measured / table.resolution) * table.resolution, np.nan)
 
-    def expected(self, hits: Array, rays: Array) -> Array:
+    def expected(self, hits: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
         """See ``Camera``."""
         return np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], np.nan)
 
@@ -151,9 +151,9 @@ class HeadlightCamera:
         steps = 2**table.bits - 1
         return np.round(np.clip(noisy, 0.0, 1.0) * steps) / steps
 
-    def expected(self, hits: Array, rays: Array) -> Array:
+    def expected(self, hits: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
         """See ``Camera``."""
-        coded = self._coded(self._received(self._light(hits, rays), rays))
+        coded = self._coded(self._received(self._light(hits, rays), rays), metered)
         return np.where(np.isnan(hits[..., RANGE]), np.nan, coded)
 
     def spread(self, expected: Array) -> Array:
