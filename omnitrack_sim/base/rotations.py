@@ -75,8 +75,10 @@ def cross(a: Array, b: Array) -> Array:
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3)."""
     axis, angle = unit(axis), np.asarray(angle, float)
-    axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
-    half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
+    if axis.shape[:-1] != angle.shape:
+        axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
+        angle = np.broadcast_to(angle, axis.shape[:-1])
+    half = angle[..., None] / 2
     return matrix_from_quaternion(np.concatenate([np.cos(half), axis * np.sin(half)], axis=-1))
 
 

@@ -208,7 +208,20 @@ class HeadlightCamera:
         """Pixels (n, k) of light, exposed by the picture's own brightness."""
         table = self._table
         meter = received if metered is None else received[:, metered]
-        level = np.quantile(meter, EXPOSED, axis=1, keepdims=True)
+        level = _exposed(meter)
         # BRIGHT is a pixel's value: to the power of gamma it is light.
         exposed = BRIGHT**table.gamma * received / np.maximum(level, 1e-12)
         return np.clip(exposed, 0.0, 1.0) ** (1 / table.gamma)
+
+
+def _exposed(light: Array) -> Array:
+    """Quantile EXPOSED (n, 1) of light (n, k), as ``np.quantile`` has it bit for bit, which spends
+    most of its time on other cases."""
+    place = EXPOSED * (light.shape[1] - 1)
+    low, part = int(place), place - int(place)
+    high = min(low + 1, light.shape[1] - 1)
+    ordered = np.partition(light, (low, high), axis=1)
+    before, after = ordered[:, low, None], ordered[:, high, None]
+    # From the nearer of both, as rounding would else pass it.
+    between = after - before
+    return after - between * (1 - part) if part >= 0.5 else before + between * part

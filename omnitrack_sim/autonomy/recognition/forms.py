@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -231,11 +231,7 @@ class Form:
         if self.make is None and not self.ends:
             middle = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.beyond]))
             return (Part("straight", Straight(2 * RECOGNISER.beyond, bore), middle),), ()
-        lead = Part(
-            "before",
-            Straight(RECOGNISER.behind, bore),
-            Pose(np.eye(3), np.array([0, 0, -RECOGNISER.behind])),
-        )
+        lead = _lead(bore)
         if self.make is None:
             return (lead,), (((0, "end"),) if self.closed else ())
         fitting = self.make(**dict(zip([size.key for size in self.sizes], sizes, strict=True)))
@@ -264,10 +260,19 @@ class Form:
         return (*parts, *after), ()
 
 
+@lru_cache(maxsize=64)
+def _lead(bore: float) -> Part:
+    """Return the straight pipe before every fitting."""
+    start = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.behind]))
+    return Part("before", Straight(RECOGNISER.behind, bore), start)
+
+
 def _joined(part: Part, port: str, fitting: Fitting, enter: str) -> Part:
     return Part("ahead", fitting, attached(part.port(port), fitting, enter, 0.0))
 
 
+# Reducers lead to many bores, each from many lengths.
+@lru_cache(maxsize=256)
 def forms(bore: float) -> tuple[Form, ...]:
     """Every form for pipes of a bore, m."""
     whole, half = 2 * math.pi, math.pi
