@@ -244,7 +244,7 @@ class Fit:
         expected, moved = self._moved(at, hits, views, level)
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
         for i, image in moved.items():
-            rows = [_sought(form, i) for form in at.forms]
+            rows = [form.sought[i] for form in at.forms]
             slopes[rows, ..., i] = (image - expected)[rows] / RECOGNISER.nudge[i]
         for column, rows, changed, by in self._changed(at, level, side):
             image = self._image(self._met(changed, views, level)[0], level)
@@ -290,7 +290,7 @@ class Fit:
         if self._camera.lamp is not None:
             # The edges of shadows tell most, and they move: hits from close by do not show it.
             for i in _EDGES:
-                rows = np.flatnonzero([level.free[i] and _sought(form, i) for form in at.forms])
+                rows = np.flatnonzero([level.free[i] and form.sought[i] for form in at.forms])
                 if len(rows):
                     reach = side * level.reach[i - DISTANCE]
                     part = at.take(rows.tolist())
@@ -460,23 +460,16 @@ def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array
     """Hits (f, m, k, 8) of cameras at f poses (f, m, 3), (f, m, 3, 3) close together, from those
     (m, k, 8) at the first. The joint at the port plane, z = 0, stays where it is."""
     f, m = place.shape[:2]
-    other, turned = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
-    first = np.tile(place[0], (f, 1)), np.tile(rotation[0], (f, 1, 1))
-    near = nearby(np.tile(hits, (f, 1, 1)), rays, *first, other, turned, lamp)
+    near = nearby(hits, rays, place[0], rotation[0], place, rotation, lamp)
+    if lamp is None:
+        return near
     reach = np.where(np.isfinite(near[..., RANGE]), near[..., RANGE], 0.0)
-    along = np.abs(other[:, 2, None] + reach * (turned[:, 2] @ rays.T))
+    ahead = (rotation[:, :, 2].reshape(f * m, 3) @ rays.T).reshape(reach.shape)
+    along = np.abs(place[..., 2, None] + reach * ahead)
     joint = hits[..., JOINT]
-    at_plane = np.abs(along[:m] - np.where(np.isfinite(joint), joint, -1.0)) < 1e-6
-    near = near.reshape(f, m, *near.shape[1:])
-    near[..., JOINT] = np.where(at_plane, along.reshape(f, m, -1), joint)
+    at_plane = np.abs(along[0] - np.where(np.isfinite(joint), joint, -1.0)) < 1e-6
+    near[..., JOINT] = np.where(at_plane, along, joint)
     return near
-
-
-def _sought(form: Form, place: int) -> bool:
-    """Return whether a number of the camera is a parameter before a form."""
-    if place == DISTANCE:
-        return form.ends or form.make is not None
-    return place != TURN or form.period > 0
 
 
 def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
@@ -488,11 +481,13 @@ def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
         1 / RECOGNISER.gain_std**2,
         at.gains - 1,
     )
+    sought = level.free & np.array([form.sought for form in at.forms])
+    places = slice(0, PLACES)
+    weights[:, places] = np.where(sought, 1 / views.prior.std**2, RECOGNISER.fixed_weight)
+    # Distance and direction are free: their widths serve the normal equations alone.
+    across = slice(0, DISTANCE)
+    off[:, across] = np.where(sought, at.numbers - views.prior.mean, 0.0)[:, across]
     for j, form in enumerate(at.forms):
-        for i in range(PLACES):
-            if level.free[i] and _sought(form, i):
-                weights[j, i] = 1 / views.prior.std[i] ** 2
-                off[j, i] = at.numbers[j, i] - views.prior.mean[i] if i < DISTANCE else 0.0
         for s, size in enumerate(form.sizes):
             weights[j, PLACES + s] = 1 / size.spread**2
             off[j, PLACES + s] = at.sizes[j, s] - size.middle
