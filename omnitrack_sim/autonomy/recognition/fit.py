@@ -268,7 +268,7 @@ class Fit:
         camera, by the places in its numbers that change, from hits (n, v, k, 8)."""
         n, v, k, rays = *hits.shape[:3], self._rays[level.pixels]
         lamp = self._camera.lamp
-        free = [i for i in np.flatnonzero(level.free) if lamp is None or i not in _EDGES]
+        free = [i for i in np.flatnonzero(level.free).tolist() if lamp is None or i not in _EDGES]
         nudges = np.concatenate([np.zeros((1, PLACES)), np.diag(RECOGNISER.nudge)[free]])
         numbers = (at.numbers + nudges[:, None]).reshape(-1, PLACES)
         place, rotation = cameras(numbers, views.motions)
