@@ -208,13 +208,13 @@ class HeadlightCamera:
         """Pixels (n, k) of light, exposed by the picture's own brightness."""
         table = self._table
         meter = received if metered is None else received[:, metered]
-        level = _exposed(meter)
+        level = exposure_level(meter)
         # BRIGHT is a pixel's value: to the power of gamma it is light.
         exposed = BRIGHT**table.gamma * received / np.maximum(level, 1e-12)
         return np.clip(exposed, 0.0, 1.0) ** (1 / table.gamma)
 
 
-def _exposed(light: Array) -> Array:
+def exposure_level(light: Array) -> Array:
     """Quantile EXPOSED (n, 1) of light (n, k), as ``np.quantile`` has it bit for bit, which spends
     most of its time on other cases."""
     place = EXPOSED * (light.shape[1] - 1)
