@@ -7,7 +7,14 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import turned_by
-from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
+from omnitrack_sim.senses.cameras import (
+    EXPOSED,
+    DepthCamera,
+    DepthTable,
+    HeadlightCamera,
+    HeadlightTable,
+    exposure_level,
+)
 from omnitrack_sim.senses.draws import keys, normal, uniform
 from omnitrack_sim.senses.optics import OpticsTable, rays_of
 from omnitrack_sim.walls.rays import RayWalls
@@ -97,6 +104,28 @@ def test_the_headlight_is_brighter_on_near_walls_and_dark_down_the_pipe():
     profile = picture[24, 24:]
     assert (np.diff(profile[4:18]) > 0).all()
     assert np.quantile(picture, 0.9) == pytest.approx(0.8, abs=0.01)
+
+
+@pytest.mark.parametrize("count", [1, 2, 11, 144, 579])
+def test_the_exposure_is_the_quantile_of_the_light(count):
+    """Bit for bit that of NumPy, also where many pixels are dark."""
+    light = np.random.default_rng(count).random((20, count)) ** 4
+    light[:10] = np.where(light[:10] < 0.3, 0.0, light[:10])
+    assert (
+        exposure_level(light).tobytes()
+        == np.quantile(light, EXPOSED, axis=1, keepdims=True).tobytes()
+    )
+
+
+def test_pixels_that_stand_for_others_expose_a_picture_as_those_would():
+    """Of every other pixel, where those of the lower half stand for more than the others."""
+    camera = HeadlightCamera(HeadlightTable())
+    *_, rays, hits = hits_in("tee_turn", 0.3, camera)
+    stand = np.concatenate([np.arange(1152), np.repeat(np.arange(576, 1152), 3)])
+    whole = camera.expected(hits[:, ::2][:, stand], rays[::2][stand])
+    some = camera.expected(hits[:, ::2], rays[::2], stand)
+    assert some.tobytes() == whole[:, :1152].tobytes()
+    assert some.tobytes() != camera.expected(hits[:, ::2], rays[::2]).tobytes()
 
 
 def test_a_branch_makes_the_headlight_picture_lopsided():

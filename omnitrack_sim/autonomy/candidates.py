@@ -72,32 +72,35 @@ def nearby(
     turned: Array,
     lamp: Array | None,
 ) -> Array:
-    """Return the hits (n, k, 8) of n cameras from those of cameras close to them, without tracing
+    """Return the hits (..., k, 8) of cameras from those of cameras close to them, without tracing
     rays: the wall is taken to be flat about each hit. Edges and shadows stay at their pixels.
 
+    Shapes before those of each camera are broadcast: many may be close to the same one.
+
     Args:
-        hits: (n, k, 8) of the cameras close to them.
+        hits: (..., k, 8) of the cameras close to them.
         rays: (k, 3), camera frame.
-        place: (n, 3) m, of the cameras of the hits.
-        frame: (n, 3, 3), the same.
-        other: (n, 3) m, of the other cameras.
-        turned: (n, 3, 3), the same.
+        place: (..., 3) m, of the cameras of the hits.
+        frame: (..., 3, 3), the same.
+        other: (..., 3) m, of the other cameras.
+        turned: (..., 3, 3), the same.
         lamp: (3,) m, camera frame.
     """
     normal, reach = hits[..., NORMAL], hits[..., RANGE]
     met = np.isfinite(reach)
     reach = np.where(met, reach, 1.0)
-    before = np.einsum("nij,kj->nki", frame, rays)
-    after = np.einsum("nij,kj->nki", turned, rays)
-    ahead = reach * dot(normal, before) + dot(normal, (place - other)[:, None])
+    before = np.einsum("...ij,kj->...ki", frame, rays)
+    after = np.einsum("...ij,kj->...ki", turned, rays)
+    ahead = reach * dot(normal, before) + dot(normal, (place - other)[..., None, :])
     far = ahead / np.minimum(dot(normal, after), -CANDIDATES.least_incidence)
-    near = hits.copy()
+    near = np.broadcast_to(hits, (*far.shape, hits.shape[-1])).copy()
     near[..., RANGE] = np.where(
         met, np.clip(far, CANDIDATES.nearest * reach, CANDIDATES.farthest * reach), np.inf
     )
     if lamp is not None:
         reach = np.where(met, near[..., RANGE], 1.0)
-        to_lamp = np.einsum("nij,j->ni", turned, lamp)[:, None] - reach[..., None] * after
+        at_lamp = np.einsum("...ij,j->...i", turned, lamp)[..., None, :]
+        to_lamp = at_lamp - reach[..., None] * after
         facing = dot(to_lamp, normal) / np.sqrt(dot(to_lamp, to_lamp))
         near[..., LIT] = np.where(hits[..., LIT] > 0, np.maximum(facing, 0.0), 0.0)
     return near

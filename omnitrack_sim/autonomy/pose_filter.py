@@ -102,7 +102,8 @@ class PoseFilter:
         middle = self.rotation @ turned_by(turned / 2)
         ahead = middle[:, :, 2]
         step = (travel * (1 - slip_std * self.slip))[:, None] * ahead
-        transition = np.tile(np.eye(SIZE), (len(travel), 1, 1))
+        transition = np.zeros((len(travel), SIZE, SIZE))
+        _diagonal(transition)[:] = 1.0
         transition[:, PLACE, TURN] = -skew(step)
         transition[:, PLACE, SLIP] = -(travel * slip_std)[:, None] * ahead
         transition[:, TURN, BIAS] = -self.rotation * period
@@ -123,7 +124,7 @@ class PoseFilter:
         noise[:, SLIP] = 1 - kept**2
         self._transition = transition @ self._transition
         self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
-        self._noise[:, range(SIZE), range(SIZE)] += noise
+        _diagonal(self._noise)[:] += noise
 
     def settle(self, robots: NDArray[np.bool_]) -> None:
         """Bring the covariance of ``robots`` (n,) up to the moment, after any number of steps."""
@@ -147,7 +148,8 @@ class PoseFilter:
             The corrections (n, 10).
         """
         gain = self.covariance[:, :, :POSE]
-        whole = np.tile(np.eye(SIZE), (len(gain), 1, 1))
+        whole = np.zeros((len(gain), SIZE, SIZE))
+        _diagonal(whole)[:] = 1.0
         whole[:, :, :POSE] += gain @ information
         right = np.concatenate([self.covariance, gain @ evidence[..., None]], axis=-1)
         solved = np.asarray(np.linalg.solve(whole, right), float)
@@ -200,6 +202,12 @@ class PoseFilter:
         deviation (n,) m along it."""
         values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
         return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
+
+
+def _diagonal(matrices: Array) -> Array:
+    """View (n, k) of the diagonals of contiguous matrices (n, k, k)."""
+    n, k = matrices.shape[:2]
+    return matrices.reshape(n, k * k)[:, :: k + 1]
 
 
 def initial_covariance(table: SensingTable, direction: Array) -> Array:

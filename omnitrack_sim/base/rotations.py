@@ -75,8 +75,10 @@ def cross(a: Array, b: Array) -> Array:
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) by ``angle`` (...,) rad about ``axis`` (..., 3)."""
     axis, angle = unit(axis), np.asarray(angle, float)
-    axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
-    half = np.broadcast_to(angle, axis.shape[:-1])[..., None] / 2
+    if axis.shape[:-1] != angle.shape:
+        axis = np.broadcast_to(axis, (*np.broadcast_shapes(axis.shape[:-1], angle.shape), 3))
+        angle = np.broadcast_to(angle, axis.shape[:-1])
+    half = angle[..., None] / 2
     return matrix_from_quaternion(np.concatenate([np.cos(half), axis * np.sin(half)], axis=-1))
 
 
@@ -144,8 +146,8 @@ def quaternion_from_matrix(matrix: ArrayLike) -> Array:
     rows = (w, wx, wy, wz, wx, x, xy, zx, wy, xy, y, yz, wz, zx, yz, z)
     candidates = np.stack(rows, axis=-1).reshape(*w.shape, 4, 4)
     best = np.argmax(np.concatenate([w[..., None], xyz], axis=-1), axis=-1)
-    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = candidates.reshape(-1, 4, 4)[np.arange(best.size), best.ravel()].reshape(*w.shape, 4)
+    q = q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
     return np.where(q[..., :1] < 0, -q, q)
 
 
@@ -168,6 +170,9 @@ def rotation_vector(rotation: Array) -> Array:
     return skew * np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-12), 0.5)[:, None]
 
 
+_UNTURNED = np.eye(3)
+
+
 def turned_by(vector: Array) -> Array:
     """Matrices (n, 3, 3) of rotation vectors (n, 3) rad, by Rodrigues."""
     angle = np.sqrt((vector**2).sum(axis=-1))
@@ -177,7 +182,7 @@ def turned_by(vector: Array) -> Array:
     a = np.where(small, 1.0, np.sin(angle) / safe)[:, None, None]
     b = np.where(small, 0.5, (1 - np.cos(angle)) / safe**2)[:, None, None]
     k = skew(vector)
-    return np.eye(3) + a * k + b * (k @ k)
+    return _UNTURNED + a * k + b * (k @ k)
 
 
 def skew(vector: Array) -> Array:

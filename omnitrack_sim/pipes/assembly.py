@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 from typing import NamedTuple
 
@@ -448,8 +448,14 @@ def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
     return joined(port, fitting.ports[enter], turn)
 
 
+@lru_cache(maxsize=256)
+def _about_z(turn: float) -> Array:
+    """Rotation (3, 3) about z; few turns are used, most often none."""
+    return rotation_about([0, 0, 1], turn)
+
+
 def joined(port: Pose, entry: Pose, turn: float) -> Pose:
     """As ``attached``, for the port ``entry`` of a fitting in the fitting's frame."""
-    rotation = port.rotation @ rotation_about([0, 0, 1], turn)
+    rotation = port.rotation @ _about_z(turn)
     # The port looks back along the route.
     return Pose(rotation * [1, -1, -1], port.position) @ entry.inverse()

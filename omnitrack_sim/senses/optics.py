@@ -89,8 +89,13 @@ class Camera(Protocol):
         """
         ...
 
-    def expected(self, hits: Array, rays: Array) -> Array:
-        """The picture (n, k) without noise and dirt; NaN where nothing is expected."""
+    def expected(self, hits: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
+        """The picture (n, k) without noise and dirt; NaN where nothing is expected.
+
+        Args:
+            metered: (m,) places among the k pixels of those that an exposure goes by, where one
+                may stand for several; without it all.
+        """
         ...
 
     def spread(self, expected: Array) -> Array:

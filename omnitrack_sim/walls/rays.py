@@ -650,7 +650,7 @@ def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[st
     record[POSITION : POSITION + 3] = pose.position
     record[ROTATION : ROTATION + 9] = pose.rotation.ravel()
     record[PORTS] = len(fitting.port_names)
-    for i, name in enumerate(fitting.ports):
+    for i, name in enumerate(fitting.port_names):
         port, place = part.port(name), PLANES + PORT_SIZE * i
         record[place : place + 3] = port.position
         record[place + 3 : place + 6] = port.rotation[:, 2]

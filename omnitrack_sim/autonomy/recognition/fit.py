@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.senses.optics import JOINT, PART, RANGE, Camera, rays_of
-from omnitrack_sim.walls.rays import HIT_SIZE, RayWalls
+from omnitrack_sim.walls.rays import RayWalls
 
 
 class Scale:
@@ -53,6 +54,11 @@ class Scale:
         return np.where(np.isnan(expected), 0.0, 1 / spread)
 
 
+CameraKey = tuple[int, str, bytes, bytes]
+"""A camera among the walls of a form: number of its rays, name and sizes of the form, numbers of
+the camera."""
+_EDGES = DISTANCE, TURN
+"""Places of the numbers that move the edges of shadows in a picture."""
 _COLUMNS = ("numbers", "sizes", "gains", "cost", "normal")
 
 
@@ -64,11 +70,13 @@ class Views:
         pictures: (v, pixels²) on the scale.
         motions: poses of the v cameras, in the frame of the last one.
         prior: of the camera's numbers at the last picture.
+        met: hits and ``beyond`` of cameras that the search comes by again; see ``Fit``.
     """
 
     pictures: Array
     motions: list[Pose]
     prior: PosePrior
+    met: dict[CameraKey, tuple[Array, Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -78,8 +86,7 @@ class Level:
     Attributes:
         pixels: (k,) numbers of the pixels.
         stand: (s,) for pixels spread evenly over the picture the place in ``pixels`` of one that
-            stands for each, as the exposure depends on the whole. own: (k,) place in ``stand`` of
-            each of ``pixels``.
+            stands for each, as the exposure depends on the whole.
         rough: standard deviations at which a pixel that misses loses its weight.
         free: which of the six numbers of a camera are sought.
         weight: (k,) of each pixel.
@@ -89,7 +96,6 @@ class Level:
 
     pixels: NDArray[np.intp]
     stand: NDArray[np.intp]
-    own: NDArray[np.intp]
     rough: float
     free: NDArray[np.bool_]
     weight: Array
@@ -178,9 +184,9 @@ class Fit:
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
         """Rows with their costs: twice the negative logarithm of likelihood and expectations."""
-        rays, pictures = self._rays[level.pixels], views.pictures[:, level.pixels]
-        hits, beyond = self._met(at, views, rays)
-        image = self._image(hits, rays, level)
+        pictures = views.pictures[:, level.pixels]
+        hits, beyond = self._met(at, views, level)
+        image = self._image(hits, level)
         cost = _loss(
             pictures - self._scale.of(image * at.gains[..., None]), pictures > beyond, level
         ).sum(axis=(1, 2))
@@ -194,9 +200,9 @@ class Fit:
     def misfit(self, at: Tries, views: Views, level: Level) -> float:
         """Return the mean cost of the only row's pixels that show its form itself, and not what may
         follow it."""
-        rays, pictures = self._rays[level.pixels], views.pictures[:, level.pixels]
-        hits, beyond = self._met(at, views, rays)
-        image = self._scale.of(self._image(hits, rays, level) * at.gains[..., None])
+        pictures = views.pictures[:, level.pixels]
+        hits, beyond = self._met(at, views, level)
+        image = self._scale.of(self._image(hits, level) * at.gains[..., None])
         own = pictures <= beyond
         cost = _loss(pictures - image, ~own, level)
         return float(cost[own].mean()) if own.mean() > RECOGNISER.least_own else np.inf
@@ -234,50 +240,15 @@ class Fit:
         """Residuals (n, v k) of the pictures, what they lose their weight at, and the Jacobian
         (n, v k, p)."""
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
-        rays = self._rays[level.pixels]
-        hits, beyond = self._met(at, views, rays)
+        hits, beyond = self._met(at, views, level)
+        expected, moved = self._moved(at, hits, views, level)
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
-        sought = np.array([[_sought(form, i) for i in range(PLACES)] for form in at.forms])
-        free = np.flatnonzero(level.free)
-        nudges = np.concatenate([np.zeros((1, PLACES)), np.diag(RECOGNISER.nudge)[free]])
-        moved = (at.numbers + nudges[:, None]).reshape(-1, PLACES)
-        place, rotation = cameras(moved, views.motions)
-        near = _nearby(
-            hits.reshape(n * v, k, -1),
-            rays,
-            place.reshape(len(nudges), n * v, 3),
-            rotation.reshape(len(nudges), n * v, 3, 3),
-            self._camera.lamp,
-        )
-        expected, *images = self._image(near.reshape(-1, n, v, k, near.shape[-1]), rays, level)
-        for i, image in zip(free, images, strict=True):
-            rows = sought[:, i]
+        for i, image in moved.items():
+            rows = [form.sought[i] for form in at.forms]
             slopes[rows, ..., i] = (image - expected)[rows] / RECOGNISER.nudge[i]
-
-        def change(rows: NDArray[np.intp], column: int, changed: Tries, by: Array) -> None:
-            """Set a column of ``rows`` of the Jacobian, if any, from pictures of changed ones."""
-            if not len(rows):
-                return
-            image = self._image(self._met(changed, views, rays)[0], rays, level)
+        for column, rows, changed, by in self._changed(at, level, side):
+            image = self._image(self._met(changed, views, level)[0], level)
             slopes[rows, ..., column] = (image - expected[rows]) / by[:, None, None]
-
-        if self._camera.lamp is not None:
-            # The edges of shadows tell most, and they move: hits from close by do not show it.
-            for i in {DISTANCE, TURN}.intersection(free.tolist()):
-                reach = side * level.reach[i - DISTANCE]
-                rows = np.flatnonzero(sought[:, i])
-                part = at.take(rows.tolist())
-                farther = replace(part, numbers=part.numbers + reach * np.eye(PLACES)[i])
-                change(rows, i, farther, np.full(len(rows), reach))
-        for i in range(SIZES):
-            rows = np.flatnonzero([len(form.sizes) > i for form in at.forms])
-            part = at.take(rows.tolist())
-            steps = np.array([form.sizes[i].step for form in part.forms])
-            high = np.array([form.sizes[i].high for form in part.forms])
-            # Inwards at the upper bound, where larger sizes do not exist.
-            steps = np.where(part.sizes[:, i] + steps > high, -steps, steps)
-            larger = replace(part, sizes=part.sizes + steps[:, None] * np.eye(SIZES)[i])
-            change(rows, PLACES + i, larger, steps)
         gained = expected * at.gains[..., None]
         pictures = views.pictures[None, :, level.pixels]
         residual = pictures - self._scale.of(gained)
@@ -290,6 +261,52 @@ class Fit:
         flat = n, v * k
         return residual.reshape(flat), rough.reshape(flat), slopes.reshape(*flat, -1)
 
+    def _moved(
+        self, at: Tries, hits: Array, views: Views, level: Level
+    ) -> tuple[Array, dict[int, Array]]:
+        """Return the pictures (n, v, k) that are expected, and those after a small motion of the
+        camera, by the places in its numbers that change, from hits (n, v, k, 8)."""
+        n, v, k, rays = *hits.shape[:3], self._rays[level.pixels]
+        lamp = self._camera.lamp
+        free = [i for i in np.flatnonzero(level.free).tolist() if lamp is None or i not in _EDGES]
+        nudges = np.concatenate([np.zeros((1, PLACES)), np.diag(RECOGNISER.nudge)[free]])
+        numbers = (at.numbers + nudges[:, None]).reshape(-1, PLACES)
+        place, rotation = cameras(numbers, views.motions)
+        near = _nearby(
+            hits.reshape(n * v, k, -1),
+            rays,
+            place.reshape(len(nudges), n * v, 3),
+            rotation.reshape(len(nudges), n * v, 3, 3),
+            lamp,
+        )
+        expected, *images = self._image(near.reshape(-1, n, v, k, near.shape[-1]), level)
+        return expected, dict(zip(free, images, strict=True))
+
+    def _changed(
+        self, at: Tries, level: Level, side: float
+    ) -> Iterator[tuple[int, NDArray[np.intp], Tries, Array]]:
+        """Yield, for each column of the Jacobian whose pictures need rays of their own: its number,
+        the rows (m,) that it counts for, these rows changed, and by how much (m,)."""
+        if self._camera.lamp is not None:
+            # The edges of shadows tell most, and they move: hits from close by do not show it.
+            for i in _EDGES:
+                rows = np.flatnonzero([level.free[i] and form.sought[i] for form in at.forms])
+                if len(rows):
+                    reach = side * level.reach[i - DISTANCE]
+                    part = at.take(rows.tolist())
+                    farther = replace(part, numbers=part.numbers + reach * np.eye(PLACES)[i])
+                    yield i, rows, farther, np.full(len(rows), reach)
+        for i in range(SIZES):
+            rows = np.flatnonzero([len(form.sizes) > i for form in at.forms])
+            if len(rows):
+                part = at.take(rows.tolist())
+                steps = np.array([form.sizes[i].step for form in part.forms])
+                high = np.array([form.sizes[i].high for form in part.forms])
+                # Inwards at the upper bound, where larger sizes do not exist.
+                steps = np.where(part.sizes[:, i] + steps > high, -steps, steps)
+                larger = replace(part, sizes=part.sizes + steps[:, None] * np.eye(SIZES)[i])
+                yield PLACES + i, rows, larger, steps
+
     def joints(self, straight: Form, pose: Array, views: Views, level: Level) -> list[float]:
         """Distances, m, at which the last picture agrees best with a joint of straight pipes, best
         first; none where a joint does not show.
@@ -300,16 +317,14 @@ class Fit:
             views: the pictures.
             level: of the comparison.
         """
-        rays = self._rays[level.pixels]
-        place, rotation = cameras(pose[None], views.motions[-1:])
-        walls, _ = self._walls_of(straight, np.zeros(SIZES))
-        far, lamp = self._camera.optics.far, self._camera.lamp
-        hits = walls.trace(np.zeros(1, int), place[0], rotation[0], rays, far, lamp)
-        along = hits[0, :, RANGE] * (rays @ rotation[0, 0].T)[:, 2]
+        at = tries([straight], pose[None], np.zeros((1, SIZES)), len(views.motions))
+        hits = self._met(at, views, level)[0][0, -1]
+        rotation = cameras(pose[None], views.motions[-1:])[1][0, 0]
+        along = hits[:, RANGE] * (self._rays[level.pixels] @ rotation.T)[:, 2]
         where = np.arange(*RECOGNISER.joint_range)
-        other = np.repeat(hits, len(where) + 1, axis=0)
+        other = np.repeat(hits[None], len(where) + 1, axis=0)
         other[1:, :, JOINT] = np.abs(along - where[:, None])
-        expected = self._scale.of(self._image(other, rays, level))
+        expected = self._scale.of(self._image(other, level))
         missed = ((views.pictures[-1, level.pixels] - expected) / level.rough) ** 2
         cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
         less = cost[0] - cost[1:]
@@ -330,18 +345,35 @@ class Fit:
             self._kept[key] = kept
         return kept
 
-    def _image(self, hits: Array, rays: Array, level: Level) -> Array:
+    def _image(self, hits: Array, level: Level) -> Array:
         """Pictures (..., k) that are expected of hits (..., k, 8), exposed as whole ones."""
-        if self._camera.lamp is None:
-            return self._camera.expected(hits, rays)
-        stand = hits[..., level.stand, :].reshape(-1, len(level.stand), HIT_SIZE)
-        whole = self._camera.expected(stand, rays[level.stand])
-        return whole[:, level.own].reshape(hits.shape[:-1])
+        # What pixels stand for counts in the exposure alone.
+        flat, rays = hits.reshape(-1, *hits.shape[-2:]), self._rays[level.pixels]
+        return self._camera.expected(flat, rays, level.stand).reshape(hits.shape[:-1])
 
-    def _met(self, at: Tries, views: Views, rays: Array) -> tuple[Array, Array]:
+    def _met(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
         """Return the hits (n, v, k, 8) of the cameras of all rows, and the values (n, v, k) on the
         scale; see ``beyond``."""
-        n, v, k = len(at.forms), len(views.motions), len(rays)
+        k, met = len(level.pixels), views.met
+        keys = [
+            (k, form.name, sizes[: len(form.sizes)].tobytes(), numbers.tobytes())
+            for form, sizes, numbers in zip(at.forms, at.sizes, at.numbers, strict=True)
+        ]
+        new = {key: row for row, key in enumerate(keys) if key not in met}
+        found = None
+        if new:
+            found = self._traced(at.take([*new.values()]), views, level)
+            met.update(zip(new, zip(*found, strict=True), strict=True))
+        if found is None or len(new) < len(keys):
+            every = [met[key] for key in keys]
+            found = np.stack([hits for hits, _ in every]), np.stack([least for _, least in every])
+        for key in list(islice(met, max(len(met) - RECOGNISER.kept_cameras, 0))):
+            del met[key]  # the oldest ones go first
+        return found
+
+    def _traced(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+        """As ``_met``, by tracing all rays."""
+        n, v, rays = len(at.forms), len(views.motions), self._rays[level.pixels]
         place, rotation = cameras(at.numbers, views.motions)
         place, rotation = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
         kept = [self._walls_of(*row) for row in zip(at.forms, at.sizes, strict=True)]
@@ -356,7 +388,7 @@ class Fit:
         for row, (_, own) in enumerate(kept):
             exits[row, : len(own)] = own
         least = beyond(hits, place, rotation, rays, np.repeat(exits, v, axis=0), self._scale, lamp)
-        return hits.reshape(n, v, k, -1), least.reshape(n, v, k)
+        return hits.reshape(n, v, len(rays), -1), least.reshape(n, v, -1)
 
 
 def exits_of(parts: Sequence[Part]) -> Array:
@@ -428,23 +460,16 @@ def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array
     """Hits (f, m, k, 8) of cameras at f poses (f, m, 3), (f, m, 3, 3) close together, from those
     (m, k, 8) at the first. The joint at the port plane, z = 0, stays where it is."""
     f, m = place.shape[:2]
-    other, turned = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
-    first = np.tile(place[0], (f, 1)), np.tile(rotation[0], (f, 1, 1))
-    near = nearby(np.tile(hits, (f, 1, 1)), rays, *first, other, turned, lamp)
+    near = nearby(hits, rays, place[0], rotation[0], place, rotation, lamp)
+    if lamp is None:
+        return near
     reach = np.where(np.isfinite(near[..., RANGE]), near[..., RANGE], 0.0)
-    along = np.abs(other[:, 2, None] + reach * (turned[:, 2] @ rays.T))
+    ahead = (rotation[:, :, 2].reshape(f * m, 3) @ rays.T).reshape(reach.shape)
+    along = np.abs(place[..., 2, None] + reach * ahead)
     joint = hits[..., JOINT]
-    at_plane = np.abs(along[:m] - np.where(np.isfinite(joint), joint, -1.0)) < 1e-6
-    near = near.reshape(f, m, *near.shape[1:])
-    near[..., JOINT] = np.where(at_plane, along.reshape(f, m, -1), joint)
+    at_plane = np.abs(along[0] - np.where(np.isfinite(joint), joint, -1.0)) < 1e-6
+    near[..., JOINT] = np.where(at_plane, along, joint)
     return near
-
-
-def _sought(form: Form, place: int) -> bool:
-    """Return whether a number of the camera is a parameter before a form."""
-    if place == DISTANCE:
-        return form.ends or form.make is not None
-    return place != TURN or form.period > 0
 
 
 def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
@@ -456,11 +481,13 @@ def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
         1 / RECOGNISER.gain_std**2,
         at.gains - 1,
     )
+    sought = level.free & np.array([form.sought for form in at.forms])
+    places = slice(0, PLACES)
+    weights[:, places] = np.where(sought, 1 / views.prior.std**2, RECOGNISER.fixed_weight)
+    # Distance and direction are free: their widths serve the normal equations alone.
+    across = slice(0, DISTANCE)
+    off[:, across] = np.where(sought, at.numbers - views.prior.mean, 0.0)[:, across]
     for j, form in enumerate(at.forms):
-        for i in range(PLACES):
-            if level.free[i] and _sought(form, i):
-                weights[j, i] = 1 / views.prior.std[i] ** 2
-                off[j, i] = at.numbers[j, i] - views.prior.mean[i] if i < DISTANCE else 0.0
         for s, size in enumerate(form.sizes):
             weights[j, PLACES + s] = 1 / size.spread**2
             off[j, PLACES + s] = at.sizes[j, s] - size.middle

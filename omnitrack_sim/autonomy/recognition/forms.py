@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
@@ -68,12 +69,15 @@ def cameras(numbers: Array, motions: list[Pose]) -> tuple[Array, Array]:
     (z on into the fitting, x as of the port), for rows of numbers (n, 6)."""
     turn, tilt = numbers[:, TURN], numbers[:, TILT]
     cos, sin = np.cos(turn), np.sin(turn)
-    zero, one = np.zeros_like(cos), np.ones_like(cos)
-    back = np.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+    back, axis = np.zeros((len(turn), 3, 3)), np.zeros((len(turn), 3))
+    back[:, 0, 0], back[:, 0, 1] = cos, sin
+    back[:, 1, 0], back[:, 1, 1] = -sin, cos
+    back[:, 2, 2] = 1.0
     lean = np.hypot(tilt[:, 0], tilt[:, 1])
-    axis = np.stack([-tilt[:, 1], tilt[:, 0], zero], axis=-1)
+    axis[:, 0], axis[:, 1] = -tilt[:, 1], tilt[:, 0]
     # Without a tilt any axis will do, but not the zero vector.
-    leaning = rotation_about(np.where(lean[:, None] > 0, axis, [0.0, 0.0, 1.0]), lean)
+    axis[lean == 0] = 0.0, 0.0, 1.0
+    leaning = rotation_about(axis, lean)
     rotation = back @ leaning.transpose(0, 2, 1)  # (n, 3, 3) camera to port
     lens = -np.concatenate([numbers[:, ASIDE], numbers[:, DISTANCE, None]], axis=1)
     position = np.einsum("nij,nj->ni", back, lens)
@@ -206,6 +210,12 @@ class Form:
         placed = self.ends or self.make is not None
         return placed + (self.period > 0) + len(self.sizes)
 
+    @cached_property
+    def sought(self) -> NDArray[np.bool_]:
+        """Which of the numbers (6,) of the camera are parameters before it."""
+        placed = self.ends or self.make is not None
+        return np.array([True] * DISTANCE + [placed, self.period > 0])
+
     @property
     def padded_starts(self) -> Array:
         """Starting sizes (s, SIZES), filled up with zeros."""
@@ -231,11 +241,7 @@ class Form:
         if self.make is None and not self.ends:
             middle = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.beyond]))
             return (Part("straight", Straight(2 * RECOGNISER.beyond, bore), middle),), ()
-        lead = Part(
-            "before",
-            Straight(RECOGNISER.behind, bore),
-            Pose(np.eye(3), np.array([0, 0, -RECOGNISER.behind])),
-        )
+        lead = _lead(bore)
         if self.make is None:
             return (lead,), (((0, "end"),) if self.closed else ())
         fitting = self.make(**dict(zip([size.key for size in self.sizes], sizes, strict=True)))
@@ -264,10 +270,19 @@ class Form:
         return (*parts, *after), ()
 
 
+@lru_cache(maxsize=64)
+def _lead(bore: float) -> Part:
+    """Return the straight pipe before every fitting."""
+    start = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.behind]))
+    return Part("before", Straight(RECOGNISER.behind, bore), start)
+
+
 def _joined(part: Part, port: str, fitting: Fitting, enter: str) -> Part:
     return Part("ahead", fitting, attached(part.port(port), fitting, enter, 0.0))
 
 
+# Reducers lead to many bores, each from many lengths.
+@lru_cache(maxsize=256)
 def forms(bore: float) -> tuple[Form, ...]:
     """Every form for pipes of a bore, m."""
     whole, half = 2 * math.pi, math.pi

@@ -239,8 +239,7 @@ class Recogniser:
             row, column = np.divmod(every, count)
             over, beside = np.divmod(pixels, count)
             apart = np.abs(row[:, None] - over) + np.abs(column[:, None] - beside)
-            own = np.searchsorted(every, pixels)
-            self._grids.append((pixels, apart.argmin(axis=1), own))
+            self._grids.append((pixels, apart.argmin(axis=1)))
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
     def single(self, picture: Array, prior: PosePrior = CENTRED) -> Sighting:
@@ -325,11 +324,11 @@ class Recogniser:
         return rows.take((np.arange(n) * m + cost.argmin(axis=1)).tolist())
 
     def _level(self, grid: int, rough: float, *, edge: bool = False, free: str = "atdr") -> Level:
-        pixels, stand, own = self._grids[grid]
+        pixels, stand = self._grids[grid]
         weight = self._edge if edge else np.ones(len(pixels))
         which = np.array([letter in free for letter in "aattdr"])
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
-        return Level(pixels, stand, own, rough, which, weight, reach)
+        return Level(pixels, stand, rough, which, weight, reach)
 
     def _scanned(self, fits: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
         """Return rows with the best of other directions, starting sizes, and the distance of the

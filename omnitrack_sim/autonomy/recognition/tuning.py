@@ -91,6 +91,8 @@ class RecogniserSettings:
         farthest: m, bound of the distance of a port plane.
         size_grain: parts of its step to which a size is rounded, so that walls are reused.
         kept_walls: most walls that are kept for reuse.
+        kept_cameras: most cameras of which what their rays have met is kept for reuse: a step of
+            the search begins where an earlier one has ended.
         dampings: Marquardt's factors, all tried in each step.
     """
 
@@ -167,6 +169,7 @@ class RecogniserSettings:
     farthest: float = 0.85
     size_grain: int = 8
     kept_walls: int = 2000
+    kept_cameras: int = 512
     dampings: tuple[float, ...] = (1e-3, 0.3, 5.0)
 
 

@@ -415,6 +415,9 @@ def lengthen(fitting: Fitting, left_out: Collection[str], **least: float) -> Non
     )
 
 
+_AXIAL_START, _AXIAL_END = port_pose(-Z, X, np.zeros(3)), port_pose(Z, X, np.zeros(3))
+
+
 @dataclass(frozen=True)
 class Axial(Fitting):
     """A fitting whose only axis is a line of ``length`` m along +z from the origin."""
@@ -424,7 +427,7 @@ class Axial(Fitting):
     @property
     def ports(self) -> Mapping[str, Pose]:
         """``start`` at the origin, ``end`` at z = length; x along the fitting's x axis."""
-        return {"start": port_pose(-Z, X, np.zeros(3)), "end": port_pose(Z, X, self.length * Z)}
+        return {"start": _AXIAL_START, "end": Pose(_AXIAL_END.rotation, self.length * Z)}
 
     def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
         """See ``Fitting``: the line."""
