@@ -14,6 +14,7 @@ from omnitrack_sim import (
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.record.events import Rolled
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command, carried_out, seen
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
@@ -42,8 +43,11 @@ def test_turning_twice_is_the_identity():
         assert np.array_equal(twice[name], sign * values), name
     frames = first["rotation"]
     assert np.allclose(np.linalg.det(heading(frames, gear)), np.linalg.det(frames))
-    command = Command(belt_speed=first["belt_speed"], roll=first["roll"], phase=gear)
+    rolls = [Rolled(robot, 0.0, "tee_1", 30.0, 50.0, 5.0) for robot in (0, 1)]
+    command = Command(first["belt_speed"], roll=first["roll"], phase=gear, events=rolls)
+    assert [e.roll_deg for e in carried_out(command, gear).events] == [30.0, -30.0]
     again = carried_out(carried_out(command, gear), gear)
+    assert again.events == rolls
     assert np.array_equal(again.belt_speed, command.belt_speed)
     assert again.roll is not None
     assert np.array_equal(again.roll, first["roll"])

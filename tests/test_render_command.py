@@ -54,7 +54,7 @@ def test_a_strip_of_times(folder, tmp_path):
         (["--strip", "2", "--fps", "5"], "--fps: is for films"),
         (["--strip", "2", "--at", "0.0"], "--strip: is 2, but --at has 1 times"),
         (["--at", "soon"], "--at: is 'soon'; it is times in s"),
-        (["--at", "0.0,1e9"], "times[1]: is 1e+09 s; the run goes from 0 to"),
+        (["--at", "0.0,1e9"], "--at: is 1e+09 s; the run goes from 0 to"),
         (["--strip", "2", "--out", "strip.mp4"], "png, jpg, jpeg, pdf"),
         (["--out", "film.avi"], "mp4, webm, gif"),
     ],

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, gathered
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FolderOption,
@@ -313,7 +313,11 @@ def _strip(
     count = FRAMES if count is None else count
     result = ot.load_result(run_dir)
     camera = camera or usual_camera(result.scenario)
-    ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
+    faults: list[Fault] = []
+    with gathered(faults, lambda fault: "--at" if fault.where.startswith("times") else fault.where):
+        ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
+    if faults:
+        raise InputError(faults)
     print_saved(target)
 
 

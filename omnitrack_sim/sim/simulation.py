@@ -288,7 +288,7 @@ class Simulation:
         command, given_up = self.senses.guard(checked(command, start))
         active, carried_out = self.active, self.plant.carried_out(command, self.legs.gear)
         self._command = held_command(carried_out, self._command, active)
-        self.supervisor.note(command.events)
+        self.supervisor.note(carried_out.events)
         if self._tail is not None:
             self._tail.act(self.time, self.location)
         self.plant.step(active, self._command, self._substeps)

@@ -9,6 +9,7 @@ backward too. How each channel changes is declared in its schema (``Channel.tail
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.record.events import Event
+from omnitrack_sim.record.events import Event, Rolled
 
 
 class Command(NamedTuple):
@@ -87,14 +88,20 @@ def seen(
 
 
 def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
-    """Mirror a command for robots in reverse gear (n,)."""
+    """Mirror a command for robots in reverse gear (n,), and the angles that its events tell."""
     back = gear < 0
     if not np.count_nonzero(back):
         return command
     roll = None if command.roll is None else _mirrored(command.roll, back, "negated")
     speed = _mirrored(command.belt_speed, back, "negated")
     brake = None if command.brake is None else _mirrored(command.brake, back, "swapped")
-    return command._replace(belt_speed=speed, roll=roll, brake=brake)
+    events = [
+        replace(event, roll_deg=-event.roll_deg)
+        if isinstance(event, Rolled) and back[event.robot]
+        else event
+        for event in command.events
+    ]
+    return command._replace(belt_speed=speed, roll=roll, brake=brake, events=events)
 
 
 def _mirrored(values: Array, back: NDArray[np.bool_], how: str) -> Array:
