@@ -140,6 +140,9 @@ def test_a_robot_that_slides_back_hangs_at_once() -> None:
     assert look(watching, [0.4]) == []
     assert look(watching, [0.301]) == []
     assert look(watching, [0.299]) == [Verdict(0, None)]
+    assert "0.800 m, goal at 0.700 m, slid back by 105 mm, after" in watching.reason(
+        0, location([0.295]), 0.7, 1.0
+    )
 
 
 def test_a_robot_sent_on_is_judged_afresh() -> None:

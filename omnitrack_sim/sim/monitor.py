@@ -181,6 +181,9 @@ class Monitor:
         length = self.routes.lengths[location.route[robot]]
         distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
+        slid = self._farthest[robot] - distance
+        if slid > self._slide_back:
+            before += f", slid back by {1000 * slid:.0f} mm"
         tilt = np.degrees(location.tilt[robot])
         pulled = "" if self._tail is None else self._tail.words(robot)
         return (
