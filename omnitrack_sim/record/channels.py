@@ -204,7 +204,7 @@ _COMMON = (
         "leg",
         (),
         "code",
-        "index of the leg at hand: a way through the pipes, driven in one gear",
+        "index of the leg at hand, from 0: a way through the pipes, driven in one gear",
         source="leg",
         whole=True,
     ),
@@ -341,9 +341,7 @@ DISPLAYS: Mapping[str, Display] = {
     "actuator_velocity": Display("Actuator velocity", "m/s, rad/s", span=0.02, each="actuator"),
     "actuator_power": Display("Actuator power", "W", span=0.02, each="actuator"),
     "wall_force": Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body"),
-    "contact_speed": Display(
-        "Slip speed at contacts", "mm/s", _MM, low=0.0, span=1.0, each="body"
-    ),
+    "contact_speed": Display("Slip speed at contacts", "mm/s", _MM, low=0.0, span=1.0, each="body"),
     "slide": Display("Arm slide, outward", "mm", _MM, span=1.0),
     "pitch": Display("Arm pitch, nose outward", "deg", _DEG, span=1.0),
     "roll": Display("Module roll", "deg", _DEG, command="roll_command", span=10.0),

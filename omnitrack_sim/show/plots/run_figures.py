@@ -118,9 +118,7 @@ def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None
         axis.set_ylim(*limits)
 
 
-def _draw_columns(
-    axis: Axes, trajectory: Trajectory, values: NDArray, channel: Channel
-) -> None:
+def _draw_columns(axis: Axes, trajectory: Trajectory, values: NDArray, channel: Channel) -> None:
     """One line a column: a module, a component of a vector, or what the channel has names for."""
     modules, time = has_modules(channel), trajectory.time
     if channel.names:
