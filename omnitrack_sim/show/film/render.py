@@ -435,8 +435,8 @@ FRAMES, MOST_FRAMES = 6, len(ascii_lowercase)
 BEFORE = 0.3
 """Time before the first fitting, and after the last, at which the stills begin and end, s."""
 TURN, STANDING = 4.0, 0.2
-"""Way that counts as much as a turn of 1 rad, in bore radii, and weight of time beside way and turns:
-a robot that turns in a tee goes less far, and is seen as often as one that drives."""
+"""Way that counts as much as a turn of 1 rad, in bore radii, and weight of time beside way and
+turns: a robot that turns in a tee goes less far, and is seen as often as one that drives."""
 _PAPER, _INK, _SOFT = (255, 255, 255), (34, 38, 43), (106, 112, 121)
 _DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
 
