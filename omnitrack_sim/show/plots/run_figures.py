@@ -137,7 +137,8 @@ def _named_looks(trajectory: Trajectory, channel: Channel) -> dict[int, dict[str
     all. Few of them have a colour each, in the order of their names, so that it is that of what
     has the same names elsewhere."""
     alike = [one for one in trajectory.schema.values() if one.names == channel.names]
-    acts = np.any([(trajectory[one.name] != 0).any(axis=0) for one in alike], axis=0)
+    moving = [(trajectory[one.name] != 0).any(axis=0).ravel() for one in alike]
+    acts = np.any(moving, axis=0)
     acting = np.flatnonzero(acts if acts.any() else ~acts).tolist()
     columns = sorted(acting, key=lambda column: channel.names[column])
     names = [channel.names[column] for column in columns]
