@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import out
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.results.comparison import figure_row
+from omnitrack_sim.results.comparison import figure_row, value_row
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.run_figures import OF_MODULES, OF_ROBOT
 
@@ -117,6 +118,36 @@ def test_the_figure_has_both_runs_in_every_panel():
         "B: world.friction = 0.5; stuck after 6.00 s",
     ]
     assert {type(handle) for handle in legend.legend_handles} == {Line2D}
+
+
+def test_a_table_of_one_run_alone_is_told_by_its_size_or_kind():
+    """In the rows for people; the kinds of two pipes by name, all values in the data."""
+    found = {
+        one.name: one for one in ot.compare(result(), result({"control.kind": "paper"})).values
+    }
+    tracking = found["control.parameters.tracking"]
+    assert tracking.b is None
+    assert value_row(tracking)[2:] == (f"{len(tracking.a)} values", "-")
+    pipes = ot.compare(result(), sample_result(scenario=validate({"pipes": PIPES[:1]}))).values
+    assert value_row(pipes[0])[2:] == ("straight, elbow", "straight")
+
+
+def test_runs_of_other_controllers_are_named_by_them():
+    """By the kind alone, however many of their parameters differ."""
+    figure = ot.plot_compare(result(), result({"control.kind": "paper"}))
+    names = [text.get_text().partition(";")[0] for text in figure.legends[0].get_texts()]
+    assert names == ["A: jacobian", "B: paper"]
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_no_name_is_broken_within_a_word(folders, tmp_path, monkeypatch, width):
+    """Each line of a name ends at a dot, or with the name."""
+    paper = str(result({"control.kind": "paper"}).save(tmp_path / "paper"))
+    monkeypatch.setattr(out, "width", width)
+    printed = command(folders[0], paper).output.splitlines()
+    words = [line.split()[0] for line in printed if line.split()]
+    for name in ("control.parameters.complete_deg", "control.parameters.elbow_delay"):
+        assert name in words or {name.rpartition(".")[0] + ".", name.rpartition(".")[2]} <= {*words}
 
 
 def test_labels_are_the_users():

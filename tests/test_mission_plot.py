@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
+import omnitrack_sim as ot
 from omnitrack_sim import plot_mission
 from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
@@ -166,6 +167,22 @@ def test_a_failed_run_shows_its_end():
     figure = plot_mission(two_legs_result(outcome=Outcome.STUCK))
     assert "end: stuck" in legends(figure)
     assert any("stuck after" in text.get_text() for text in figure.texts)
+
+
+def test_the_head_has_the_headway_of_the_metrics():
+    """Not the length of the path, which is another number."""
+    run = two_legs_result()
+    head = f"{run.metrics['distance_m']:.2f} m of headway"
+    assert any(head in text.get_text() for text in plot_mission(run).figure.texts)
+
+
+def test_a_plate_does_not_seem_to_close_what_lies_below_it():
+    """It is drawn where no other pipe lies behind it, as in the plan of a level pipe above another
+    one; the elevation shows it."""
+    run = ot.run(ot.load_scenario("missions/explore_onboard", {"run.time_limit": 0.04}))
+    figure = plot_mission(run)
+    views = {axis.get_title(loc="left"): len(axis.patches) for axis in figure.axes}
+    assert (views["elevation, along y"], views["plan, from above"]) == (1, 0)
 
 
 def test_same_run_same_bytes(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 
 from omnitrack_sim.cli import main
 from omnitrack_sim.pipes import Elbow, Step, route
+from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack import published as export
 from omnitrack_sim.robots.omnitrack.body import add_robot
@@ -116,6 +117,19 @@ def test_a_robot_of_another_size_looks_the_same():
     one, small = models
     for name in ("geom_pos", "geom_size", "mesh_vert", "body_pos"):
         assert getattr(small, name) == pytest.approx(0.625 * getattr(one, name), abs=1e-8), name
+
+
+def test_both_tracks_of_a_module_have_its_hue():
+    """Those of the lower track are paler, and no darker, so that modules are told apart by it."""
+    spec, robot = new_spec("robot"), Omnitrack()
+    add_robot(spec, robot)
+    add_robot_looks(spec, robot)
+    for number, colour in enumerate(MODULE_COLOURS, start=1):
+        upper, lower = (spec.material(f"{t}_{number}").rgba[:3] for t in ("upper", "lower"))
+        np.testing.assert_allclose(upper, colour, atol=1e-6)
+        assert (lower > upper).all()
+        assert np.ptp(lower) > 0.5 * np.ptp(upper)
+        assert np.argsort(lower).tolist() == np.argsort(upper).tolist()
 
 
 def test_looks_change_nothing_physical():

@@ -22,9 +22,10 @@ from omnitrack_sim import plot_channel, plot_summary
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.pipes.random import random_network
-from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS
+from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, Display
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.show.plots.run_figures import limits_of
 
 NETWORK = ot.load_network("fig14")
 DRAWN = {
@@ -151,6 +152,40 @@ def test_phases_and_modules_are_named_once():
     assert sorted(names) == sorted(
         ["module 1", "module 2", "module 3", "command", "straight", "turn", "leave"]
     )
+
+
+def test_noise_gets_no_axis_of_its_own():
+    """A curve that varies by rounding errors is level, at its least span or a share of its value;
+    and what is written beside an axis is a number alone, with no power of ten elsewhere."""
+    distance = 0.1 + 1e-9 * np.arange(201) / 200
+    figure = plot_summary(sample_result(sample_trajectory(distance=distance)))
+    FigureCanvasAgg(figure).draw()
+    (axis,) = [a for a in figure.axes if a.get_ylabel() == "Distance along the centreline [m]"]
+    assert np.ptp(axis.get_ylim()) == pytest.approx(DISPLAYS["distance"].span)
+    assert not any(a.yaxis.get_offset_text().get_text() for a in figure.axes)
+    low, high = limits_of(Display("own", "m"), np.array([5.0, 5.0 + 1e-12]))
+    assert high - low == pytest.approx(5e-4)
+
+
+def test_lines_of_other_robots_have_the_names_of_their_model(tmp_path):
+    """Bodies that touch the wall, and actuators, each in the colour of its name; a saved run has
+    the names, too."""
+    run = ot.run(ot.load_scenario("robots/presser_tee", {"run.time_limit": 0.1}), no_load=False)
+    wheels = [f"{end}_{i}" for end in ("front", "rear") for i in range(3)]
+    for result in (run, ot.load_result(run.save(tmp_path / "run"))):
+        figure = plot_summary(result)
+        actuators, bodies, phases = figure.legends
+        for legend in (actuators, bodies):
+            assert [text.get_text() for text in legend.get_texts()] == wheels
+        assert [text.get_text() for text in phases.get_texts()] == ["drive"]
+        assert {"actuator", "body"} <= {text.get_text() for text in figure.texts}
+        panels = {axis.get_ylabel(): axis for axis in figure.axes}
+        lines = panels["Force on the wall, by body [N]"].lines
+        index = result.trajectory.schema["wall_force"].names.index("rear_1")
+        (line,) = [line for line in lines if line.get_label() == "rear_1"]
+        np.testing.assert_array_equal(line.get_ydata(), result.trajectory["wall_force"][:, index])
+        (handle,) = [h for h in bodies.legend_handles if h.get_label() == "rear_1"]
+        assert handle.get_color() == line.get_color()
 
 
 def test_outcome_is_written():

@@ -193,6 +193,23 @@ def test_a_strip_covers_the_fittings(result):
     assert times[-1] == pytest.approx(min(end, result.trajectory.time[-1]))
 
 
+def test_a_strip_shows_the_turn(result):
+    """Stills share way and turns of the robot, so those of one that turns on the spot in a part of
+    its time are in that part."""
+    trajectory = result.trajectory
+    time, span = trajectory.time, strip_times(result, 2)
+    turning = (span[0] + 0.6 * (span[1] - span[0]), span[0] + 0.8 * (span[1] - span[0]))
+    half = np.interp(time, turning, (0.0, np.pi / 4))
+    quaternion = np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=1)
+    still = np.repeat(trajectory["position"][:1], len(time), axis=0)
+    channels = dict(trajectory.channels) | {"quaternion": quaternion, "position": still}
+    turned = replace(result, trajectory=replace(trajectory, channels=channels))
+    times = strip_times(turned, 6)
+    assert [times[0], times[-1]] == span
+    assert times == sorted(times)
+    assert sum(turning[0] < t < turning[1] for t in times[1:-1]) >= 3
+
+
 @pytest.mark.parametrize("ending", ["png", "jpg", "pdf"])
 def test_same_run_same_strip(result, tmp_path, ending):
     """Made twice, the files are the same byte for byte."""

@@ -101,6 +101,13 @@ def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():
     rates = np.ma.asarray(axis.collections[0].get_array()).reshape(2, 3)
     assert rates.filled(-1).tolist() == [[0, 100, -1], [100, 0, 100]]
     assert not axis.texts
+    # A cell is one value: it has an edge, the mark of its trial, and its value at the axis.
+    assert axis.collections[0].get_linewidth().min() > 0
+    (trials,) = axis.lines
+    tried = {(a, b) for a, b, known in zip(x, y, np.isfinite(passed), strict=True) if known}
+    assert set(zip(*trials.get_data(), strict=True)) == tried
+    assert (axis.get_xticks().tolist(), axis.get_yticks().tolist()) == ([1, 2, 3], [10, 20])
+    assert axis.get_xlim() == (0.5, 3.5)
     axis = sweep_figure([PRELOAD, FRICTION], PASSED).axes[0]
     assert np.ma.asarray(axis.collections[0].get_array()).size == 64
     assert axis.texts
@@ -119,13 +126,14 @@ def test_cells_of_two_values_have_a_legend_and_no_scale():
         names = figure.axes[0].get_legend()
         return len(figure.axes), names and [text.get_text() for text in names.get_texts()]
 
-    assert legend(np.array([0, 1, 1, 0, 1, 1.0])) == (1, ["passed", "failed"])
+    assert legend(np.array([0, 1, 1, 0, 1, 1.0])) == (1, ["passed", "failed", "a trial"])
     gap = np.array([0, 1, 1, 0, np.nan, 1.0])
-    assert legend(gap) == (1, ["passed", "failed", "no outcome"])
+    assert legend(gap) == (1, ["passed", "failed", "no outcome", "a trial"])
     twice = Spread("a", "m", np.array([1.0, 1.0, 2.0, 2.0, 3.0, 3.0]))
     both = [twice, Spread("b", "1", np.ones(6))]
     figure = sweep_figure(both, np.array([0, 1, 1, 1, 0, 0.0]))
     assert (len(figure.axes), figure.axes[0].get_legend()) == (2, None)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["1/2", "2/2", "0/2"]
 
 
 AXES = [
@@ -153,7 +161,7 @@ def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
     left, right = figure.subplots(1, 2)
     assert ot.plot_sweep(result, over="robot.preload", ax=left) is figure
     assert left.lines[0].get_ydata().tolist() == [0, 100, 100]
-    assert (left.get_xlabel(), left.get_ylabel()) == ("robot.preload [N]", "success rate [%]")
+    assert (left.get_xlabel(), left.get_ylabel()) == ("preload [N]", "success rate [%]")
     ot.plot_sweep(result, over=["world.friction", "robot.preload"], ax=right)
     rates = np.ma.asarray(right.collections[0].get_array())
     assert rates.tolist() == [[0, 0], [100, 100], [100, 100]]

@@ -20,7 +20,7 @@ from omnitrack_sim import (
 from omnitrack_sim.base.table import Table, Unit, marks_of
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.model import unit_of
+from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.trials.sweep import resolve
 
@@ -404,6 +404,10 @@ def test_units_are_those_of_the_documents():
     assert unit_of("pipes.*.inner_diameter") == unit_of("pipes.2.length") == "m"
     assert unit_of("world.gravity.2") == "m/s²"
     assert unit_of("control.kind") is None
+    assert words_of("start.theta5_deg") == "theta5 at the start"
+    assert (words_of("world.friction"), words_of("control.kind")) == ("friction", "control kind")
+    assert words_of("pipes.0.inner_diameter") == "pipes 0 inner diameter"
+    assert (words_of("physics.timestep"), words_of("base")) == ("physics timestep", "base")
     for row in Omnitrack(roll_motor="simulation").parameters():
         assert unit_of(f"robot.{row.name}") == (row.unit or None)
 

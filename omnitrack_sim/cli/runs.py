@@ -33,6 +33,8 @@ PAGE = "replay.html"
 """Name of the page in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
+_LEAST_VALUE = 6
+"""Characters that a column of values has at least."""
 FILM: dict[str, Any] = {"width": 1280, "height": 720, "fps": 25}
 GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
 """Size and rate of films, and of a GIF, which is not compressed as well."""
@@ -508,7 +510,21 @@ def _print_rows(heads: tuple[str, ...], rows) -> None:
     table = plain_table()
     for head in heads:
         numbers = head in ("A", "B", "B - A")
-        table.add_column(head, justify="right" if numbers else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(plain, row))
+        # Values are broken where a line is short, names at their dots alone.
+        justify, least = ("right", _LEAST_VALUE) if numbers else ("left", None)
+        table.add_column(
+            head, justify=justify, overflow="fold", no_wrap=not numbers, min_width=least
+        )
+    for name, *others in rows:
+        table.add_row(_at_dots(plain(name), out.width // 2), *map(plain, others))
     out.print(table)
+
+
+def _at_dots(name: str, most: int) -> str:
+    """Break a dotted name into lines of ``most`` characters, where its parts are no longer."""
+    lines = [""]
+    for part in re.split(r"(?<=\.)", name):
+        if lines[-1] and len(lines[-1]) + len(part) > most:
+            lines.append("  ")
+        lines[-1] += part
+    return "\n".join(lines)

@@ -47,6 +47,7 @@ class Display:
         high: value that an axis reaches up to at least, in ``unit``; None: as the values are.
         span: least span of an axis, in ``unit``, so that noise does not look like movement.
         wraps: values from -180 to 180 that continue at the other end.
+        each: what each of its numbers is of, where the channel has names for them.
     """
 
     title: str
@@ -57,6 +58,7 @@ class Display:
     high: float | None = None
     span: float = 0.0
     wraps: bool = False
+    each: str = ""
 
     def label(self, module: int | None = None) -> str:
         """Title, with the number of one module (1 to 3), and unit."""
@@ -85,6 +87,7 @@ class Channel:
             matrix, "behind" multiplies a quaternion by the half turn, "same" leaves all as it is.
         recorded: it stands in the trajectory and its file.
         whole: values are whole numbers.
+        names: of the bodies, actuators or such that each of its numbers is of; empty without any.
 
     Example:
         >>> slide = ot.Channel("slide_rate", (3,), "m/s", "speed of the arms along their shafts")
@@ -101,6 +104,7 @@ class Channel:
     tail_first: TailFirst = "same"
     recorded: bool = True
     whole: bool = False
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tail_first not in _SHAPES:
@@ -200,7 +204,7 @@ _COMMON = (
         "leg",
         (),
         "code",
-        "index of the leg at hand: a way through the pipes, driven in one gear",
+        "index of the leg at hand, from 0: a way through the pipes, driven in one gear",
         source="leg",
         whole=True,
     ),
@@ -323,7 +327,7 @@ CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _SHIPPED
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 DISPLAYS: Mapping[str, Display] = {
-    "distance": Display("Distance along the centreline", "m"),
+    "distance": Display("Distance along the centreline", "m", span=0.02),
     "tilt": Display("Tilt against the centreline", "deg", _DEG, low=0.0, span=1.0),
     "offset": Display("Offset from the centreline", "mm", _MM, low=0.0, span=1.0),
     "theta5": Display("Orientation theta5", "deg", _DEG, span=10.0, wraps=True),
@@ -336,9 +340,12 @@ DISPLAYS: Mapping[str, Display] = {
     "slip_velocity": Display("Slip velocity", "mm/s", _MM),
     "slip_ratio": Display("Slip ratio", "1", low=-1.05, high=1.05),
     "contact_count": Display("Contact points", "1", low=-0.3),
-    "ctrl": Display("Control inputs", "1"),
-    "wall_force": Display("Force on the wall, by body", "N", low=0.0, span=2.0),
-    "contact_speed": Display("Slip speed at contacts", "mm/s", _MM, low=0.0, span=1.0),
+    "ctrl": Display("Control inputs", "1", span=0.02, each="actuator"),
+    "actuator_force": Display("Actuator force", "N, N m", span=0.02, each="actuator"),
+    "actuator_velocity": Display("Actuator velocity", "m/s, rad/s", span=0.02, each="actuator"),
+    "actuator_power": Display("Actuator power", "W", span=0.02, each="actuator"),
+    "wall_force": Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body"),
+    "contact_speed": Display("Slip speed at contacts", "mm/s", _MM, low=0.0, span=1.0, each="body"),
     "slide": Display("Arm slide, outward", "mm", _MM, span=1.0),
     "pitch": Display("Arm pitch, nose outward", "deg", _DEG, span=1.0),
     "roll": Display("Module roll", "deg", _DEG, command="roll_command", span=10.0),

@@ -50,7 +50,8 @@ class Visit:
     the last exit. Means are over the time in the fitting. Slip and forces are of the three modules.
 
     Attributes:
-        leg: index of the leg.
+        leg: index of the leg, from 0, as of the channel and in ``Result.legs``; printed tables and
+            figures number legs from 1.
         gear: 1 nose first, -1 tail first.
         name: of the part.
         kind: of its fitting.

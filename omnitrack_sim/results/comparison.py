@@ -231,8 +231,15 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
 
 
 def value_text(value: Any) -> str:
-    """Text of a value: four digits for numbers, a dash for a missing one."""
+    """Text of a value: four digits for numbers, a dash for a missing one, of tables their kinds or
+    how much is in them."""
     if value is None:
         return "-"
+    if isinstance(value, Mapping):
+        return value_text(value["kind"]) if "kind" in value else counted(len(value), "value")
+    if value and _tables(value):
+        kinds = [value_text(item) for item in value if "kind" in item]
+        text = ", ".join(kinds) if len(kinds) == len(value) else counted(len(value), "table")
+        return clipped(text, LONGEST)
     text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
     return clipped(printable(text), LONGEST)

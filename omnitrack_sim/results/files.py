@@ -210,7 +210,10 @@ def _own_channel(data: dict[str, Any], most: int) -> Channel:
     require(math.prod(shape) <= most, f"a channel has shape {shape}")
     words = [data[key] for key in ("name", "unit", "meaning", "frame")]
     require(all(isinstance(word, str) for word in words), "a channel's words are no text")
-    return kind(shape=shape, **data)
+    names = tuple(data.pop("names", ()))
+    require(all(isinstance(name, str) for name in names), "a name of a channel's is no text")
+    require(len(names) in (0, math.prod(shape)), f"a channel has {len(names)} names")
+    return kind(shape=shape, names=names, **data)
 
 
 def _read_npz(

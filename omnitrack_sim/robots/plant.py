@@ -522,7 +522,9 @@ _POSE_SENSORS = tuple(
 def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
     """Channels of a robot that follow from its model: actuators, contacts of bodies, and the named
     sensors of the model."""
-    ctrl = Channel("ctrl", (model.nu,), "1", "control inputs, by actuator", source="command")
+    meaning = "control inputs, by actuator"
+    own = {"source": "command", "names": _actuator_names(model)}
+    ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
 
@@ -539,11 +541,28 @@ def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     ]
 
 
+def _actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the actuators; of one without, that of its joint or tendon, or its number from 1."""
+    names = []
+    for i in range(model.nu):
+        actuator, driven = model.actuator(i), ""
+        kind, target = int(actuator.trntype[0]), int(actuator.trnid[0])
+        if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+            driven = model.joint(target).name
+        elif kind == mujoco.mjtTrn.mjTRN_TENDON:
+            driven = model.tendon(target).name
+        names.append(actuator.name or driven or str(i + 1))
+    return tuple(names)
+
+
 def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
-    shape, order = (model.nu,), "in the model's own order"
-    force = Channel("actuator_force", shape, "N, N m", f"force of each actuator, {order}")
-    velocity = Channel("actuator_velocity", shape, "m/s, rad/s", "speed of each actuator's length")
-    power = Channel("actuator_power", shape, "W", "force times speed of each actuator")
+    def each(name: str, unit: str, meaning: str) -> Channel:
+        return Channel(name, (model.nu,), unit, meaning, names=names)
+
+    names, order = _actuator_names(model), "in the model's own order"
+    force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
+    velocity = each("actuator_velocity", "m/s, rad/s", "speed of each actuator's length")
+    power = each("actuator_power", "W", "force times speed of each actuator")
     return [
         Sensor(force, lambda state: state.actuator_force),
         Sensor(velocity, lambda state: state.actuator_velocity),
@@ -570,12 +589,14 @@ def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor
         total = share.sum(axis=-1)
         return (share * slip).sum(axis=-1) / np.where(total > 0, total, 1.0)
 
-    bodies = ", ".join(name.removeprefix(TOUCH) for name in names)
+    touched = tuple(name.removeprefix(TOUCH) for name in names)
+    bodies = ", ".join(touched)
     force = Channel(
         "wall_force",
         (len(names),),
         "N",
         f"normal forces between the wall and each body, added up; bodies in order: {bodies}",
+        names=touched,
     )
     speed = Channel(
         "contact_speed",
@@ -583,6 +604,7 @@ def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor
         "m/s",
         "speed of each body's surface over the wall where it touches, mean by force; 0 without "
         f"contact; bodies in order: {bodies}",
+        names=touched,
     )
     return [Sensor(force, total_force), Sensor(speed, mean_speed)]
 

@@ -392,6 +392,20 @@ def unit_of(path: str) -> str | None:
     )
 
 
+def words_of(path: str) -> str:
+    """Return the value at a dotted path of a scenario in words, without its unit."""
+    table, *keys = path.removesuffix("_deg").split(".")
+    if table == "start" and keys:
+        keys.append("at the start")
+    elif table not in _PLAIN_TABLES or keys[-1:] in ([], ["kind"]):
+        keys.insert(0, table)
+    return " ".join(keys).replace("_", " ")
+
+
+_PLAIN_TABLES = ("world", "robot", "control")
+"""Tables whose keys say by themselves what they are, but for their kinds."""
+
+
 def _of_kind(where: str, names: tuple[str, ...], kind: type[_Thing]) -> tuple[_Thing, ...]:
     """Objects by their names, each of which has to be a ``kind``."""
     objects = []

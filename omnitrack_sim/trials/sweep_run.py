@@ -21,7 +21,7 @@ from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.robots.robot import STANDARD
-from omnitrack_sim.scenario.model import unit_of
+from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.show.plots.style import chart, figure_bytes, page
 from omnitrack_sim.show.plots.success import (
     CHART,
@@ -322,18 +322,20 @@ def spreads(sweep: Sweep) -> list[Spread]:
             # By the angle to the run axis of the first base.
             run_axis = direction_of(next(iter(sweep.bases.values())).start.axis)
             places = np.digitize(direction_of(values) @ run_axis, (-ALONG, ALONG))
-            axes.append(Spread(name, "", [CLASSES[k] for k in places], CLASSES))
+            values = [CLASSES[k] for k in places]
+            axes.append(Spread(name, "", values, CLASSES, words=words_of(name)))
         elif (
             # By exact type, since a truth value is an integer to isinstance, and has no place on a
             # scale.
             all(type(value) in (int, float) for value in values)
             and getattr(axis, "labels", None) is None
         ):
-            axes.append(Spread(name, unit_of(name) or "1", np.array(values, float)))
+            numbers = np.array(values, float)
+            axes.append(Spread(name, unit_of(name) or "1", numbers, words=words_of(name)))
         else:
             order = tuple(sweep.label(name, value) for value in sweep.crossed[name])
             words = [sweep.label(name, value) for value in values]
-            axes.append(Spread(name, "", words, order, compared=True))
+            axes.append(Spread(name, "", words, order, compared=True, words=words_of(name)))
     return axes
 
 

@@ -14,8 +14,9 @@ from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
 from omnitrack_sim.walls.meshes import TriangleMesh, loft, triangles_of
 from omnitrack_sim.walls.pipe_looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 
-LOWER_TRACK_SHADE = 0.30
-"""Brightness of a lower track beside its upper one, so that roll is seen."""
+LOWER_TRACK_TINT = 0.6
+"""Part of its module's colour in a lower track, the rest is white: roll is seen, and the module
+still told by its colour, which a dark shade would hide."""
 LUGS_SHOWN = 6
 """Lugs drawn on a track. They stand wider than the lugs of the physics, so that a film shows which
 way they run."""
@@ -125,7 +126,8 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
     }
     for number, colour in enumerate(MODULE_COLOURS, start=1):
         materials[f"upper_{number}"] = (colour, 0.35, 0.3)
-        materials[f"lower_{number}"] = (tuple(LOWER_TRACK_SHADE * c for c in colour), 0.35, 0.3)
+        pale = tuple(1.0 - LOWER_TRACK_TINT * (1.0 - part) for part in colour)
+        materials[f"lower_{number}"] = (pale, 0.35, 0.3)
     for name, look in materials.items():
         add_material(spec, name, look)
 

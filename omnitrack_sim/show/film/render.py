@@ -23,7 +23,7 @@ from PIL import ImageDraw
 
 from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import check_file, format_of, whole_file
 from omnitrack_sim.record.display import StatusText
@@ -434,6 +434,9 @@ STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
 FRAMES, MOST_FRAMES = 6, len(ascii_lowercase)
 BEFORE = 0.3
 """Time before the first fitting, and after the last, at which the stills begin and end, s."""
+TURN, STANDING = 4.0, 0.2
+"""Way that counts as much as a turn of 1 rad, in bore radii, and weight of time beside way and
+turns: a robot that turns in a tee goes less far, and is seen as often as one that drives."""
 _PAPER, _INK, _SOFT = (255, 255, 255), (34, 38, 43), (106, 112, 121)
 _DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
 
@@ -493,8 +496,9 @@ def render_strip(
 
 
 def strip_times(result: Result | Recording, count: int = FRAMES) -> list[float]:
-    """Times, s, evenly from just before the first fitting that bends, branches or narrows to just
-    after the last; over the whole run where there is none, and of a recording."""
+    """Times, s, from just before the first fitting that bends, branches or narrows to just after
+    the last, with equal shares of the way and the turns of the robot between them; of a run where
+    there is none, and of a recording, evenly over the whole."""
     time = _time(result)
     first, last = time[[0, -1]].tolist()
     visits = [] if isinstance(result, Recording) else stays(result, result.trajectory)
@@ -502,7 +506,27 @@ def strip_times(result: Result | Recording, count: int = FRAMES) -> list[float]:
     if bends:
         first = max(first, float(time[bends[0].first]) - BEFORE)
         last = min(last, float(time[bends[-1].last]) + BEFORE)
-    return np.linspace(first, last, count).tolist()
+    even = np.linspace(first, last, count)
+    if not bends or isinstance(result, Recording) or not last > first:
+        return even.tolist()
+    within = (time > first) & (time < last)
+    when = np.concatenate([[first], time[within], [last]])
+    shares = _shares(result, when)
+    times = np.interp(np.linspace(0.0, shares[-1], count), shares, when)
+    return [first, *times[1:-1].tolist(), last][:count]
+
+
+def _shares(result: Result, when: Array) -> Array:
+    """Way and turns of a robot up to ``when`` (k,) s, strictly increasing (k,)."""
+    trajectory = result.trajectory
+    nose = matrix_from_quaternion(trajectory["quaternion"])[:, :, 2]
+    columns = np.concatenate([trajectory["position"], nose], axis=1)
+    poses = np.stack([np.interp(when, trajectory.time, column) for column in columns.T], axis=1)
+    way, turn = (np.linalg.norm(np.diff(p, axis=0), axis=1) for p in (poses[:, :3], poses[:, 3:]))
+    steps = np.nan_to_num(way + TURN * result.pipes.parts[0].fitting.radius * turn)
+    # A robot that stands still is shown, too, but less often.
+    steps = steps / (steps.sum() or 1.0) + STANDING * np.diff(when) / (when[-1] - when[0])
+    return np.append(0.0, np.cumsum(steps))
 
 
 def label(index: int) -> str:

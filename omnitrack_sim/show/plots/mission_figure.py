@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -196,7 +196,7 @@ class _Mission:
                 explored = self.result.map.pipes
                 draw_pipes(axis, explored, view, bore_faces(explored), EXPLORED)
             self._draw_path(axis, view, values, scale)
-            self._draw_signs(axis, list(view.columns))
+            self._draw_signs(axis, list(view.columns), self._plates[view.title])
             axes.append(axis)
         if not self._aside:
             axes[0].set_xlabel("")
@@ -250,10 +250,46 @@ class _Mission:
             if leg.tail_first:
                 axis.plot(*flat.T, color="white", linewidth=0.7, linestyle=(0, (4, 4)), zorder=3.2)
 
-    def _draw_signs(self, axis: Axes, columns: list[int]) -> None:
-        """Draw plates, start, goals and events into one view."""
-        position = self.trajectory["position"]
+    @cached_property
+    def _plates(self) -> dict[str, list[Array]]:
+        """Rims (k, 3) m of the plates that each view shows, by its title: none where another pipe
+        lies behind or before it, which would look closed, if another view shows it."""
+        shown: dict[str, list[Array]] = {view.title: [] for view in self.views}
         for rim in self.result.plate_rims():
+            clear = [view for view in self.views if not self._covers(rim, view)]
+            for view in clear or self.views:
+                shown[view.title].append(rim)
+        return shown
+
+    def _covers(self, rim: Array, view: Projection) -> bool:
+        """Return True if a plate is drawn across another pipe than its own in a view."""
+        centre, towards = rim.mean(axis=0), view.axes[:, 2]
+        radius = float(np.linalg.norm(rim - centre, axis=1).max())
+        # From its own pipe, which reaches a radius to either side, through the whole network.
+        most = float(np.linalg.norm(self._high - self._low))
+        far = np.arange(1.5 * radius, most, 0.5 * radius)
+        away = np.concatenate([-far, far])[:, None, None] * towards
+        points = centre + 0.9 * (rim[::4] - centre) + away  # (n, k, 3)
+        columns = list(view.columns)
+        flat = centre[columns]
+        boxes = np.stack(self._bounds)[:, :, columns]  # (2, parts, 2)
+        near = (boxes[0] < flat + radius).all(axis=1) & (boxes[1] > flat - radius).all(axis=1)
+        parts = (self.pipes.parts[i] for i in np.flatnonzero(near))
+        return any(
+            (np.minimum(part.signed_distance(points)[0], part.extent(points)) > 0).any()
+            for part in parts
+        )
+
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest coordinates (parts, 3) m of the bores of all parts."""
+        bores = [part.bore_samples() for part in self.pipes.parts]
+        return np.array([b.min(axis=0) for b in bores]), np.array([b.max(axis=0) for b in bores])
+
+    def _draw_signs(self, axis: Axes, columns: list[int], plates: list[Array]) -> None:
+        """Draw ``plates``, start, goals and events into one view."""
+        position = self.trajectory["position"]
+        for rim in plates:
             axis.fill(*rim[:, columns].T, **_PLATE, zorder=4)
         axis.plot(*position[:1, columns].T, **_START, zorder=5)
         axis.plot(*self.result.goal_points()[:, columns].T, **_GOAL, zorder=5)
@@ -385,11 +421,11 @@ class _Mission:
 
 
 def _outcome(result: Result) -> str:
-    """Outcome, duration, travel and legs of a run, in words."""
-    leg, position = result.trajectory["leg"], result.trajectory["position"]
-    travel = _way(position[np.isfinite(position).all(axis=1)])[-1]
-    outcome = result.outcome.value.replace("_", " ")
-    text = f"{outcome} after {result.duration_s:.2f} s, {travel:.2f} m driven"
+    """Outcome, duration, headway and legs of a run, in words."""
+    leg, outcome = result.trajectory["leg"], result.outcome.value.replace("_", " ")
+    # The metric, not the length of the path: numbers of one run have to agree.
+    headway = result.metrics["distance_m"]
+    text = f"{outcome} after {result.duration_s:.2f} s, {headway:.2f} m of headway"
     legs = len(result.routes())
     return text if legs == 1 else f"{text} on {int(leg.max()) + 1} of {legs} legs"
 

@@ -73,6 +73,10 @@ _ABOVE, _BELOW = 0.78, 0.36  # inches: title and legends above the panels, times
 _BESIDE, _BETWEEN, _HEIGHT = 0.44, 0.27, 0.82  # inches between columns, between rows; of a panel
 _LONGEST_LEGEND = 80
 """Characters of a legend that fit into one line."""
+_LEGEND, _LEGEND_HEAD = 0.15, 0.55  # inches: of one line of a legend, and of a word before it
+_LEAST_SPAN = 1e-4
+"""Least span of an axis over its largest value: below it are rounding errors, and ticks that differ
+in their sixth digit."""
 
 
 def display_values(trajectory: Trajectory, channel: str) -> NDArray[np.float64]:
@@ -86,8 +90,9 @@ def display_values(trajectory: Trajectory, channel: str) -> NDArray[np.float64]:
 
 def has_modules(channel: Channel) -> bool:
     """True where a panel has one line a module."""
-    counts = channel.name == "contact_count"
-    return counts or (channel.shape == (MODULE_COUNT,) and not isinstance(channel, Vector))
+    if channel.names or isinstance(channel, Vector):
+        return False
+    return channel.name == "contact_count" or channel.shape == (MODULE_COUNT,)
 
 
 def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None = None) -> None:
@@ -105,7 +110,7 @@ def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None
     elif values.ndim == 1:
         axis.plot(time, values, color=INK)
     else:
-        _draw_columns(axis, time, values, trajectory.schema[name])
+        _draw_columns(axis, trajectory, values, trajectory.schema[name])
         if command is not None:
             _draw_commands(axis, time, command)
     limits = limits_of(display, values if command is None else np.stack([values, command]))
@@ -113,14 +118,35 @@ def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None
         axis.set_ylim(*limits)
 
 
-def _draw_columns(axis: Axes, time: NDArray, values: NDArray, channel: Channel) -> None:
-    """One line a column: a module, or a component of a vector."""
-    modules = has_modules(channel)
+def _draw_columns(axis: Axes, trajectory: Trajectory, values: NDArray, channel: Channel) -> None:
+    """One line a column: a module, a component of a vector, or what the channel has names for."""
+    modules, time = has_modules(channel), trajectory.time
+    if channel.names:
+        for column, look in _named_looks(trajectory, channel).items():
+            axis.plot(time, values[:, column], **look)
+        return
     for i, column in enumerate(values.T):
         look: dict[str, Any] = {"label": channel.columns[i].removeprefix(f"{channel.name}_")}
         if modules:
             look = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}"} | LINES[i]
         axis.plot(time, column, **look)
+
+
+def _named_looks(trajectory: Trajectory, channel: Channel) -> dict[int, dict[str, Any]]:
+    """Looks of the lines of a channel with names, by column: of those that move, act or touch at
+    all. Few of them have a colour each, in the order of their names, so that it is that of what
+    has the same names elsewhere."""
+    alike = [one for one in trajectory.schema.values() if one.names == channel.names]
+    moving = [(trajectory[one.name] != 0).any(axis=0).ravel() for one in alike]
+    acts = np.any(moving, axis=0)
+    acting = np.flatnonzero(acts if acts.any() else ~acts).tolist()
+    columns = sorted(acting, key=lambda column: channel.names[column])
+    names = [channel.names[column] for column in columns]
+    apart = len(names) <= len(CURVE_COLOURS) and _width(names) <= _LONGEST_LEGEND
+    return {
+        column: {"label": name} | ({"color": CURVE_COLOURS[i]} if apart else {})
+        for i, (column, name) in enumerate(zip(columns, names, strict=True))
+    }
 
 
 def _draw_commands(axis: Axes, time: NDArray, commands: NDArray) -> None:
@@ -142,12 +168,18 @@ def limits_of(display: Display, values: NDArray) -> tuple[float, float] | None:
     room = 0.06 * (high - low)
     low = low - room if display.low is None else min(display.low, low)
     high = high + room if display.high is None else max(display.high, high)
-    short = max(0.0, display.span - (high - low))
+    span = max(display.span, _LEAST_SPAN * max(abs(low), abs(high)))
+    short = max(0.0, span - (high - low))
     if display.low is None:
         low, high = low - short / 2, high + short / 2
     else:
         high += short
     return (low, high) if high > low else None
+
+
+def _width(names: Sequence[str]) -> int:
+    """Length of a legend with these names, characters."""
+    return sum(len(name) + 5 for name in names)
 
 
 def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
@@ -220,6 +252,8 @@ class PanelGrid:
         axis.tick_params(axis="x", labelbottom=last)
         axis.locator_params(axis="x", nbins=5, steps=(1, 2, 5, 10))
         axis.locator_params(axis="y", nbins=4, steps=(1, 2, 5, 10))
+        # A power of ten above the axis would stand in the label.
+        axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}"))
         if last:
             axis.set_xlabel("time [s]")
             axis.xaxis.set_label_coords(0.5, -0.24)
@@ -227,17 +261,21 @@ class PanelGrid:
         axis.yaxis.set_label_coords(0.0, 1.04)
         return axis
 
-    def legend(self, handles: list, down: float) -> None:
+    def legend(self, handles: list, down: float, head: str = "") -> None:
         """A legend from the left, ``down`` inches below the top, in several lines where it is
-        long."""
+        long, with ``head`` before it."""
         if not handles:
             return
         names = [handle.get_label() for handle in handles]
-        lines = -(-sum(len(name) + 5 for name in names) // _LONGEST_LEGEND)
+        lines = -(-_width(names) // _LONGEST_LEGEND)
+        left, top = LEFT / PAGE, 1 - down / self.height
+        if head:
+            self.figure.text(left, top, head, size=7, color=INK, va="top")
+            left += _LEGEND_HEAD / PAGE
         self.figure.legend(
             handles=handles,
             loc="upper left",
-            bbox_to_anchor=(LEFT / PAGE, 1 - down / self.height),
+            bbox_to_anchor=(left, top),
             ncols=-(-len(names) // max(1, lines)),
         )
 
@@ -288,7 +326,9 @@ def _summary(result: Result) -> Figure:
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
     summary = result.scenario.display.summary
-    grid = PanelGrid(rows=len(summary) + bool(errors), columns=len(summary[0]))
+    named = _named_lines(result)
+    above = _ABOVE + _LEGEND * max(0, len(named) - 1)  # the first has the place of the modules
+    grid = PanelGrid(len(summary) + bool(errors), len(summary[0]), above)
     for row, panels in enumerate(summary):
         for column, (channel, module) in enumerate(panels):
             label = trajectory.schema[channel].display.label(module)
@@ -303,8 +343,23 @@ def _summary(result: Result) -> Figure:
         draw_error(axis, trajectory, channel)
     headline(grid.figure, result.scenario.name, _outcome(result), LEFT, result.success)
     grid.legend(_line_handles(result, bool(errors)), 0.28)
-    grid.legend(_phase_handles(trajectory), 0.43)
+    for number, (head, handles) in enumerate(named.items()):
+        grid.legend(handles, 0.28 + _LEGEND * number, head)
+    grid.legend(_phase_handles(trajectory), 0.43 + above - _ABOVE)
     return grid.figure
+
+
+def _named_lines(result: Result) -> dict[str, list[Any]]:
+    """Legends of the panels whose lines have names of their own, by what these name."""
+    from matplotlib.lines import Line2D
+
+    legends: dict[str, list[Any]] = {}
+    for channel, _ in (panel for row in result.scenario.display.summary for panel in row):
+        schema = result.trajectory.schema[channel]
+        looks = _named_looks(result.trajectory, schema).values() if schema.names else ()
+        if looks and all("color" in look for look in looks):
+            legends[schema.display.each] = [Line2D([], [], **look) for look in looks]
+    return legends
 
 
 def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] | None:
@@ -328,7 +383,7 @@ def _line_handles(result: Result, estimates: bool) -> list[Any]:
         for i, (name, colour) in enumerate(columns)
     ]
     if not columns:
-        return []  # the columns of different panels are of different things: bodies, actuators
+        return []  # see _named_lines
     lines.append(Line2D([], [], label="command", **COMMAND))
     if estimates:
         lines.append(Patch(fc=BAND_COLOUR, label=f"{BAND:.0f} sigma of the estimate"))
@@ -384,14 +439,18 @@ def plot_compare(
 
 
 def _labels(comparison: Comparison) -> list[str]:
-    """Names of two runs: the scenarios' where they differ, else the first value that does."""
+    """Names of two runs: the scenarios' where they differ, else their kinds of whatever differs
+    in its kind, else the first value that does."""
     names = [run.scenario.name for run in (comparison.a, comparison.b)]
     if names[0] != names[1] or not comparison.values:
         return names
-    first, rest = comparison.values[0], len(comparison.values) - 1
+    kinds = (v for v in comparison.values if v.name.endswith(".kind") and v.a and v.b)
+    kind = next(kinds, None)
+    if kind is not None:
+        return [value_text(kind.a), value_text(kind.b)]
+    first = comparison.values[0]
     unit = "" if first.unit in ("", "1") else f" {first.unit}"
-    more = f" and {rest} more" if rest else ""
-    return [f"{first.name} = {value_text(value)}{unit}{more}" for value in (first.a, first.b)]
+    return [f"{first.name} = {value_text(value)}{unit}" for value in (first.a, first.b)]
 
 
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:

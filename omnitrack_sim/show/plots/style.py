@@ -48,6 +48,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlesize": 9.5,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "grid.color": "#b9bec6",
     "grid.linewidth": 0.4,
     "xtick.color": INK,

@@ -30,12 +30,15 @@ from omnitrack_sim.show.plots.style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
 PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
 _GROUPS = (*CURVE_COLOURS[:3], INK)
 """Colours of groups that are compared, at most ``MOST_ROWS``."""
+_TRIAL: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 2.2, "color": INK}
+"""The mark of a trial in a map with one in each cell."""
 _NO_OUTCOME = "#dfe2e6"
 """Colour of cells in which no trial has an outcome."""
 PERIOD = 120.0
@@ -49,6 +52,9 @@ MOST_ROWS = 4
 """Rows of a map over orientation."""
 MOST_CELLS = 40
 """Most distinct values of a number that have a cell each."""
+MOST_TICKS, LEAST_APART = 10, 0.08
+"""Most values of which each has its tick, and how near two of them may be, as a part of the axis.
+"""
 BINS, QUANTILES, FEW = 8, 10, 5
 """Bins along each side of a map, and bins of a main effect.
 
@@ -224,6 +230,7 @@ class Spread:
         values: (n,) numbers, or n words.
         order: the different words; empty for numbers.
         compared: its words are what is compared, on the same trials, such as controllers.
+        words: for its name in figures; empty: the name.
     """
 
     name: str
@@ -231,11 +238,12 @@ class Spread:
     values: Array | Sequence[str]
     order: tuple[str, ...] = ()
     compared: bool = False
+    words: str = ""
 
     @property
     def label(self) -> str:
-        """Name and unit."""
-        return Display(self.name, self.unit).label()
+        """Name in words, and unit."""
+        return Display(self.words or self.name, self.unit).label()
 
     def split(self, passed: Array) -> dict[str, Array]:
         """Return the outcomes (n,) of the trials of each word that has any; those of other trials
@@ -347,14 +355,26 @@ def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
     good = np.bincount(cell, passed[known], minlength=shape[0] * shape[1]).reshape(shape)
     rate = np.ma.masked_invalid(np.where(total > 0, 100 * good / np.maximum(total, 1), np.nan))
     axis.set_facecolor(_NO_OUTCOME)
-    look = {"cmap": _success_colours(), "vmin": 0, "vmax": 100, "lw": 0, "rasterized": True}
+    look = {"cmap": _success_colours(), "vmin": 0, "vmax": 100, "rasterized": True}
+    # Edges tell that a cell is one value that was tried, and no range that was measured.
+    look |= {"lw": 0.8 if max(shape) <= MOST_TICKS else 0.3, "edgecolor": "white"}
     mesh = axis.pcolormesh(x_edges, y_edges, rate, **look)
-    for i, j in np.argwhere(total < FEW) if total.max(initial=0) > 1 else ():
-        place = float(x_edges[j : j + 2].mean()), float(y_edges[i : i + 2].mean())
-        axis.text(*place, str(total[i, j]), ha="center", va="center", size=5.5, color=INK)
+    values = [np.asarray(spread.values, float)[known] for spread in (x, y)]
+    if total.max(initial=0) > 1:
+        binned = any(len(np.unique(own)) > MOST_CELLS for own in values)
+        for i, j in np.argwhere(total < FEW if binned or max(shape) > MOST_TICKS else total > 0):
+            text, colour = str(total[i, j]), INK
+            if not binned:
+                text, colour = f"{int(good[i, j])}/{text}", "white"
+            place = float(x_edges[j : j + 2].mean()), float(y_edges[i : i + 2].mean())
+            axis.text(*place, text, ha="center", va="center", size=5.5, color=colour)
+    else:
+        axis.plot(*values, **_TRIAL)
+    _tick_values(axis.xaxis, x, x_edges)
+    _tick_values(axis.yaxis, y, y_edges)
     if set(rate.compressed().tolist()) <= {0.0, 100.0}:
         # Cells have all passed or all failed; a scale would tell no more.
-        _name_colours(axis, bool((total == 0).any()))
+        _name_colours(axis, bool((total == 0).any()), total.max(initial=0) <= 1)
     else:
         bar = axis.get_figure(root=True).colorbar(mesh, ax=axis, pad=0.02)  # type: ignore[union-attr]
         bar.set_label("success rate [%]")
@@ -365,12 +385,24 @@ def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
     axis.set_ylabel(y.label)
 
 
-def _name_colours(axis: Axes, gaps: bool) -> None:
+def _tick_values(axis: Axis, spread: Spread, edges: Array) -> None:
+    """Put the ticks of an axis where something was tried, if these are few and apart."""
+    tried = np.unique(np.asarray(spread.values, float))
+    nearest = np.diff(tried).min(initial=np.inf)
+    if len(tried) <= MOST_TICKS and nearest >= LEAST_APART * np.ptp(edges):
+        axis.set_ticks(tried.tolist(), [f"{value:g}" for value in tried])
+
+
+def _name_colours(axis: Axes, gaps: bool, trials: bool) -> None:
+    """Name the colours of cells, where there are ``gaps`` that of those, and the mark of
+    ``trials``."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     colours = [(PASSED_COLOUR, "passed"), (FAILED_COLOUR, "failed")]
     colours += [(_NO_OUTCOME, "no outcome")] if gaps else []
-    handles = [Patch(fc=colour, label=text) for colour, text in colours]
+    handles: list[Any] = [Patch(fc=colour, label=text) for colour, text in colours]
+    handles += [Line2D([], [], label="a trial", **_TRIAL)] if trials else []
     axis.legend(handles=handles, loc="upper right", bbox_to_anchor=(1.0, -0.2), ncols=len(handles))
 
 
