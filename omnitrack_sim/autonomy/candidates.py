@@ -63,7 +63,7 @@ class CandidateSettings:
 CANDIDATES = CandidateSettings()
 
 
-def nearby(
+def reprojected(
     hits: Array,
     rays: Array,
     place: Array,
@@ -137,7 +137,7 @@ def of_arms(
         std: m, standard deviation of the place of a contact.
 
     Returns:
-        Information and evidence, see ``normal``.
+        Information matrix and vector, see ``normal_equations``.
     """
     n = len(slide)
     outermost = robot.slide_range[1] - CANDIDATES.stop_margin
@@ -158,7 +158,7 @@ def of_arms(
     doubt = np.einsum("nmi,nij,nmj->nm", slopes, covariance, slopes) + std**2
     held = (slide < outermost) & np.all(part >= 0, axis=-1)
     held &= gap**2 < CANDIDATES.most_error**2 * doubt
-    return normal(slopes, -gap, held * huber(gap / std) / std**2)
+    return normal_equations(slopes, -gap, held * huber(gap / std) / std**2)
 
 
 def of_gravity(
@@ -174,33 +174,34 @@ def of_gravity(
         valid: (n,) robots that it is taken for.
 
     Returns:
-        Information and evidence, see ``normal``.
+        Information matrix and vector, see ``normal_equations``.
     """
     held = -np.einsum("nij,nj->ni", rotation, force)  # (n, 3) world
     error = gravity - held
     slopes = np.zeros((len(held), 3, POSE))
     slopes[:, :, 3:] = -skew(held)
     weight = np.where(valid, 1.0 / std**2, 0.0)
-    return normal(slopes, error, np.repeat(weight[:, None], 3, axis=1))
+    return normal_equations(slopes, error, np.repeat(weight[:, None], 3, axis=1))
 
 
-def normal(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
-    """Information (n, 6, 6) and evidence (n, 6) of residuals (n, k) with slopes (n, k, 6)."""
+def normal_equations(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
+    """Return the information matrix J' W J (n, 6, 6) and vector J' W r (n, 6) of residuals r (n, k)
+    with the Jacobian J (n, k, 6)."""
     weighted = slopes * weight[..., None]
     return np.swapaxes(weighted, 1, 2) @ slopes, np.einsum("nki,nk->ni", weighted, error)
 
 
-def chances(cost: Array) -> Array:
+def probabilities(cost: Array) -> Array:
     """Probabilities (m, ...), in proportion to exp(-cost)."""
     axes = tuple(range(1, cost.ndim))
     weight = np.exp(cost.min(axis=axes, keepdims=True) - cost)
     return weight / weight.sum(axis=axes, keepdims=True)
 
 
-def moments(values: Array, chances: Array) -> tuple[Array, Array]:
+def moments(values: Array, probabilities: Array) -> tuple[Array, Array]:
     """Mean and variance (m,) of values (m, c)."""
-    mean = (chances * values).sum(axis=1)
-    return mean, (chances * (values - mean[:, None]) ** 2).sum(axis=1)
+    mean = (probabilities * values).sum(axis=1)
+    return mean, (probabilities * (values - mean[:, None]) ** 2).sum(axis=1)
 
 
 def huber(error: Array) -> Array:
@@ -415,7 +416,7 @@ class Candidates:
             which, flat, turned, facing, measured, rays, blur
         )
         near = valid & (np.abs(residual) < 2 * CANDIDATES.most_error)
-        information, evidence = normal(slopes, residual, near.astype(float))
+        information, evidence = normal_equations(slopes, residual, near.astype(float))
         # A prior of the longest step keeps directions that no pixel shows where they are.
         stiff = np.diag(
             1 / np.array([CANDIDATES.longest_shift] * 3 + [CANDIDATES.longest_turn] * 3) ** 2
@@ -474,6 +475,6 @@ class Candidates:
                 place = position + change
             else:
                 turned = frame @ turned_by(change)
-            image = nearby(hits, rays, position, frame, place, turned, self._camera.lamp)
+            image = reprojected(hits, rays, position, frame, place, turned, self._camera.lamp)
             slopes[..., axis] = (self._camera.expected(image, rays) - expected) / step
         return slopes

@@ -12,13 +12,13 @@ from omnitrack_sim.autonomy.candidates import (
     CANDIDATES,
     Candidates,
     Shot,
-    chances,
     huber,
     median,
     moments,
     normal,
     of_arms,
     of_gravity,
+    probabilities,
 )
 from omnitrack_sim.autonomy.pose_filter import (
     PLACE,
@@ -337,10 +337,10 @@ class Localiser:
         of_each = cost.min(axis=2)
         alike = np.ptp(of_each, axis=1) < LOCALISER.least_contrast
         self._pause(robots, shot, alike)
-        weight = chances(cost)  # (m, t, p)
+        weight = probabilities(cost)  # (m, t, p)
         # Pictures are taken as independent, so their evidence adds up; none rules a turn out.
         self._evidence[robots] -= np.log(np.maximum(weight.sum(axis=2), 1e-300))
-        of_turn = chances(self._evidence[robots])
+        of_turn = probabilities(self._evidence[robots])
         best = of_turn.argmax(axis=1)
         apart = wrap_angle(turns - turns[best, None])  # (m, t)
         doubt = (of_turn * (np.abs(apart) > CANDIDATES.distinct_turn)).sum(axis=1)
@@ -486,8 +486,8 @@ def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:
         cost: (m, c) of the picture at each value.
     """
     prior = 0.5 * (values / std[:, None]) ** 2
-    mean, variance = moments(values, chances(prior + cost))
-    _, before = moments(values, chances(prior))
+    mean, variance = moments(values, probabilities(prior + cost))
+    _, before = moments(values, probabilities(prior))
     # Between two values the picture has not been compared: half of their spacing is unknown.
     variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
     # Where all poses look alike, an apparent gain is chance.

@@ -209,8 +209,6 @@ def _slip(result: ot.Result) -> str:
 
 def _figure_table(result: ot.Result) -> Table:
     """Figures of each module, or of a robot whose metrics have one value each."""
-    from omnitrack_sim.record.metrics import TITLES
-
     metrics = result.scenario.robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
     heads = [f"module {i}" for i in (1, 2, 3)] if of_modules else ["value"]
@@ -219,9 +217,8 @@ def _figure_table(result: ot.Result) -> Table:
         value = result.metrics[metric.name]
         if isinstance(value, float):
             table.add_row(metric.name, metric.unit, f"{value:.4g}")
-        elif isinstance(value, list) and metric.name in TITLES:
-            title, digits = TITLES[metric.name]
-            table.add_row(title, metric.unit, *(f"{v:.{digits}f}" for v in value))
+        elif isinstance(value, list) and metric.title:
+            table.add_row(metric.title, metric.unit, *(f"{v:.{metric.digits}f}" for v in value))
     return table
 
 

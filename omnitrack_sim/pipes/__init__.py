@@ -1,6 +1,7 @@
 """Pipes: fittings, assemblies, routes and their exact inner surface, without MuJoCo.
 
-All that a fitting of a user's own needs is imported from here; docs/extending.md has an example.
+All that a fitting of a user's own needs is imported from here; docs/how-to/extending.md has an
+example.
 """
 
 from omnitrack_sim.base.rotations import Array as Array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -73,6 +73,8 @@ class Metric:
         compute: from a ``Run`` to a number, or a list of one number a module.
         per_module: it is a list.
         in_tables: it is a column of the tables of sweeps.
+        title: name for people, of those that consoles, notebooks and pages show.
+        digits: after the point, there.
 
     Example:
         >>> def fastest(run):
@@ -89,6 +91,8 @@ class Metric:
     compute: Callable[[Any], Figure]
     per_module: bool = False
     in_tables: bool = True
+    title: str = ""
+    digits: int = 3
 
 
 def _phase_times(run: Run) -> dict[str, float]:
@@ -117,18 +121,24 @@ MOTION: tuple[Metric, ...] = (
         "headway along the centreline from start to end of each leg, added up; backing off takes "
         "away from it",
         lambda r: r.travelled,
+        title="distance",
+        digits=3,
     ),
     Metric(
         "mean_speed_m_s",
         "m/s",
         "`distance_m` over the simulated time; 0 where there is only one sample",
         lambda r: r.travelled / r.duration if r.duration > 0 else 0.0,
+        title="mean speed",
+        digits=4,
     ),
     Metric(
         "tilt_max_deg",
         "deg",
         "largest angle between the robot axis and the centreline's tangent at the robot's centre",
         lambda r: float(np.degrees(r.trajectory["tilt"].max())),
+        title="largest tilt",
+        digits=1,
     ),
     Metric(
         "tilt_exit_deg",
@@ -152,6 +162,8 @@ COMMON_METRICS: tuple[Metric, ...] = (
         "mechanical work of all actuators: the positive part of each one's power, integrated; "
         "braking gives nothing back",
         _work,
+        title="energy",
+        digits=1,
     ),
     Metric(
         "cost_of_transport",
@@ -164,6 +176,8 @@ COMMON_METRICS: tuple[Metric, ...] = (
         "N",
         "largest force between the wall and one body of the robot",
         lambda r: float(r.trajectory["wall_force"].max(initial=0.0)),
+        title="largest force on the wall",
+        digits=1,
     ),
     Metric(
         "wall_force_sum_mean_n",
@@ -182,28 +196,6 @@ COMMON_METRICS: tuple[Metric, ...] = (
     PHASE_TIME,
 )
 """Metrics of every other robot, in the order of ``result.json``."""
-
-
-TITLES: Mapping[str, tuple[str, int]] = {
-    "distance_m": ("distance", 3),
-    "mean_speed_m_s": ("mean speed", 4),
-    "tilt_max_deg": ("largest tilt", 1),
-    "energy_j": ("energy", 1),
-    "wall_force_max_n": ("largest force on the wall", 1),
-    "slip_ratio_mean": ("mean slip ratio", 3),
-    "slip_distance_m": ("slip distance", 4),
-    "traction_rms_n": ("traction, rms", 2),
-    "normal_force_mean_n": ("mean normal force", 1),
-    "normal_force_max_n": ("largest normal force", 1),
-    "contact_fraction": ("time in contact", 3),
-    "spring_travel_max_m": ("largest spring travel", 4),
-    "motor_torque_max_nm": ("largest motor torque", 3),
-    "torque_rms_nm": ("motor torque, rms", 3),
-    "torque_change_nm_s": ("change of torque", 2),
-    "time_at_limit_s": ("time at the torque limit", 2),
-    "stall_time_s": ("time stalled", 2),
-}
-"""Title of a metric for people, and digits after the point, by its name."""
 
 
 def summarise(run: Run, metrics: Iterable[Metric]) -> Metrics:

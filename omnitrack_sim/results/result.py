@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
-from omnitrack_sim.record.metrics import TITLES, Metric, Metrics
+from omnitrack_sim.record.metrics import Metric, Metrics
 from omnitrack_sim.record.timeline import Visit, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.files import (
@@ -419,7 +419,6 @@ def _check_trajectory(result: Result, routes: int) -> None:
 
 
 def _headline(metric: Metric, value: Any) -> tuple[str, ...]:
-    title, digits = TITLES[metric.name]
     numbers: Sequence[Any] = value if isinstance(value, list) else [value]
-    texts = ["-" if number is None else f"{number:.{digits}f}" for number in numbers]
-    return title, "" if metric.unit == "1" else metric.unit, " / ".join(texts)
+    texts = ["-" if number is None else f"{number:.{metric.digits}f}" for number in numbers]
+    return metric.title, "" if metric.unit == "1" else metric.unit, " / ".join(texts)

@@ -67,9 +67,9 @@ _FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
-NEXT = 0
-LINE_NEXT = NEXT + _TYPES
-KINDS, USER_SIZE, GEOM_COUNT = LINE_NEXT + 1, LINE_NEXT + 2, LINE_NEXT + 3
+PREVIOUS = 0
+LINE_PREVIOUS = PREVIOUS + _TYPES
+KINDS, USER_SIZE, GEOM_COUNT = LINE_PREVIOUS + 1, LINE_PREVIOUS + 2, LINE_PREVIOUS + 3
 MODEL_FIELDS = (
     "geom_size",
     "geom_user",
@@ -283,12 +283,12 @@ def collide(model, data, contacts, wall, geom, margin):
     count = model[word(USER_SIZE)]
     # A foreign model may have user data of another length, which must not be read as a record.
     if count < RECORD_SIZE:
-        return call_collide(word(NEXT + kind), model, data, contacts, wall, geom, margin)
+        return call_collide(word(PREVIOUS + kind), model, data, contacts, wall, geom, margin)
     records = doubles(model[word(USER)])
     # The records end the rows, so that a robot may have user data of its own before.
     w, own = count * (wall + 1) - RECORD_SIZE, count * (geom + 1) - RECORD_SIZE
     if records[w] != MARK or records[own] == MARK:
-        return call_collide(word(NEXT + kind), model, data, contacts, wall, geom, margin)
+        return call_collide(word(PREVIOUS + kind), model, data, contacts, wall, geom, margin)
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
     frame = frame_in(records, w, position, matrix, geom, wall)
     if records[w + KIND] == RIM:
@@ -347,7 +347,7 @@ def install() -> None:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
     for kind in (SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH):
-        enter(collide, kind, NEXT + kind)
+        enter(collide, kind, PREVIOUS + kind)
 
 
 @cache

@@ -1,10 +1,10 @@
 """Rays against the exact walls, and distances of points from them, compiled.
 
 A ray is followed as far as a fitting knows that the bore is clear along it (``Wall.clear``), from
-there by steps of the distance to the wall (sphere tracing); both never pass through it. Each part
-of a network counts between its port planes. A ray that leaves through an open end meets nothing;
-one that leaves through a plate meets that; of one that leaves through a port beyond which nothing
-is known, nothing is returned.
+there by steps of the distance to the wall (sphere tracing); both never pass through it. The wall
+of a part is valid between its port planes only. A ray that leaves through an open end meets
+nothing; one that leaves through a plate meets that; of one that leaves through a port beyond which
+nothing is known, nothing is returned.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ PORTS, PLANES, SIZES = 19, 20, 48
 radius, m); its pose (3 m, and 9 row by row); the number of its ports, and for each port its place
 (3 m), its direction outward (3), world frame, and what is there; sizes."""
 OPEN, PLATE, UNKNOWN, UNSEEN = 0.0, 1.0, 2.0, 3.0
-"""Nothing, a plate; what nothing is known of, behind a fitting's port, at which there is a joint,
-and at the end of so much of a straight as has been seen, where there may be none."""
+"""An open end; a plate; unexplored space behind a fitting's port, where there is a joint; the end
+of the part of a straight that has been seen, where there may be none."""
 PORT_SIZE, PART_SIZE = 7, 58
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Indices in what a ray has met: distance, m, infinite for nothing, NaN where it leaves through a
@@ -184,17 +184,17 @@ def nearest_port(parts, p, x, y, z):
     return where, best
 
 
-HIT, CLOSE = 5e-4, 0.01
-"""Distance from the wall, m, from which the rest are two steps by the slope, and how long one of
-them may be, m."""
+NEWTON_DISTANCE, LONGEST_NEWTON_STEP = 5e-4, 0.01
+"""Distance from the wall, m, below which Newton's method takes over from sphere tracing, and its
+longest step, m."""
 EXACT = 1e-10
 """Distance from the wall, m, at which a ray is on it."""
 APART = 3e-3
-"""Beyond the wall of a part that a ray has not been in, m, it is outside: it has left through an
-open end before which another pipe passes. Walls are thicker than that, and joints of maps fit
-better."""
-LONGER = 1.6
-"""A step over the distance from the wall; see ``_follow``."""
+"""A ray that enters another part more than this deep in that part's wall, m, has left through an
+open end before which that pipe passes, not through a joint. Walls are thicker than that, and joints
+of maps fit better."""
+OVER_RELAXATION = 1.6
+"""Over-relaxation: a step of sphere tracing over the distance from the wall; see ``_follow``."""
 MOST_STEPS = 300
 DIM = 0.03
 """Before the end of what has been seen of a straight, m, a ray returns nothing: the end may be
@@ -244,11 +244,11 @@ def _follow(parts, near, count, far, out):
     on a wall, 0 where the ray leaves through a port, -1 where it gets as far as ``far``.
 
     It goes on as far as the bore is clear for certain, else by a step that is longer than the
-    distance from the wall, which halves the number of steps along a pipe. Where the ball at the
-    next place does not reach the one at the last, there may be a wall between: then the step is
-    taken back.
+    distance from the wall, which halves the number of steps along a pipe. Where the clearance
+    spheres of successive points do not overlap there may be a wall between: then the step is undone
+    and repeated without over-relaxation.
     """
-    s, last, stretch = 0.0, -1, LONGER
+    s, last, stretch = 0.0, -1, OVER_RELAXATION
     from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
     for _ in range(MOST_STEPS):
         k = -1 if stretched or at_end else _only(near, count, s)
@@ -262,7 +262,7 @@ def _follow(parts, near, count, far, out):
                 continue
             if k < 0 or (0 <= last != k and d < -APART):
                 return s, last, 0
-            if d < HIT:
+            if d < NEWTON_DISTANCE:
                 return _onto_wall(parts, near, k, s, d, out), k, 1
             clear = 0.0 if was_alone else clear_from(parts, near, k, s)
         last, stretched, at_end = k, False, False
@@ -292,7 +292,7 @@ def _onto_wall(parts, near, k, s, d, out):
         slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
         if abs(d) < EXACT or slope > -1e-2:
             break
-        there = s + max(-CLOSE, min(d / -slope, CLOSE))
+        there = s + max(-LONGEST_NEWTON_STEP, min(d / -slope, LONGEST_NEWTON_STEP))
         beyond = surface_at(parts, p, line, there, out)
         # A step that does not help is dropped, and the gradient is that of the place kept.
         if abs(beyond) >= abs(d) or there > near[n + 2]:
@@ -361,7 +361,7 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
 def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
     """Cosine of the angle at which the lamp at l shines on the wall at a point with normal n; 0
     where something stands between them. The way to the lamp begins a little off the wall."""
-    lift = 5.0 * HIT
+    lift = 5.0 * NEWTON_DISTANCE
     # Without the lift the wall itself would shade the point by its rounding errors.
     x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
     dx, dy, dz = lx - x, ly - y, lz - z
@@ -577,7 +577,7 @@ class RayWalls:
             lamp: (3,) m, camera frame; None: what it shines on is not asked for.
 
         Returns:
-            (n, k, HIT_SIZE), in the order of ``tracing``: range, m (infinite for nothing, NaN
+            (n, k, HIT_SIZE), indices ``RANGE`` to ``GRAIN``: range, m (infinite for nothing, NaN
             beyond a port that nothing is known of); unit normal into the bore (3), world frame;
             number of the part in its map, -1 for nothing; how squarely the lamp shines there,
             cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0 of

@@ -1,4 +1,4 @@
-"""Pictures on a scale where every pixel has the same noise, whatever the camera."""
+"""Fits of hypotheses to pictures: robust damped least squares on variance-stabilised pixels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.candidates import nearby
+from omnitrack_sim.autonomy.candidates import reprojected
 from omnitrack_sim.autonomy.recognition.forms import (
     DISTANCE,
     PLACES,
@@ -27,11 +27,11 @@ from omnitrack_sim.senses.optics import JOINT, PART, RANGE, Camera, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 
 
-class Scale:
-    """The scale of a camera: the sum of steps of one standard deviation, from 0 to a pixel's value.
+class VarianceStabiliser:
+    """Variance-stabilising transform of a camera: integral of 1 / std from 0 to a pixel's value.
 
-    A difference of 1 is one standard deviation anywhere (a transform that stabilises variance).
-    A pixel without an answer is taken for the farthest or brightest there is.
+    A difference of 1 is one standard deviation anywhere. Pixels that are no number are replaced by
+    the top of the range.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -44,7 +44,7 @@ class Scale:
         self._steps = np.concatenate([[0.0], np.cumsum(steps)])
 
     def of(self, picture: Array) -> Array:
-        """A picture (...,) on the scale."""
+        """Return the transform of a picture (...,)."""
         filled = np.where(np.isnan(picture), self.top, picture)
         return np.interp(filled, self._values, self._steps)
 
@@ -85,13 +85,13 @@ class Level:
 
     Attributes:
         pixels: (k,) numbers of the pixels.
-        stand: (s,) for pixels spread evenly over the picture the place in ``pixels`` of one that
-            stands for each, as the exposure depends on the whole.
-        rough: standard deviations at which a pixel that misses loses its weight.
+        stand: (s,) for each pixel of a regular grid over the whole picture, the index in ``pixels``
+            of the nearest one: the exposure is computed over these.
+        loss_scale: of the Geman-McClure loss, in standard deviations.
         free: which of the six numbers of a camera are sought.
         weight: (k,) of each pixel.
-        reach: m and rad, by which a camera with a lamp is moved along and turned about the pipe to
-            see what that does to the edges in its picture.
+        reach: m along the pipe and rad about it, steps of the finite differences by a lamp: wide
+            enough to move the edges of shadows.
     """
 
     pixels: NDArray[np.intp]
@@ -156,7 +156,9 @@ def merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
 class Fit:
     """Fits forms to the pictures of a camera in pipes of a bore."""
 
-    def __init__(self, camera: Camera, bore: float, walls: WallMaker, scale: Scale) -> None:
+    def __init__(
+        self, camera: Camera, bore: float, walls: WallMaker, scale: VarianceStabiliser
+    ) -> None:
         self._camera, self._bore, self._walls, self._scale = camera, bore, walls, scale
         self._rays = rays_of(camera.optics)
         self._kept: dict[tuple[str | float, ...], tuple[RayWalls, Array]] = {}
@@ -183,7 +185,7 @@ class Fit:
         return best
 
     def costs(self, at: Tries, views: Views, level: Level) -> Tries:
-        """Rows with their costs: twice the negative logarithm of likelihood and expectations."""
+        """Return the rows with their costs: twice the negative log posterior."""
         pictures = views.pictures[:, level.pixels]
         hits, beyond = self._met(at, views, level)
         image = self._image(hits, level)
@@ -210,8 +212,8 @@ class Fit:
     def scores(self, at: Tries, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
 
-        Laplace's approximation: a form pays for every number by which it could have been made to
-        fit, as the ratio of what was expected of it to what is known now.
+        Laplace's approximation: each fitted parameter adds the Occam term
+        2 log(prior std / posterior std).
 
         Args:
             alike: pixels of which the errors are alike.
@@ -325,8 +327,8 @@ class Fit:
         other = np.repeat(hits[None], len(where) + 1, axis=0)
         other[1:, :, JOINT] = np.abs(along - where[:, None])
         expected = self._scale.of(self._image(other, level))
-        missed = ((views.pictures[-1, level.pixels] - expected) / level.rough) ** 2
-        cost = level.rough**2 * (missed / (1 + missed)).sum(axis=1)
+        missed = ((views.pictures[-1, level.pixels] - expected) / level.loss_scale) ** 2
+        cost = level.loss_scale**2 * (missed / (1 + missed)).sum(axis=1)
         less = cost[0] - cost[1:]
         least = np.r_[True, less[1:] >= less[:-1]] & np.r_[less[:-1] >= less[1:], True]
         visible = np.flatnonzero(least & (less > RECOGNISER.joint_cost))
@@ -409,12 +411,12 @@ def beyond(
     rotation: Array,
     rays: Array,
     exits: Array,
-    scale: Scale,
+    scale: VarianceStabiliser,
     lamp: Array | None,
 ) -> Array:
-    """Return the values (m, k) on the scale from which on pixels of m cameras may show something
-    else than a form, as another fitting may follow where their rays leave its own: infinite for
-    rays that do not, and by a lamp the least there is.
+    """Return the transformed value (m, k) of each ray of m cameras at the plane where it leaves the
+    form, beyond which a picture may show a fitting that is not modelled: infinite for rays that do
+    not leave; for those that do by a lamp, minus infinity.
 
     Args:
         hits: (m, k, 8).
@@ -443,7 +445,7 @@ def beyond(
 
 def _rough(free: NDArray[np.bool_], level: Level) -> Array:
     """Standard deviations at which pixels lose their weight; less where they are ``free``."""
-    return np.where(free, RECOGNISER.beyond_rough * level.rough, level.rough)
+    return np.where(free, RECOGNISER.beyond_rough * level.loss_scale, level.loss_scale)
 
 
 def _loss(residual: Array, free: NDArray[np.bool_], level: Level) -> Array:
@@ -460,7 +462,7 @@ def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array
     """Hits (f, m, k, 8) of cameras at f poses (f, m, 3), (f, m, 3, 3) close together, from those
     (m, k, 8) at the first. The joint at the port plane, z = 0, stays where it is."""
     f, m = place.shape[:2]
-    near = nearby(hits, rays, place[0], rotation[0], place, rotation, lamp)
+    near = reprojected(hits, rays, place[0], rotation[0], place, rotation, lamp)
     if lamp is None:
         return near
     reach = np.where(np.isfinite(near[..., RANGE]), near[..., RANGE], 0.0)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.recognition.fit import (
     Fit,
     Level,
-    Scale,
     Tries,
+    VarianceStabiliser,
     Views,
     beyond,
     exits_of,
@@ -69,7 +69,12 @@ class Library:
     """Pictures of all forms at all distances and turns, of a camera on the pipe's axis."""
 
     def __init__(
-        self, camera: Camera, bore: float, forms: Sequence[Form], walls: WallMaker, scale: Scale
+        self,
+        camera: Camera,
+        bore: float,
+        forms: Sequence[Form],
+        walls: WallMaker,
+        scale: VarianceStabiliser,
     ) -> None:
         self._camera, self._scale, self._radius = camera, scale, bore / 2
         self._half = np.radians(camera.optics.field_of_view_deg) / 2
@@ -220,7 +225,7 @@ class Recogniser:
         self._joint = next(form for form in self._forms if form.name == "joint")
         self._dim = camera.lamp is not None
         self._bore, self._alike = bore, RECOGNISER.lamp_alike if self._dim else 1.0
-        self._scale = Scale(camera)
+        self._scale = VarianceStabiliser(camera)
         self._fit = Fit(camera, bore, walls, self._scale)
         self._library = Library(camera, bore, self._forms, walls, self._scale)
         rays, count = rays_of(camera.optics), camera.optics.pixels

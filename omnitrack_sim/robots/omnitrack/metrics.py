@@ -74,10 +74,10 @@ def _largest(values: NDArray) -> list[float]:
 
 
 def _of_modules(
-    name: str, unit: str, meaning: str, compute: Callable[[Any], list[float]]
+    name: str, unit: str, meaning: str, compute: Callable[[Any], list[float]], **shown: Any
 ) -> Metric:
-    """A figure of each module."""
-    return Metric(name, unit, meaning, compute, per_module=True)
+    """Return a metric with a value for each module; ``shown``: its title and digits."""
+    return Metric(name, unit, meaning, compute, per_module=True, **shown)
 
 
 METRICS: tuple[Metric, ...] = (
@@ -88,6 +88,8 @@ METRICS: tuple[Metric, ...] = (
         "mechanical work of the rotors of all crawler motors: the positive part of each shaft's "
         "power, integrated, over the motor's efficiency; braking gives nothing back",
         lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.efficiency,
+        title="energy",
+        digits=1,
     ),
     Metric(
         "no_load_slip_m_s",
@@ -111,6 +113,8 @@ METRICS: tuple[Metric, ...] = (
         "mean size of the slip ratio, 0 to 1: slip velocity over the larger of belt and module "
         "speed; 0 without contact and where both are below 1 mm/s",
         lambda r: r.mean(np.abs(r.trajectory["slip_ratio"])).tolist(),
+        title="mean slip ratio",
+        digits=3,
     ),
     _of_modules(
         "slip_distance_m",
@@ -118,36 +122,48 @@ METRICS: tuple[Metric, ...] = (
         "size of the slip velocity, integrated: slip ahead and slip behind add up; none without "
         "contact",
         lambda r: r.integral(np.abs(r.trajectory["slip_velocity"])).tolist(),
+        title="slip distance",
+        digits=4,
     ),
     _of_modules(
         "traction_rms_n",
         "N",
         "root mean square of the wall's force on the module along its axis",
         lambda r: r.rms(r.trajectory["traction"]),
+        title="traction, rms",
+        digits=2,
     ),
     _of_modules(
         "normal_force_mean_n",
         "N",
         "mean of the sum of the normal forces at the module's lugs, 0 without contact",
         lambda r: r.mean(r.trajectory["normal_force"]).tolist(),
+        title="mean normal force",
+        digits=1,
     ),
     _of_modules(
         "normal_force_max_n",
         "N",
         "largest sum of the normal forces at the module's lugs in a sample",
         lambda r: _largest(r.trajectory["normal_force"]),
+        title="largest normal force",
+        digits=1,
     ),
     _of_modules(
         "contact_fraction",
         "1",
         "part of the time in which at least one lug of the module touches the wall, 0 to 1",
         lambda r: r.mean((r.trajectory["contact_count"].sum(axis=-1) > 0).astype(float)).tolist(),
+        title="time in contact",
+        digits=3,
     ),
     _of_modules(
         "spring_travel_max_m",
         "m",
         "largest travel of the arm, either way, from where it stood at the start",
         lambda r: _largest(r.trajectory["slide"] - r.trajectory["slide"][0]),
+        title="largest spring travel",
+        digits=4,
     ),
     _of_modules(
         "pitch_max_deg",
@@ -160,12 +176,16 @@ METRICS: tuple[Metric, ...] = (
         "N m",
         "largest size of `motor_torque`, what the motors give the belt's shaft",
         lambda r: _largest(r.trajectory["motor_torque"]),
+        title="largest motor torque",
+        digits=3,
     ),
     _of_modules(
         "torque_rms_nm",
         "N m",
         "root mean square of the same torque",
         lambda r: r.rms(r.trajectory["motor_torque"]),
+        title="motor torque, rms",
+        digits=3,
     ),
     _of_modules(
         "torque_change_nm_s",
@@ -173,6 +193,8 @@ METRICS: tuple[Metric, ...] = (
         "sizes of the changes of the same torque from sample to sample, added up, over the time; "
         "it depends on `record.period`",
         _torque_change,
+        title="change of torque",
+        digits=2,
     ),
     _of_modules(
         "time_at_limit_s",
@@ -182,6 +204,8 @@ METRICS: tuple[Metric, ...] = (
         "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
         "sum of the sizes of the belt's gears",
         lambda r: r.integral(_at_limit(r)).tolist(),
+        title="time at the torque limit",
+        digits=2,
     ),
     _of_modules(
         "stall_time_s",
@@ -190,6 +214,8 @@ METRICS: tuple[Metric, ...] = (
         lambda r: r.integral(
             _at_limit(r) * (np.abs(r.trajectory["belt_speed"]) < STALL_SPEED)
         ).tolist(),
+        title="time stalled",
+        digits=2,
     ),
     PHASE_TIME,
 )

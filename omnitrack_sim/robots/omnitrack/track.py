@@ -30,7 +30,7 @@ from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, c
 from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
 from omnitrack_sim.walls.bodies import frame_in
 from omnitrack_sim.walls.collider import (
-    LINE_NEXT,
+    LINE_PREVIOUS,
     MATRICES,
     POSITIONS,
     SIZE,
@@ -244,12 +244,12 @@ def collide_line(model, data, contacts, wall, line, margin):
     count = model[word(USER_SIZE)]
     # A foreign model may have user data of another length, which must not be read as a record.
     if count < RECORD_SIZE:
-        return call_collide(word(LINE_NEXT), model, data, contacts, wall, line, margin)
+        return call_collide(word(LINE_PREVIOUS), model, data, contacts, wall, line, margin)
     records = doubles(model[word(USER)])
     # The records end the rows, so that a robot may have user data of its own before.
     track, w = count * (line + 1) - RECORD_SIZE, count * (wall + 1) - RECORD_SIZE
     if records[w] != MARK or records[track] != MARK:
-        return call_collide(word(LINE_NEXT), model, data, contacts, wall, line, margin)
+        return call_collide(word(LINE_PREVIOUS), model, data, contacts, wall, line, margin)
     surface, span = functions_of(records[w + KIND])
     # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
     sizes = doubles(model[word(SIZE)])
@@ -275,4 +275,4 @@ def collide_line(model, data, contacts, wall, line, margin):
 @cache
 def install_lines() -> None:
     """Have MuJoCo find the contacts of tracks with exact walls, in this process."""
-    enter(collide_line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_NEXT)
+    enter(collide_line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_PREVIOUS)

@@ -16,7 +16,6 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, counted, finite, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
-from omnitrack_sim.record.metrics import TITLES
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
@@ -171,7 +170,12 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
             [name, [round(255 * part) for part in colour]] for name, colour in display.columns
         ],
         "state": display.state,
-        "headline": {name: _title(first, name) for name in display.headline},
+        "headline": {
+            metric.name: metric.title + (", modules 1, 2, 3" if metric.per_module else "")
+            for name in display.headline
+            for metric in first.scenario.robot.metrics
+            if metric.name == name
+        },
         "differences": differences(*runs) if len(runs) > 1 else [],
         "data": pack.text(),
     }
@@ -243,12 +247,6 @@ def _figure_rows(result: Result) -> list[dict[str, Any]]:
         for entry, one in entries.items():
             rows.append({"name": f"{name} {entry}".strip(), "value": one, **words})
     return rows
-
-
-def _title(result: Result, name: str) -> str:
-    """Return the title of a metric, with the modules where it has a value for each."""
-    per_module = isinstance(result.metrics[name], list)
-    return TITLES[name][0] + (", modules 1, 2, 3" if per_module else "")
 
 
 def differences(one: Result, other: Result) -> list[list[str]]:

@@ -316,9 +316,10 @@ class AlignmentTable(Table):
     clearance_detours_deg: Three = (0.0, 90.0, 360.0)
     """Cost of each of these, as further roll."""
     aim_detour_deg: NotNegative = 90.0
-    """Further roll that the next narrower range is worth."""
+    """Cost, as further roll, of falling back to the next wider range."""
     clear_enough_deg: Annotated[float, Field(ge=0, le=90)] = 45.0
-    """Distance of the roll from the no-motion line with which a robot of good theta5 drives on."""
+    """Least distance of the roll from the no-motion line with which a robot of good theta5 does not
+    roll."""
     no_motion_band: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.1
     """Size of cos(roll) below which the belts keep their direction, as its sign is noise."""
     # Fractions of the safe margin to aim for, tried in order. If every roll that reaches the first
