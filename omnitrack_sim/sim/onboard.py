@@ -317,6 +317,7 @@ class Onboard:
             self._judged(robot, -gear) if back else None,
             at.rotation,
             self._bore(self.readings["slide"][robot]),
+            float(self.distance_std[robot]),
         )
 
     def _bore(self, slide: Array) -> float:
