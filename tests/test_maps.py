@@ -226,8 +226,11 @@ def test_a_map_says_how_sure_it_is_of_each_size():
             {**reducer("r_1", 0.16), "inner_diameter": 0.121},
             straight("s_3", 0.25, inner_diameter=0.121),
         ],
-        "joints": [joint("s_1.end", "s_2.start"), joint("s_2.end", "r_1.end")]
-        + [joint("r_1.start", "s_3.start")],
+        "joints": [
+            joint("s_1.end", "s_2.start"),
+            joint("s_2.end", "r_1.end"),
+            joint("r_1.start", "s_3.start"),
+        ],
     }
     stds = {"s_1": {"length": 0.003}, "s_2": {"length": 0.004}, "r_1": {"inner_diameter": 0.0012}}
     sizes = compare_maps(validate(mine), validate(data), "a.start", stds=stds).sizes

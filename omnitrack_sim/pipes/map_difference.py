@@ -294,9 +294,7 @@ class _Graph:
 class _Walk:
     """Walks a map and the true network together."""
 
-    def __init__(
-        self, mine: _Graph, true: _Graph, stds: Mapping[str, Mapping[str, float]]
-    ) -> None:
+    def __init__(self, mine: _Graph, true: _Graph, stds: Mapping[str, Mapping[str, float]]) -> None:
         self._mine, self._true, self._stds = mine, true, stds
         self._partner: dict[int, int] = {}  # of each node of the true network, that of the map
         self._ports: dict[End, End] = {}  # likewise of ports

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length
 from omnitrack_sim.pipes import Centreline, Passage, Route
 
-
 BEFORE_END = 1e-9
 """Distance before the end of a fitting where its centreline is still that of the fitting, m."""
 
