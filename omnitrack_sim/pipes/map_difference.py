@@ -70,9 +70,11 @@ class MapSize(NamedTuple):
         unit, scale = ("deg", 180 / math.pi) if self.key == "angle" else ("mm", 1000.0)
         doubt = abs(scale * (self.std or self.error or 0.0))
         digits = min(max(1 - math.floor(math.log10(doubt)), 0), 3) if doubt > 0 else 3
-        numbers = (self.value, self.std, self.error)
-        texts = ("-" if x is None else f"{scale * x:.{digits}f}" for x in numbers)
-        return unit, *texts
+
+        def text(x: float | None) -> str:
+            return "-" if x is None else f"{scale * x:.{digits}f}"
+
+        return unit, text(self.value), text(self.std), text(self.error)
 
 
 @dataclass(frozen=True)
