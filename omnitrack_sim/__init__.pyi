@@ -28,6 +28,7 @@ from .pipes.fittings.wye import Wye as Wye
 from .pipes.importing import import_network as import_network
 from .pipes.importing.assumptions import Import as Import
 from .pipes.map_difference import MapDifference as MapDifference
+from .pipes.map_difference import MapSize as MapSize
 from .pipes.map_difference import compare_maps as compare_maps
 from .pipes.network import Network as Network
 from .pipes.network import load_network as load_network

@@ -10,11 +10,14 @@ import pytest
 from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
+from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of, by_lamp
+from omnitrack_sim.autonomy.looking import common_std
 from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, rotation_about
-from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Tee
+from omnitrack_sim.cli.runs import print_result
+from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Straight, Tee
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -70,6 +73,49 @@ def test_a_robot_explores_by_its_camera_and_comes_back(explored):
     assert difference.complete, difference
     assert not difference.extra
     assert not difference.angles, difference
+
+
+def test_a_robot_says_how_sure_it_is_of_its_map(explored, tmp_path, capsys):
+    """Each size that it has measured has a standard deviation, of millimetres, that its error
+    agrees with; the result keeps them, and the command prints them."""
+    sizes = explored.map_difference().sizes
+    assert {size.key for size in sizes} == {"length", "mean_radius", "angle"}
+    for size in sizes:
+        assert size.std is not None, size
+        assert abs(size.error) < 3 * size.std, size
+        assert 0.0005 < size.std < 0.02, size
+    explored.save(tmp_path / "run")
+    again = ot.load_result(tmp_path / "run")
+    assert again.map_stds == explored.map_stds
+    assert again.map_difference().sizes == sizes
+    again.save(tmp_path / "again")
+    one, other = ((tmp_path / run / "result.json").read_bytes() for run in ("run", "again"))
+    assert one == other
+    slip = {"no_load_slip_m_s": 1e-4, "slip_excess": 0.0}  # not measured by this run
+    print_result(replace(again, metrics={**again.metrics, **slip}), tmp_path)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    for size in sizes:
+        assert [size.part, size.true, size.key, *size.cells] in lines
+
+
+def test_what_a_loop_moves_is_as_doubtful_as_it_has_moved():
+    """Where a loop closes, its lengths take up the gap, and are no surer than that."""
+    belief = Belief(Pose(np.eye(3), np.zeros(3)), 0.16, 0.5)
+    belief.measured(0, length=0.001)
+    before = belief._measured_sizes()
+    belief._set("straight_1", Straight(0.52, 0.16))
+    belief._doubt_moved(before)
+    assert belief.stds == {"straight_1": {"length": 0.02}}
+    belief.lengthen(0, 0.1)
+    assert not belief.stds["straight_1"]
+
+
+def test_the_mean_of_looks_is_no_surer_than_what_they_have_in_common():
+    """Looks that agree have a common error, and looks that scatter are not as sure as they say."""
+    assert common_std(0.003, [0.001] * 100) == pytest.approx(0.003, rel=0.01)
+    assert common_std(0.003, [0.004]) == pytest.approx(0.005)
+    assert common_std(0.0, [0.001, 0.001], [0.1, 0.12]) == pytest.approx(0.01)
+    assert common_std(0.003, [0.0, 0.0]) == 0.0
 
 
 def test_how_much_a_bend_bends_is_measured_after_it(explored):

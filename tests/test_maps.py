@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from network_samples import branched, elbow, joint, straight, tee
+from network_samples import branched, elbow, joint, reducer, straight, tee
 
 from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.base.errors import NetworkError
@@ -210,3 +210,39 @@ def test_what_a_plate_hides_is_not_asked_for():
     assert compare_maps(found, true, closed=["t.branch"]).same
     with pytest.raises(NetworkError, match=r"closed.0: there is no port 't.up'"):
         compare_maps(found, true, closed=["t.up"])
+
+
+def test_a_map_says_how_sure_it_is_of_each_size():
+    """Errors stand beside the standard deviations, of straights in a row together, of a reducer
+    also where it lies the other way round on the map; figures are rounded by their doubt."""
+    data = {
+        "fittings": [straight("a", 0.5), reducer("r"), straight("b", 0.4, inner_diameter=0.12)],
+        "joints": [joint("a.end", "r.start"), joint("r.end", "b.start")],
+    }
+    mine = {
+        "fittings": [
+            straight("s_1", 0.3),
+            straight("s_2", 0.203),
+            {**reducer("r_1", 0.16), "inner_diameter": 0.121},
+            straight("s_3", 0.25, inner_diameter=0.121),
+        ],
+        "joints": [
+            joint("s_1.end", "s_2.start"),
+            joint("s_2.end", "r_1.end"),
+            joint("r_1.start", "s_3.start"),
+        ],
+    }
+    stds = {"s_1": {"length": 0.003}, "s_2": {"length": 0.004}, "r_1": {"inner_diameter": 0.0012}}
+    sizes = compare_maps(validate(mine), validate(data), "a.start", stds=stds).sizes
+    known = {(size.part, size.key): size for size in sizes}
+    run = known["s_1", "length"]
+    assert (run.true, run.std, run.error) == ("a", pytest.approx(0.005), pytest.approx(0.003))
+    assert run.cells == ("mm", "503.0", "5.0", "3.0")
+    bore = known["r_1", "inner_diameter"]
+    assert (bore.std, bore.error) == (0.0012, pytest.approx(0.001))
+    assert known["r_1", "end_diameter"].std is None
+    assert known["r_1", "end_diameter"].error == pytest.approx(0.0)
+    # The end of the last pipe has not been seen: it is as long as it is known to be free.
+    assert known["s_3", "length"].std is None
+    assert known["s_3", "length"].cells[2] == "-"
+    assert [size.error for size in compare_maps(validate(data), validate(data)).sizes] == [0.0] * 5

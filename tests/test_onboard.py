@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.record.events import LostItself, Rolled
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.show.plots.run_figures import draw_error
+from omnitrack_sim.show.plots.style import new_figure
 
 ONBOARD = {"sensing.kind": "onboard"}
 
@@ -51,6 +55,46 @@ def test_its_estimate_is_as_good_as_it_says(turn):
     metrics = turn.metrics
     assert metrics["localisation_error_rel"] < 0.05
     assert metrics["localisation_error_mean_m"] <= metrics["localisation_error_max_m"]
+
+
+@pytest.mark.parametrize("ahead", [0.01, -0.01])
+def test_theta5_and_its_estimate_are_before_the_same_fitting(ahead):
+    """Where the robot takes itself to be out of the tee, and is not yet, or the other way round,
+    the record has no error of a right angle."""
+    # A tee, and a bend out of its plane.
+    mission = {"network": "annex", "mission": {"start": "inlet", "goals": ["low"]}}
+    sim = ot.Simulation([ot.override(validate(mission), ONBOARD)])
+    senses, routes, one = sim.senses, sim.legs.routes, np.zeros(1, int)
+    end = float(routes.end[0])
+    sim.legs.near = np.array([end])
+    places, frames = routes.poses(np.zeros(2, int), end + np.array([-ahead, ahead]), np.zeros(2))
+    truth = routes.locate(places[:1], frames[:1], one, sim.legs.near)
+    senses.readings = {**senses.readings, "position": places[1:], "rotation": frames[1:]}
+    senses.locate(truth)
+    assert senses.location.passage != truth.passage
+    error = wrap_angle(senses.estimates()["theta5_estimate"] - truth.theta5)
+    assert np.degrees(np.abs(error)) < 3
+    assert np.degrees(np.abs(wrap_angle(senses.location.theta5 - truth.theta5))) > 80
+
+
+def test_tilt_is_as_sure_as_it_says(turn):
+    """In a turn an error along the centreline turns the tangent that the tilt is measured from."""
+    channels = turn.trajectory.channels
+    error = channels["tilt_estimate"] - channels["tilt"]
+    off = error / channels["tilt_std"]
+    assert np.mean(np.abs(off) < 2) > 0.95
+    assert np.sqrt(np.mean(off**2)) < 1
+
+
+def test_the_largest_error_is_seen_in_its_panel(turn):
+    """However short it is, as long as the robot claims to know how it is turned."""
+    estimate = turn.trajectory["distance_estimate"].copy()
+    estimate[-3] = turn.trajectory["distance"][-3] + 0.1
+    channels = {**turn.trajectory.channels, "distance_estimate": estimate}
+    axis = new_figure((3, 2)).add_subplot()
+    draw_error(axis, dataclasses.replace(turn.trajectory, channels=channels), "distance")
+    low, high = axis.get_ylim()
+    assert low < -100 < 100 < high
 
 
 def test_a_run_is_saved_and_read_back_with_its_estimates(turn, tmp_path):

@@ -87,6 +87,8 @@ class Belief:
         explored: of these ports, those that have been inspected, or cannot be.
         goals: names of goals by the ports where they are.
         start: the port where it began.
+        stds: standard deviations of sizes that the robot has measured, m and rad, by the names of
+            their parts and the keys of their constructors.
         provisional: a straight whose end has only been observed from afar: kind and position of
             what is there may be wrong; None where there is none.
     """
@@ -104,6 +106,7 @@ class Belief:
         self.ends: dict[End, Noted] = {}
         self.explored: set[End] = set()
         self.goals: dict[End, str] = {}
+        self.stds: dict[str, dict[str, float]] = {}
         self.provisional: int | None = None
         self._network: Network | None = None
         self._add(Straight(length, bore))
@@ -183,12 +186,22 @@ class Belief:
         assert isinstance(fitting, Straight)
         length = max(round(fitting.length + more, BELIEF.digits), BELIEF.shortest)
         self._set(name, replace(fitting, length=length))
+        self.stds.get(name, {}).pop("length", None)
         return length
 
     def resize(self, part: int, **sizes: float) -> None:
         """Change sizes of a fitting, by keys of its constructor in SI units."""
         name, fitting = list(self._fittings.items())[part]
         self._set(name, replace(fitting, **sizes))  # type: ignore[type-var]
+        for key in sizes:
+            self.stds.get(name, {}).pop(key, None)
+
+    def measured(self, part: int, **stds: float) -> None:
+        """Note the standard deviations of measured sizes of a part, m and rad, which hold until
+        these sizes change."""
+        self.stds.setdefault(self.part_name(part), {}).update(
+            {key: round(std, BELIEF.digits) for key, std in stds.items()}
+        )
 
     def is_last(self, part: int) -> bool:
         """Return whether nothing hangs on a part."""
@@ -200,6 +213,7 @@ class Belief:
         if part == 0 or part != len(self._fittings) - 1 or not self.is_last(part):
             return False
         kind = self.fitting(part).kind
+        self.stds.pop(self.part_name(part), None)
         del self._fittings[self.part_name(part)], self._joints[-1]
         self._counts[kind] -= 1
         self._network = None
@@ -248,7 +262,9 @@ class Belief:
         a, b = self.port(end), self.port(other)
         miss = b.position - a.position
         if np.linalg.norm(miss) > CLOSES / 2:
+            sizes = self._measured_sizes()
             self._adjust(end, other)
+            self._doubt_moved(sizes)
         a, b = self.port(end), self.port(other)
         # Both joints lie where they are; the turn is what is between their x axes.
         x, y, _ = b.rotation[:, 0] @ a.rotation
@@ -334,6 +350,20 @@ class Belief:
             for (_, _, change), more in zip(variables, (wanted - total).tolist(), strict=True):
                 change(more)
             total = wanted
+
+    def _measured_sizes(self) -> list[tuple[str, str, float, float]]:
+        """Return names of parts, and keys, values and standard deviations of sizes measured."""
+        return [
+            (name, key, getattr(self._fittings[name], key), std)
+            for name, stds in self.stds.items()
+            for key, std in stds.items()
+        ]
+
+    def _doubt_moved(self, before: list[tuple[str, str, float, float]]) -> None:
+        """Hold sizes that were other ones ``before`` to be off by as much as they have changed."""
+        for name, key, size, std in before:
+            moved = round(abs(getattr(self._fittings[name], key) - size), BELIEF.digits)
+            self.stds[name][key] = max(std, moved)
 
     def _variables(
         self, end: End, other: End

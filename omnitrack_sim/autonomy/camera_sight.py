@@ -177,7 +177,8 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)
-    return replace(located, fitting=fitting, enter=sighting.enter)
+    stds = {key: float(std) for key, std in sighting.size_spread.items()}
+    return replace(located, fitting=fitting, enter=sighting.enter, size_stds=stds)
 
 
 def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
@@ -101,10 +101,14 @@ class Exploration:
         half = self.robot.length / 2 * axis
         return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
 
-    def difference(self, believed: Network) -> MapDifference:
-        """Return the differences of a map from the reachable part of the network."""
+    def difference(
+        self, believed: Network, stds: Mapping[str, Mapping[str, float]] | None = None
+    ) -> MapDifference:
+        """Return the differences of a map from the reachable part of the network; ``stds``: see
+        ``compare_maps``."""
         plates = [self.network.port_name(end) for end in self.plates]
-        return compare_maps(believed, self.network, self.network.port_name(self.ends[0]), plates)
+        start = self.network.port_name(self.ends[0])
+        return compare_maps(believed, self.network, start, plates, stds)
 
     def points(self) -> Sequence[Array]:
         """Return the positions (3,) m of the goals, or else of the start."""

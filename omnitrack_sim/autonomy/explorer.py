@@ -28,6 +28,8 @@ from omnitrack_sim.autonomy.looking import (
     LookingBack,
     LookingCloser,
     MissedReducer,
+    common_std,
+    size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
@@ -67,6 +69,9 @@ class ExplorerSettings:
         settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
+        slip: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
+            filter, which has to follow belts that slip, ten lengths were off by a quarter of what
+            was stated.
         most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
             in that picture are wrong: by a lamp radii are 20 mm too great beyond.
         most_move: m, between the positions of an end by looks from afar and from close by, from
@@ -88,6 +93,7 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
+    slip: float = 0.005
     most_off: float = math.radians(1.5)
     most_move: float = 0.06
     touch: float = 0.05
@@ -144,6 +150,7 @@ class Explorer(MapPilot):
         self._tries_again = True  # the ports given up, once no other is left
         self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
+        self._back.placed = 0, distance, 0.0
         self._closer = LookingCloser(belief, self._half)
         self._close, self._confirmation = CloseLooks(), Confirmation()
         self.planner = self._through([])
@@ -218,14 +225,16 @@ class Explorer(MapPilot):
                 self.look_at = again
                 return Decision(self.leg, True)
         self._assumed = 0.0
-        end = self._close.begin_of(ahead, distance)
+        end, end_std = self._close.begin_of(ahead, distance)
         provisional = self._closer.index(route) is not None
         self._remove_provisional()
-        measured = self._measure_bend(look.frame @ ahead.axis)
+        measured = self._measure_bend(look.frame @ ahead.axis, look.std)
         more = end - self.route().length
         if provisional:
             self._doubt_end(more)
         path = self._with_free_pipe(more)
+        if ahead.kind != ("", "") and self.belief.fitting(path[-1][0]).is_plain:
+            self.belief.measured(path[-1][0], length=self._length_std(path[-1][0], look, end_std))
         if measured and not ahead.end:
             # The map has moved under the robot: it relocalises before it measures what is beyond.
             # An end is kept: soon the lens may be too near to see it.
@@ -440,6 +449,8 @@ class Explorer(MapPilot):
         else:
             belief.resize(here.index, inner_diameter=missed.bore, length=gap)
         part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
+        stds = [behind.distance_std] * len(missed.lengths)
+        belief.measured(part, length=common_std(LOOKS.distance_floor, stds, missed.lengths))
         path = (*path, (part, near, behind.enter))
         straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
         if noted is not None:
@@ -539,12 +550,13 @@ class Explorer(MapPilot):
         measured = self._back.measured()
         if measured is None:
             return 0.0
-        part, key, size = measured
+        part, key, size, std = measured
         fitting = self.belief.fitting(part)
         longer = size - getattr(fitting, key)
         if isinstance(fitting, Elbow):
             longer *= fitting.angle
         self.belief.resize(part, **{key: size})
+        self.belief.measured(part, **{key: std})
         self._doubts.pop(self.belief.part_name(part), None)
         self.planner = self._through([])
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + longer), self.look_at + longer
@@ -571,8 +583,9 @@ class Explorer(MapPilot):
     ) -> Decision:
         """Add a fitting sighted at the end of a path to the map, and extend the leg into it."""
         belief, end, time, distance = self.belief, _end_of(path), look.time, look.distance
-        weight = 0.0
+        weight, stds = 0.0, {} if ahead.fitting is None else size_stds([ahead], fitting)
         if self._close.are_of(ahead):
+            stds = self._close.stds()
             fitting, weight, doubt = self._close.mean(), self._close.weight(), self._close.doubt()
             if doubt:
                 self._doubts.setdefault(belief.next_name(fitting), doubt)
@@ -587,6 +600,7 @@ class Explorer(MapPilot):
         part = belief.attach(
             end, fitting, ahead.enter, _side(ahead, look, belief.port(end).rotation[:, 2])
         )
+        belief.measured(part, **stds)
         self._measure_later(part, ahead, weight)
         events, name = list[Event](), belief.part_name(part)
         if name not in self._named:
@@ -619,10 +633,19 @@ class Explorer(MapPilot):
             if isinstance(fitting, Elbow):
                 self._back.measure(part)
 
-    def _measure_bend(self, axis: Array) -> bool:
+    def _length_std(self, part: int, look: Look, end_std: float) -> float:
+        """Return the standard deviation, m, of the length of a straight ``part`` whose end a look
+        has placed to ``end_std`` m; 0 by error-free sight."""
+        placed = self._back.placed
+        if end_std == 0.0 or placed is None or placed[0] != part:
+            return math.hypot(end_std, look.std)
+        _, at, std = placed
+        return math.hypot(end_std, std, EXPLORER.slip * (look.distance - at))
+
+    def _measure_bend(self, axis: Array, std: float) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe
         along ``axis`` (3,), world frame, estimate; return whether its angle on the map has
-        changed."""
+        changed. ``std``: m, of the robot's arc length, 0 where it knows its pose."""
         # Before an elbow its far end is hidden, so a picture shows its angle badly. How the robot
         # is turned it knows better, even where it has come round by other fittings.
         path = self.leg.path
@@ -639,9 +662,16 @@ class Explorer(MapPilot):
         assert isinstance(fitting, Elbow | Wye)
         if isinstance(fitting, Wye) and is_sharp(fitting, enter, leave):
             angle = math.pi - angle
-        if angle < EXPLORER.least_bend or abs(angle - fitting.angle) < EXPLORER.bend_tolerance:
+        if angle < EXPLORER.least_bend:
             return False
-        self.belief.resize(part, angle=angle)
+        right = abs(angle - fitting.angle) < EXPLORER.bend_tolerance
+        if not right:
+            self.belief.resize(part, angle=angle)
+        # Within the tolerance the map keeps an angle that may be off by any part of it.
+        kept = EXPLORER.bend_tolerance / math.sqrt(3) if right else 0.0
+        self.belief.measured(part, angle=math.hypot(BELIEF.angle_std, kept) if std else 0.0)
+        if right:
+            return False
         self.planner = self._through([])
         return True
 

@@ -20,7 +20,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Elbow, Reducer, Route
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Wye
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 
 
@@ -53,6 +53,10 @@ class LookSettings:
             half of what lengths on a map may be wrong by.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
+        distance_floor: m, standard deviation of what looks at one end have in common, which no
+            mean of them reduces.
+        radius_floor: the same of the mean radius of an elbow, as a part of it.
+        bore_floor: the same of a diameter, as a part of it.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
         for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
             90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
@@ -75,6 +79,9 @@ class LookSettings:
     least_std: float = 1e-4
     most_size_std: float = 0.005
     most_reducer_std: float = 0.02
+    distance_floor: float = 0.001
+    radius_floor: float = 0.02
+    bore_floor: float = 0.01
     for_sizes: int = 3
     for_radius: int = 5
 
@@ -91,6 +98,21 @@ def _slipped(shift: float, *stds: float) -> bool:
 def _weights(stds: Sequence[float]) -> Array:
     """Weights (n,) of measurements, 1/m², by their standard deviations, m."""
     return np.maximum(stds, LOOKS.least_std) ** -2
+
+
+def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()) -> float:
+    """Standard deviation of the mean of looks at one size.
+
+    Args:
+        floor: of what they have in common.
+        stds: of each look, as it tells; 0 by error-free sight, whose mean has none.
+        values: of the size by each look: what they scatter by counts where it is more.
+    """
+    if not any(stds):
+        return 0.0
+    told = float(_weights(stds).sum()) ** -0.5
+    scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
+    return math.hypot(floor, max(told, scatter))
 
 
 class Confirmation:
@@ -156,14 +178,16 @@ class CloseLooks:
         differ = max(radii) - min(radii) > LEAST_LENGTH / 2
         return len(self._looks) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
 
-    def begin_of(self, ahead: Ahead, distance: float) -> float:
+    def begin_of(self, ahead: Ahead, distance: float) -> tuple[float, float]:
         """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
-        length ``distance`` m: the mean of all sightings of its kind, weighted by their variances.
-        The last of them sees the cone of a reducer from too near."""
+        length ``distance`` m, and its standard deviation: the mean of all sightings of its kind,
+        weighted by their variances. The last of them sees the cone of a reducer from too near."""
         looks = [look for look in self._looks if look[0].kind == ahead.kind]
         looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
         ends = [at + look.distance for look, at in looks]
-        return float(np.average(ends, weights=_weights([look.distance_std for look, _ in looks])))
+        stds = [look.distance_std for look, _ in looks]
+        mean = float(np.average(ends, weights=_weights(stds)))
+        return mean, common_std(LOOKS.distance_floor, stds, ends)
 
     def mean(self) -> Elbow | Reducer:
         """Return the fitting with the mean of its sizes."""
@@ -176,6 +200,10 @@ class CloseLooks:
             return replace(elbows[0], mean_radius=float(np.mean(middle)), angle=angle)
         weights = _weights(self._stds())
         return Reducer(*np.average(self._reducer_sizes(), axis=0, weights=weights).tolist())
+
+    def stds(self) -> dict[str, float]:
+        """Return the standard deviations of these sizes, m, by their keys."""
+        return size_stds([look for look, _ in self._looks], self.mean())
 
     def doubt(self) -> str:
         """Return why the sizes of a reducer are in doubt, "" where they are not. Its cone is
@@ -225,11 +253,14 @@ class LookingBack:
 
     Attributes:
         doubts: by the names of pipes, what a look back has shown in them that the map has not.
+        placed: the pipe in which the robot has last been placed on this leg from a known port, its
+            arc length then, and the standard deviation of that, m; None: it has not.
     """
 
     def __init__(self, belief: Belief, half: float, least_confidence: float) -> None:
         self._belief, self._half, self._confidence = belief, half, least_confidence
         self.doubts: dict[str, str] = {}
+        self.placed: tuple[int, float, float] | None = None
         # By part, reducers and elbows to be measured from behind: length or mean radius, m, by each
         # look, with its standard deviation; and the weight of the size on the map, 1/m².
         self._sizes: dict[int, list[tuple[float, float]]] = {}
@@ -241,7 +272,7 @@ class LookingBack:
 
     def begin(self) -> None:
         """Begin another leg."""
-        self._again, self._once_more = 0.0, math.inf
+        self._again, self._once_more, self.placed = 0.0, math.inf, None
 
     def measure(self, part: int, weight: float = 0.0) -> None:
         """Measure the length of a reducer, or the mean radius of an elbow, from behind as well.
@@ -256,9 +287,10 @@ class LookingBack:
         """Measure a part no more."""
         self._sizes.pop(part, None)
 
-    def measured(self) -> tuple[int, str, float] | None:
+    def measured(self) -> tuple[int, str, float, float] | None:
         """Return a part that has been measured from behind, the key of its size in the fitting, and
-        the size, m; None where there is none, or where the looks at it disagree."""
+        the size and its standard deviation, m; None where there is none, or where the looks at it
+        disagree."""
         part = next((part for part, looks in self._sizes.items() if _is_measured(looks)), None)
         if part is None:
             return None
@@ -267,13 +299,16 @@ class LookingBack:
             return None
         size, fitting = float(np.average(sizes, weights=_weights(stds))), self._belief.fitting(part)
         if isinstance(fitting, Elbow):
-            return part, "mean_radius", size
+            std = common_std(LOOKS.radius_floor * size, stds.tolist(), sizes.tolist())
+            return part, "mean_radius", size, std
         assert isinstance(fitting, Reducer)
+        std = common_std(LOOKS.distance_floor, stds.tolist(), sizes.tolist())
         if self._weights[part]:
             # Looks from both sides count by how exactly they show its ends.
             both = [_weights(stds).sum(), self._weights[part]]
             size = float(np.average([size, fitting.length], weights=both))
-        return part, "length", size
+            std = common_std(LOOKS.distance_floor, [both[0] ** -0.5, both[1] ** -0.5])
+        return part, "length", size, std
 
     def once_more(self, route: Route, distance: float) -> bool:
         """Plan a second look back, from arc length ``distance`` m on, if the robot has looked back
@@ -315,8 +350,12 @@ class LookingBack:
             return distance
         located = here.s_enter + behind.distance
         shift, before = located - distance, self._shift
+        place = here.index, located, common_std(LOOKS.distance_floor, [behind.distance_std])
         if here.index in self._done:
-            return located if _slipped(shift, behind.distance_std) else distance
+            if not _slipped(shift, behind.distance_std):
+                return distance
+            self.placed = place
+            return located
         self._shift = shift
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
@@ -328,6 +367,7 @@ class LookingBack:
             sizes.append((behind.fitting.mean_radius, behind.distance_std))
         if sizes is None or _is_measured(sizes):
             self._done.add(here.index)
+        self.placed = place
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
         return located
@@ -347,6 +387,35 @@ class LookingBack:
         known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
         if all(abs(at - s_leave) > LOOKS.most_shift for s_leave in known):
             self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
+
+
+def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
+    """Return the standard deviations of the sizes of a fitting, m, that is the mean of looks from
+    before it. The angle of a bend is hidden there, and has none."""
+    seen = [look.fitting for look in looks]
+    stds: dict[str, float] = {}
+    if isinstance(mean, Elbow):
+        stds["mean_radius"] = common_std(
+            LOOKS.radius_floor * mean.mean_radius,
+            [look.size_stds.get("mean_radius", 0.0) for look in looks],
+            [elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow)],
+        )
+    elif isinstance(mean, Reducer):
+        reducers = [one for one in seen if isinstance(one, Reducer)]
+        stds["length"] = common_std(
+            LOOKS.distance_floor,
+            [look.distance_std for look in looks],
+            [one.length for one in reducers],
+        )
+        stds["end_diameter"] = common_std(
+            LOOKS.bore_floor * mean.end_diameter,
+            [look.size_stds.get("end_diameter", 0.0) for look in looks],
+            [one.end_diameter for one in reducers],
+        )
+    elif isinstance(mean, Wye):
+        told = [look.size_stds.get("angle", 0.0) for look in looks]
+        stds["angle"] = common_std(BELIEF.angle_std, told)
+    return stds
 
 
 def _is_measured(looks: Sequence[tuple[float, float]]) -> bool:

@@ -4,7 +4,7 @@ network."""
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
 from typing import NamedTuple
@@ -63,6 +63,8 @@ class Ahead:
         turn_std: rad, standard deviation of the turn.
         confidence: probability that the kind of ``fitting``, or of the end, is right.
         axis: (3,) unit vector along the pipe ahead, in the robot's frame.
+        size_stds: standard deviations of sizes of ``fitting``, m and rad, by the keys of its
+            constructor; none by error-free sight.
 
     Example:
         >>> ot.Ahead(end="open", distance=0.4).kind  # an open end, 0.4 m ahead
@@ -78,6 +80,7 @@ class Ahead:
     turn_std: float = 0.0
     confidence: float = 1.0
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), compare=False)
+    size_stds: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     @property
     def kind(self) -> tuple[str, str]:
@@ -102,6 +105,7 @@ class Look(NamedTuple):
         behind: the same back; None also where the robot has not looked.
         frame: (3, 3) of the robot in its gear, world frame, estimate.
         bore: m, of the pipe around it, by its arms; not a number where they were not read.
+        std: m, standard deviation of ``distance``, on the robot's map.
     """
 
     time: float
@@ -110,6 +114,7 @@ class Look(NamedTuple):
     behind: Ahead | None
     frame: Array
     bore: float = math.nan
+    std: float = 0.0
 
 
 class TrueSight:

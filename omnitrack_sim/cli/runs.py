@@ -135,8 +135,17 @@ def print_result(result: ot.Result, target: Path) -> None:
         )
     difference = result.map_difference() if result.map is not None else None
     if difference is not None:
+        out.print(_size_table(difference))
         out.say(f"  {_map_in_words(difference)}")
     out.say(f"  saved in {plain(str(target))}")
+
+
+def _size_table(difference: ot.MapDifference) -> Table:
+    """Table of how sure an explorer is of the sizes on its map."""
+    table = plain_table("its map", "true part", "size", "unit", "value", "std", "error")
+    for size in difference.sizes:
+        table.add_row(plain(size.part), plain(size.true) or "-", size.key, *size.cells)
+    return table
 
 
 def _map_in_words(difference: ot.MapDifference) -> str:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,55 @@ LEAST_LENGTH = 0.01
 """Difference of two lengths that are the same whatever the true one is, m."""
 ANGLES = math.radians(5)
 """Difference of two directions that are the same, rad."""
+
+
+SHOWN = {
+    "straight": ("length",),
+    "elbow": ("mean_radius", "angle"),
+    "wye": ("angle",),
+    "reducer": ("length", "inner_diameter", "end_diameter"),
+}
+"""Sizes of each kind that a robot can measure; it takes others to be as usual, and bores to be
+those of the pipe before."""
+
+
+class MapSize(NamedTuple):
+    """One size of a part of a map.
+
+    Attributes:
+        part: of the map. true: that of the network which it stands for; "" for none. Both as in
+            ``MapDifference``.
+        key: the size: a length, diameter or radius in m, or an angle in rad.
+        value: on the map.
+        std: standard deviation that the robot gives it, m or rad; None where it has not measured
+            it, such as a pipe whose end it has not seen: that is as long as known to be free.
+        error: of ``value``, m or rad; None without a true part.
+
+    Example:
+        >>> size = ot.MapSize("straight_1", "inlet", "length", 0.5002, 0.0015, 0.0002)
+        >>> abs(size.error) < 2 * size.std
+        True
+    """
+
+    part: str
+    true: str
+    key: str
+    value: float
+    std: float | None
+    error: float | None
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Texts of unit, value, standard deviation and error, in mm or degrees, to two figures of
+        the standard deviation, or else of the error."""
+        unit, scale = ("deg", 180 / math.pi) if self.key == "angle" else ("mm", 1000.0)
+        doubt = abs(scale * (self.std or self.error or 0.0))
+        digits = min(max(1 - math.floor(math.log10(doubt)), 0), 3) if doubt > 0 else 3
+
+        def text(x: float | None) -> str:
+            return "-" if x is None else f"{scale * x:.{digits}f}"
+
+        return unit, text(self.value), text(self.std), text(self.error)
 
 
 @dataclass(frozen=True)
@@ -43,6 +93,7 @@ class MapDifference:
             parts.
         length: m, of all axes of the network that are in the map. length_error: m, of what is wrong
             in them, sizes added up.
+        sizes: of the parts of the map, in its order, with how sure the robot is of them.
 
     Example:
         >>> import omnitrack_sim as ot
@@ -62,6 +113,7 @@ class MapDifference:
     loose: tuple[tuple[str, str], ...]
     length: float
     length_error: float
+    sizes: tuple[MapSize, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -106,7 +158,11 @@ class MapDifference:
 
 
 def compare_maps(
-    found: Network, true: Network, start: str | None = None, closed: Collection[str] = ()
+    found: Network,
+    true: Network,
+    start: str | None = None,
+    closed: Collection[str] = (),
+    stds: Mapping[str, Mapping[str, float]] | None = None,
 ) -> MapDifference:
     """Compare a map with the true network.
 
@@ -116,6 +172,7 @@ def compare_maps(
         start: where in it the map begins, as ``part.port`` or by a name in ``true.ports``; None:
             the open end nearest to there.
         closed: its ports that a plate closes; what is beyond cannot be reached.
+        stds: of sizes of the map, m and rad, as in ``result.map_stds``; None: there are none.
 
     Raises:
         NetworkError: there is no such port.
@@ -133,7 +190,8 @@ def compare_maps(
     mine, other = _Graph(found, ()), _Graph(true, plates)
     first = (0, found.fittings[0].of.port_names[0])
     at = _nearest_end(true, found.pipes.parts[0].port(first[1])) if start is None else start
-    return _Walk(mine, other).difference(mine.place[first], other.place[true.port(at, "start")])
+    walk = _Walk(mine, other, stds or {})
+    return walk.difference(mine.place[first], other.place[true.port(at, "start")])
 
 
 def _nearest_end(network: Network, pose: Pose) -> str:
@@ -147,14 +205,29 @@ class _Node:
     """A fitting, or straights in a row.
 
     Attributes:
-        name: of the first part. fitting: its kind and sizes. length: m, of the run of straights.
-        ports: in the world, z outward.
+        parts: names of all parts, the first one's is its own. fitting: its kind and sizes.
+        ports: in the world, z outward. run: m, length of the run of straights.
     """
 
-    name: str
+    parts: tuple[str, ...]
     fitting: Fitting
     ports: Mapping[str, Pose]
     run: float
+
+    @property
+    def name(self) -> str:
+        """Name of the first part."""
+        return self.parts[0]
+
+    def size(self, key: str) -> float:
+        """A size by the key of its constructor, m or rad."""
+        return self.run or float(getattr(self.fitting, key))
+
+    def std(self, key: str, stds: Mapping[str, Mapping[str, float]]) -> float | None:
+        """Standard deviation of a size; None where that of any part is not known."""
+        each = [stds.get(part, {}).get(key) for part in self.parts]
+        known = [std for std in each if std is not None]
+        return math.hypot(*known) if len(known) == len(each) else None
 
     def way(self, enter: str, leave: str) -> float:
         """Length of the axis between two ports, m."""
@@ -190,7 +263,7 @@ class _Graph:
         if not part.fitting.is_plain:
             self.place |= {(index, port): (number, port) for port in part.fitting.port_names}
             ports = {port: part.port(port) for port in part.fitting.port_names}
-            self.nodes.append(_Node(part.name, part.fitting, ports, 0.0))
+            self.nodes.append(_Node((part.name,), part.fitting, ports, 0.0))
             return {index}
         run, ends = {index}, dict[str, End]()
         for port in part.fitting.port_names:
@@ -198,7 +271,8 @@ class _Graph:
             self.place[ends[port]] = number, port
         total = sum(self._pipes.parts[i].fitting.length_of_axes for i in run)
         ports = {port: self._pipes.parts[i].port(name) for port, (i, name) in ends.items()}
-        self.nodes.append(_Node(self._pipes.parts[min(run)].name, part.fitting, ports, total))
+        names = tuple(self._pipes.parts[i].name for i in sorted(run))
+        self.nodes.append(_Node(names, part.fitting, ports, total))
         return run
 
     def _end_of_run(self, end: End, run: set[int]) -> End:
@@ -222,8 +296,8 @@ class _Graph:
 class _Walk:
     """Walks a map and the true network together."""
 
-    def __init__(self, mine: _Graph, true: _Graph) -> None:
-        self._mine, self._true = mine, true
+    def __init__(self, mine: _Graph, true: _Graph, stds: Mapping[str, Mapping[str, float]]) -> None:
+        self._mine, self._true, self._stds = mine, true, stds
         self._partner: dict[int, int] = {}  # of each node of the true network, that of the map
         self._ports: dict[End, End] = {}  # likewise of ports
         self._kinds, self._sizes, self._angles = ({} for _ in range(3))
@@ -259,7 +333,26 @@ class _Walk:
             loose=tuple(self._loose(matched)),
             length=self._length,
             length_error=self._error,
+            sizes=tuple(self._all_sizes(matched)),
         )
+
+    def _all_sizes(self, matched: Mapping[int, int]) -> Iterator[MapSize]:
+        """Yield the sizes of all parts of the map; ``matched``: to each part of the network, that
+        of the map."""
+        partners = {mine: self._true.nodes[true] for true, mine in matched.items()}
+        ports = {mine: true for true, mine in self._ports.items()}
+        for i, node in enumerate(self._mine.nodes):
+            kind, partner = node.fitting.kind, partners.get(i)
+            bores = {node.fitting.bore_key(port): port for port in node.ports}
+            for key in SHOWN.get("straight" if node.run else kind, ()):
+                value, std, error = node.size(key), node.std(key, self._stds), None
+                if partner is not None and key in bores:
+                    # A reducer may lie the other way round.
+                    port = ports[i, bores[key]][1]
+                    error = value - 2 * partner.fitting.port_radius(port)
+                elif partner is not None:
+                    error = value - partner.size(key)
+                yield MapSize(node.name, partner.name if partner else "", key, value, std, error)
 
     def _pair(
         self, here: End, there: End, my_side: Array, true_side: Array

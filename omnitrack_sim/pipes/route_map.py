@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length
 from omnitrack_sim.pipes import Centreline, Passage, Route
 
+BEFORE_END = 1e-9
+"""Distance before the end of a fitting where its centreline is still that of the fitting, m."""
+
 
 @dataclass(eq=False)
 class Location:
@@ -172,6 +175,15 @@ class RouteMap:
             turning=self._turning_direction(distance, passage, normal),
             frame=rotation,
         )
+
+    def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
+        """Module 1 of located robots from the turning direction of ``passage`` (n,), which may be
+        the one before or after that of their location (n,), rad, in [-pi, pi)."""
+        # Beyond a bend, its turning direction is that at its end.
+        at = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
+        normal = self.centreline.at(at, self._route(location.route))[2]
+        turning = self._turning_direction(at, passage, normal)
+        return angle_about(location.frame[:, :, 2], turning, location.frame[:, :, 0])
 
     def nose_room(self, location: Location, length: float) -> Array:
         """Room (n,) m from the noses of robots of a length, m, to the next fitting's bend or

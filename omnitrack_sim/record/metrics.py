@@ -235,11 +235,19 @@ ESTIMATES = (
         source="estimate",
     ),
     _estimate("distance_estimate", "m", "what the robot takes its `distance` for"),
-    _estimate("distance_std", "m", "standard deviation of `distance_estimate`"),
-    _estimate("theta5_estimate", "rad", "what the robot takes its `theta5` for"),
+    _estimate(
+        "distance_std", "m", "standard deviation of `distance_estimate` on its map, right or not"
+    ),
+    _estimate(
+        "theta5_estimate", "rad", "what the robot takes its `theta5` for, before the same fitting"
+    ),
     _estimate("theta5_std", "rad", "standard deviation of `theta5_estimate`"),
     _estimate("tilt_estimate", "rad", "what the robot takes its `tilt` for"),
-    _estimate("tilt_std", "rad", "standard deviation of `tilt_estimate`"),
+    _estimate(
+        "tilt_std",
+        "rad",
+        "standard deviation of `tilt_estimate` on its map, towards where it is largest",
+    ),
     _estimate(
         "misfit",
         "1",

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,6 +64,8 @@ class Result:
         legs: of a mission, in the order of the trajectory's ``leg``; empty for plain pipes.
         map: what a robot that explores has made of its network; its legs lead through that. None
             for other robots.
+        map_stds: standard deviations that such a robot gives the sizes on its map, m and rad, by
+            the names of its parts and the keys of their constructors; see ``map_difference``.
         album: ``pictures``; None where none were recorded.
 
     Example:
@@ -84,6 +86,7 @@ class Result:
     events: list[Event] = field(default_factory=list)
     legs: tuple[Leg, ...] = ()
     map: Network | None = None
+    map_stds: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     album: Pictures | None = None
 
     def __post_init__(self) -> None:
@@ -173,14 +176,15 @@ class Result:
         return self.scenario.route.network
 
     def map_difference(self) -> MapDifference | None:
-        """Return the differences of an explorer's map from the reachable part of its network.
+        """Return the differences of an explorer's map from the reachable part of its network, and
+        how sure the robot is of each size.
 
         None for other robots.
         """
         exploration = self.scenario.exploration
         if exploration is None or self.map is None:
             return None
-        return exploration.difference(self.map)
+        return exploration.difference(self.map, self.map_stds)
 
     def goal_points(self) -> Array:
         """Goal points (G, 3) m, world frame: of a mission the goals' ports."""
@@ -220,6 +224,7 @@ class Result:
             "metrics": self.metrics,
             "events": [event.to_table() for event in self.events],
             "legs": [dataclasses.asdict(leg) for leg in self.legs],
+            "map_stds": self.map_stds,
             "provenance": self.provenance,
         }
 
@@ -278,6 +283,7 @@ class _Summary(_Part):
     provenance: dict[str, Any]
     events: tuple[dict[str, Any], ...]
     legs: tuple[_LegTable, ...]
+    map_stds: dict[str, dict[str, Annotated[float, Field(ge=0)]]] = {}
 
 
 def load_result(directory: str | Path) -> Result:
@@ -326,6 +332,7 @@ def load_result(directory: str | Path) -> Result:
         events=events,
         legs=tuple(Leg(**vars(leg)) for leg in summary.legs),
         map=explored,
+        map_stds=summary.map_stds,
         album=album,
     )
     with reading(folder / RESULT_FILE):

@@ -103,6 +103,12 @@ class Legs:
         belief = self.pilots[robot].belief
         return None if belief is None else belief.network
 
+    def map_stds(self, robot: int) -> dict[str, dict[str, float]]:
+        """Return the standard deviations of the sizes on that map; see ``Belief.stds``."""
+        belief = self.pilots[robot].belief
+        stds = {} if belief is None else belief.stds
+        return {name: dict(sizes) for name, sizes in stds.items() if sizes}
+
 
 def _on_map(leg: Leg, network: Network) -> Leg:
     """Return a leg with that stretch of its path which is on a map: pipe that a robot assumed to be

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.camera_sight import CameraSight, behind_lens
 from omnitrack_sim.autonomy.localiser import Localiser
-from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
+from omnitrack_sim.autonomy.pose_filter import PLACE, POSE, TURN
 from omnitrack_sim.autonomy.relocalisation import Search
 from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
 from omnitrack_sim.base.rotations import (
@@ -70,6 +70,11 @@ RELOCALISATION = RelocalisationSettings()
 MOST_SPREAD = 0.15
 """Nominal radii by which the slides of three arms may differ where they measure the bore: below,
 it comes out within 2.5 mm; beyond, an arm may hang free, and it came out 8 mm too small."""
+
+
+LEAST_NEARER = 0.25
+"""Least part of a bend's radius at which a robot's centre counts as away from the bend's axis: at
+the axis, all points of the bend are equally near."""
 
 
 class Onboard:
@@ -261,9 +266,7 @@ class Onboard:
         location = legs.routes.locate(self.readings["position"], frames, legs.route, self._near())
         axis = location.frame[:, :, 2]
         about = pose.std(TURN, axis)
-        # Root mean square over the two directions across the axis.
-        first, second = (pose.std(TURN, location.frame[:, :, i]) ** 2 for i in (0, 1))
-        across = np.sqrt((first + second) / 2)
+        self._true_passage = truth.passage
         # Nothing is known of the turn about the axis: half a turn either way.
         theta5_std = np.where(self.localiser.unknown, np.pi, about)
         sure = theta5_std <= np.radians(self._table.filter.sure_deg)
@@ -272,8 +275,23 @@ class Onboard:
             distance_std=pose.std(PLACE, location.tangent),
             theta5_std=theta5_std,
             sure=sure & ~self.localiser.inconsistent,
-            tilt_std=across,
+            tilt_std=self._tilt_std(location),
         )
+
+    def _tilt_std(self, location: Location) -> Array:
+        """Standard deviations (n,) of tilts, rad, in the direction across the pipe in which they
+        are largest: in a bend, an error along the centreline turns the tangent as well."""
+        tangent, normal = location.tangent, location.normal
+        # Where a robot stands inside of a bend, the nearest point moves farther than it does.
+        nearer = 1 - location.curvature * (location.aside * normal).sum(axis=-1)
+        turns = (location.curvature / np.maximum(nearer, LEAST_NEARER))[:, None] * tangent
+        across = np.stack([normal, np.cross(tangent, normal)], axis=1)  # (n, 2, 3)
+        slopes = np.zeros((len(tangent), 2, POSE))
+        slopes[:, :, TURN] = across
+        slopes[:, 1, PLACE] = -turns
+        covariance = self.localiser.filter.covariance[:, :POSE, :POSE]
+        spread = slopes @ covariance @ np.swapaxes(slopes, 1, 2)
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
 
     def _near(self) -> Array:
         """Arc lengths (n,) m from which locations are searched for: those of a moment ago; for
@@ -317,6 +335,7 @@ class Onboard:
             self._judged(robot, -gear) if back else None,
             at.rotation,
             self._bore(self.readings["slide"][robot]),
+            float(self.distance_std[robot]),
         )
 
     def _bore(self, slide: Array) -> float:
@@ -462,7 +481,9 @@ class Onboard:
             "position_estimate": self.localiser.filter.position,
             "distance_estimate": location.distance,
             "distance_std": location.distance_std,
-            "theta5_estimate": location.theta5,
+            # Where the robot takes itself to be past a fitting and is not, or the other way round,
+            # two thetas before different fittings would differ by any angle.
+            "theta5_estimate": self._legs.routes.theta5(location, self._true_passage),
             "theta5_std": location.theta5_std,
             "tilt_estimate": location.tilt,
             "tilt_std": location.tilt_std,

@@ -388,6 +388,7 @@ class Simulation:
             ),
             legs=self.legs.begun(robot),
             map=network,
+            map_stds=self.legs.map_stds(robot),
             album=pictures,
         )
 

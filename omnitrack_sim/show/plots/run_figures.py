@@ -65,8 +65,8 @@ ERRORS = {
 }
 """Display of the errors of estimates, by the channel that is estimated."""
 _ERRORS_SHOWN = 95.0
-"""Part of the times, in percent, at which error and band are seen whole, of those at which the
-robot claims to know its orientation: before, its band is as wide as a circle."""
+"""Part of the times, in percent, at which the band of an estimate is seen whole, of those at which
+the robot claims to know its orientation: before, its band is as wide as a circle."""
 LEFT, RIGHT = 0.42, 0.08
 """Margins of a page of panels, inches."""
 _ABOVE, _BELOW = 0.78, 0.36  # inches: title and legends above the panels, times below them
@@ -195,11 +195,13 @@ def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
     axis.axhline(0.0, color="white", lw=0.6, zorder=1.6)
     axis.plot(trajectory.time, error, color=INK)
     # Before the robot knows its orientation the band is a full circle wide: it would set the scale.
-    largest = np.maximum(np.abs(error), band)
     sure = trajectory["theta5_std"] < KNOWN
-    largest = largest[np.isfinite(largest) & (sure if sure.any() else True)]
-    half = 1.1 * float(np.percentile(largest, _ERRORS_SHOWN)) if len(largest) else 0.0
-    half = max(half, display.span / 2)
+    shown = np.isfinite(error) & np.isfinite(band) & (sure if sure.any() else True)
+    half = display.span / 2
+    if shown.any():
+        # The line is seen whole, however long it is far off.
+        widest = float(np.percentile(band[shown], _ERRORS_SHOWN))
+        half = max(half, 1.1 * max(widest, float(np.abs(error[shown]).max())))
     axis.set_ylim(-half, half)
 
 
