@@ -15,7 +15,7 @@ from omnitrack_sim.autonomy.candidates import (
     huber,
     median,
     moments,
-    normal,
+    normal_equations,
     of_arms,
     of_gravity,
     probabilities,
@@ -300,7 +300,7 @@ class Localiser:
         weight = np.where(self.unknown[robots, None], 0.0, weight)
         n = len(self.unknown)
         information, evidence = np.zeros((n, POSE, POSE)), np.zeros((n, POSE))
-        information[robots], evidence[robots] = normal(slopes, residual, weight)
+        information[robots], evidence[robots] = normal_equations(slopes, residual, weight)
         self._correct(information, evidence, shot)
 
     def _correct(self, information: Array, evidence: Array, shot: Shot) -> Shot:
