@@ -96,7 +96,7 @@ class Level:
 
     pixels: NDArray[np.intp]
     stand: NDArray[np.intp]
-    rough: float
+    loss_scale: float
     free: NDArray[np.bool_]
     weight: Array
     reach: tuple[float, float]
