@@ -1,8 +1,8 @@
 """Bounds of the work that one file may ask for, each with its reason.
 
 They are far beyond what the robot is for, pipes of some metres to some hundred metres driven in
-minutes to hours, and catch a figure of the wrong size (a time step of 1e-9 s, millimetres for
-metres) before it fills the memory or runs for years. Whoever needs more splits the work into
+minutes to hours, and catch a figure of the wrong size (a time step of 1e-9 s, 20 km of pipes)
+before it fills the memory or runs for years. Whoever needs more splits the work into
 several files.
 """
 
