@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, gathered
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     FolderOption,
@@ -321,11 +321,11 @@ def _strip(
     count = FRAMES if count is None else count
     result = ot.load_result(run_dir)
     camera = camera or usual_camera(result.scenario)
-    faults: list[Fault] = []
-    with gathered(faults, lambda fault: "--at" if fault.where.startswith("times") else fault.where):
+    try:
         ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
-    if faults:
-        raise InputError(faults)
+    except InputError as error:
+        faults = [f.at("--at") if f.where.startswith("times") else f for f in error.faults]
+        raise InputError(faults) from None
     print_saved(target)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, counted, finite, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
@@ -170,12 +171,7 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
             [name, [round(255 * part) for part in colour]] for name, colour in display.columns
         ],
         "state": display.state,
-        "headline": {
-            metric.name: metric.title + (", modules 1, 2, 3" if metric.per_module else "")
-            for name in display.headline
-            for metric in first.scenario.robot.metrics
-            if metric.name == name
-        },
+        "headline": {name: _title(_metrics(first)[name]) for name in display.headline},
         "differences": differences(*runs) if len(runs) > 1 else [],
         "data": pack.text(),
     }
@@ -236,8 +232,7 @@ def heading_table(result: Result) -> dict[str, Any]:
 
 def _figure_rows(result: Result) -> list[dict[str, Any]]:
     """The metrics of a run in the order of its file, with a row for each entry of a table."""
-    known = {metric.name: metric for metric in result.scenario.robot.metrics}
-    rows = []
+    known, rows = _metrics(result), []
     for name, value in result.metrics.items():
         metric = known.get(name)
         words = {"unit": "", "meaning": "a metric of the user's own"}
@@ -247,6 +242,16 @@ def _figure_rows(result: Result) -> list[dict[str, Any]]:
         for entry, one in entries.items():
             rows.append({"name": f"{name} {entry}".strip(), "value": one, **words})
     return rows
+
+
+def _metrics(result: Result) -> dict[str, Metric]:
+    """Return the metrics of a run's robot by name."""
+    return {metric.name: metric for metric in result.scenario.robot.metrics}
+
+
+def _title(metric: Metric) -> str:
+    """Return the title of a metric, with the modules where it has a value for each."""
+    return metric.title + (", modules 1, 2, 3" if metric.per_module else "")
 
 
 def differences(one: Result, other: Result) -> list[list[str]]:
