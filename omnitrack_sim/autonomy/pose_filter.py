@@ -9,6 +9,7 @@ docs/explanation/localisation.md.
 
 from __future__ import annotations
 
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +19,11 @@ from omnitrack_sim.base.rotations import (
     Array,
     orthonormal,
     set_rows,
-    skew,
     turned_by,
     with_rows,
 )
+from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import INTEGER, NUMBER, NUMBERS, WORD, c_function, pointers
 from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -102,16 +104,8 @@ class PoseFilter:
         middle = self.rotation @ turned_by(turned / 2)
         ahead = middle[:, :, 2]
         step = (travel * (1 - slip_std * self.slip))[:, None] * ahead
-        transition = np.zeros((len(travel), SIZE, SIZE))
-        _diagonal(transition)[:] = 1.0
-        transition[:, PLACE, TURN] = -skew(step)
-        transition[:, PLACE, SLIP] = -(travel * slip_std)[:, None] * ahead
-        transition[:, TURN, BIAS] = -self.rotation * period
+        by_slip = -(travel * slip_std)[:, None] * ahead
         kept = np.exp(-period / table.slip_time)
-        transition[:, SLIP, SLIP] = kept
-        self.position = self.position + step
-        self.rotation = self.rotation @ turned_by(turned)
-        self.slip = kept * self.slip
         noise = np.empty((len(way), SIZE))
         loose = np.maximum(sharp, differ)
         wander = (table.aside_std + table.aside_turning * loose) ** 2 * way
@@ -122,9 +116,17 @@ class PoseFilter:
         noise[:, BIAS] = np.radians(imu.gyro_walk_deg) ** 2 * period
         # Stationary: with this noise its standard deviation stays 1.
         noise[:, SLIP] = 1 - kept**2
-        self._transition = transition @ self._transition
-        self._noise = transition @ self._noise @ np.swapaxes(transition, 1, 2)
-        _diagonal(self._noise)[:] += noise
+        # In place: nobody else holds these two.
+        c_function(_propagate, _PROPAGATE).ctypes(
+            len(travel),
+            *pointers(step, by_slip, np.ascontiguousarray(self.rotation)),
+            period,
+            kept,
+            *pointers(noise, self._transition, self._noise),
+        )
+        self.position = self.position + step
+        self.rotation = self.rotation @ turned_by(turned)
+        self.slip = kept * self.slip
 
     def settle(self, robots: NDArray[np.bool_]) -> None:
         """Bring the covariance of ``robots`` (n,) up to the moment, after any number of steps."""
@@ -202,6 +204,54 @@ class PoseFilter:
         deviation (n,) m along it."""
         values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
         return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
+
+
+@compiled
+def _advanced(values, first, stride, step, by_slip, rotation, robot, period, kept):
+    """Multiply a vector by the transition matrix of a control step, in place: the SIZE numbers at
+    ``first``, ``stride`` apart, of errors of place, turn, bias and slip.
+
+    The turn's error moves the place by its cross product with the step, the bias turns, and the
+    slip shortens the step.
+    """
+    v, r, place, turn, bias = 3 * robot, 9 * robot, first, first + 3 * stride, first + 6 * stride
+    x, y, z = values[turn], values[turn + stride], values[turn + 2 * stride]
+    slip = values[first + 9 * stride]
+    values[place] += step[v + 2] * y - step[v + 1] * z + by_slip[v] * slip
+    values[place + stride] += step[v] * z - step[v + 2] * x + by_slip[v + 1] * slip
+    values[place + 2 * stride] += step[v + 1] * x - step[v] * y + by_slip[v + 2] * slip
+    x, y, z = values[bias], values[bias + stride], values[bias + 2 * stride]
+    for i in range(3):
+        about = rotation[r + 3 * i] * x + rotation[r + 3 * i + 1] * y + rotation[r + 3 * i + 2] * z
+        values[turn + i * stride] -= period * about
+    values[first + 9 * stride] = kept * slip
+
+
+def _propagate(robots, step, by_slip, rotation, period, kept, added, transition, noise):
+    """Propagate transition matrices F and covariances of the noise by a control step, in place.
+
+    Args:
+        robots: n.
+        step: (n, 3) m. by_slip: (n, 3) m, of the step for each unit of slip.
+        rotation: (n, 3, 3). period: s. kept: part of the slip that is left after it.
+        added: (n, 10) variances of the step's noise.
+        transition, noise: (n, 10, 10), of what went before.
+    """
+    for robot in range(robots):
+        first = SIZE * SIZE * robot
+        for i in range(SIZE):
+            _advanced(transition, first + i, SIZE, step, by_slip, rotation, robot, period, kept)
+            _advanced(noise, first + i, SIZE, step, by_slip, rotation, robot, period, kept)
+        # F N F' = F (F N)': now the rows.
+        for i in range(SIZE):
+            row = first + SIZE * i
+            _advanced(noise, row, 1, step, by_slip, rotation, robot, period, kept)
+            noise[row + i] += added[SIZE * robot + i]
+    return 0
+
+
+_PROPAGATE = CFUNCTYPE(INTEGER, WORD, *[NUMBERS] * 3, *[NUMBER] * 2, *[NUMBERS] * 3)
+"""C types of the compiled function, in the order of its arguments."""
 
 
 def _diagonal(matrices: Array) -> Array:

@@ -31,8 +31,8 @@ class Location:
             the end of the route after its last one.
         turning: (n, 3) unit vectors, world frame, of its turning direction.
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
-        distance_std, theta5_std, tilt_std: (n,) m, rad and rad, standard deviations, where the
-            location is an estimate; None where it is the truth.
+        distance_std, theta5_std: (n,) m and rad, standard deviations, where the location is an
+            estimate; None where it is the truth.
         sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
     """
 
@@ -48,7 +48,6 @@ class Location:
     frame: Array
     distance_std: Array | None = None
     theta5_std: Array | None = None
-    tilt_std: Array | None = None
     sure: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:

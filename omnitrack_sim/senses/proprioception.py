@@ -14,6 +14,10 @@ from omnitrack_sim.senses.draws import Keys, normal
 from omnitrack_sim.senses.settings import SensingTable
 
 
+AHEAD = 16
+"""Control steps whose noise is drawn together."""
+
+
 @dataclass(frozen=True)
 class Felt:
     """Readings of n robots over one control period, robot frame.
@@ -66,6 +70,7 @@ class Proprioception:
         self._bias, self._scale, self._force_bias = np.zeros((3, n, 3))
         self._belt_at, self._way, self._counted, self._velocity = np.zeros((4, n, 3))
         self._rotation = np.zeros((n, 3, 3))
+        self._drawn, self._drawn_from = np.zeros((n, AHEAD, 5, 3)), np.zeros(n, int)
 
     def reset(
         self,
@@ -100,6 +105,7 @@ class Proprioception:
             _force_bias=imu.force_bias * normal(keys, "force bias", 0, 3),
             # What the readings of the next moment are counted from.
             _number=0,
+            _drawn_from=-AHEAD,
             _belt_at=state.qpos[rows[:, None], state.at.belts[:, 0]],
             _way=0.0,
             _counted=0.0,
@@ -110,10 +116,10 @@ class Proprioception:
     def read(self, state: State) -> Felt:
         """The readings of this moment, once a control step."""
         self._number = self._number + 1
-        table, number, period = self._table, self._number, self._period
+        table, period = self._table, self._period
         travel = self._travel(state)
         torque = state["motor_torque"] / self._torque + self._torque_bias
-        noise = normal(self._keys, "felt", number, 15).reshape(-1, 5, 3)
+        noise = self._noise()
         torque = torque + table.current.noise * noise[:, 0]
         turned = self._turned(state["rotation"], noise[:, 2], noise[:, 3])
         step = 2 * np.pi / table.encoders.counts
@@ -129,6 +135,18 @@ class Proprioception:
             angular_velocity=turned / period,
             force=self._force(state, noise[:, 4]),
         )
+
+    def _noise(self) -> Array:
+        """The draws (n, 5, 3) of this moment. Those of some moments ahead are drawn together, which
+        takes a fraction of the time."""
+        n, ahead = self._drawn.shape[:2]
+        place = self._number - self._drawn_from
+        if np.any((place < 0) | (place >= ahead)):
+            self._drawn_from, place = self._number, np.zeros(n, int)
+            numbers = self._number[:, None] + np.arange(ahead)
+            drawn = normal(np.repeat(self._keys, ahead), "felt", numbers.ravel(), 15)
+            self._drawn = drawn.reshape(self._drawn.shape)
+        return self._drawn[np.arange(n), place]
 
     def _travel(self, state: State) -> Array:
         """Counts of the belts' encoders since the step before, as m."""

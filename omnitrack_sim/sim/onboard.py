@@ -132,7 +132,9 @@ class Onboard:
         self.readings: Mapping[str, Array] = {}
         self.recorded: Sequence[Channel] = ESTIMATES
         self.reset(np.arange(n), scenarios, state)
-        self.channels: Sequence[Channel] = [CHANNELS[name] for name in self.readings]
+        self.channels: Sequence[Channel] = [
+            CHANNELS[name] for name in (*self.readings, "quaternion")
+        ]
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """See ``Senses``."""
@@ -156,10 +158,10 @@ class Onboard:
         first = with_rows(np.zeros(n, bool), rows, True)
         self._shoot(np.ones(n, np.int_), first, first)
         begun = self._observed(_at_rest(state))
-        self.readings = {
-            name: with_rows(self.readings.get(name, values), rows, values[rows])
+        self.readings = _Readings(
+            (name, with_rows(self.readings.get(name, values), rows, values[rows]))
             for name, values in begun.items()
-        }
+        )
 
     def _first_pose(
         self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], key: Keys
@@ -275,7 +277,6 @@ class Onboard:
             distance_std=pose.std(PLACE, location.tangent),
             theta5_std=theta5_std,
             sure=sure & ~self.localiser.inconsistent,
-            tilt_std=self._tilt_std(location),
         )
 
     def _tilt_std(self, location: Location) -> Array:
@@ -458,25 +459,23 @@ class Onboard:
     def _observed(self, felt: Felt) -> Mapping[str, Array]:
         """Return the readings that controllers receive."""
         pose = self.localiser.filter
-        return {
-            "time": felt.time,
-            "position": pose.position,
-            "quaternion": quaternion_from_matrix(pose.rotation),
-            "rotation": pose.rotation,
-            "angular_velocity": felt.angular_velocity - pose.bias,
-            "belt_speed": felt.belt_speed,
-            "wall_speed": felt.belt_speed * belt_sign(felt.roll),
-            "motor_torque": felt.motor_torque,
-            "slide": felt.slide,
-            "roll": felt.roll,
-        }
+        return _Readings(
+            time=felt.time,
+            position=pose.position,
+            rotation=pose.rotation,
+            angular_velocity=felt.angular_velocity - pose.bias,
+            belt_speed=felt.belt_speed,
+            wall_speed=felt.belt_speed * belt_sign(felt.roll),
+            motor_torque=felt.motor_torque,
+            slide=felt.slide,
+            roll=felt.roll,
+        )
 
     def estimates(self) -> Mapping[str, NDArray]:
         """See ``Senses``."""
         location = self.location
         assert location.distance_std is not None
         assert location.theta5_std is not None
-        assert location.tilt_std is not None
         return {
             "position_estimate": self.localiser.filter.position,
             "distance_estimate": location.distance,
@@ -486,9 +485,19 @@ class Onboard:
             "theta5_estimate": self._legs.routes.theta5(location, self._true_passage),
             "theta5_std": location.theta5_std,
             "tilt_estimate": location.tilt,
-            "tilt_std": location.tilt_std,
+            "tilt_std": self._tilt_std(location),
             "misfit": self.localiser.misfit,
         }
+
+
+class _Readings(dict[str, Array]):
+    """Readings (n, ...) of a moment; the quaternion is worked out when somebody asks for it."""
+
+    def __missing__(self, name: str) -> Array:
+        if name != "quaternion":
+            raise KeyError(name)
+        value = self[name] = quaternion_from_matrix(self["rotation"])
+        return value
 
 
 def _at_rest(state: State) -> Felt:
