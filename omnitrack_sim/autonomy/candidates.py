@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, dot, orthonormal, skew, turned_by
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
-from omnitrack_sim.senses.optics import LIT, NORMAL, RANGE, Mount
+from omnitrack_sim.senses.optics import Mount
 from omnitrack_sim.senses.settings import FilterTable
-from omnitrack_sim.walls.rays import RayWalls
+from omnitrack_sim.walls.rays import LIT, NORMALS, RANGE, RayWalls
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def reprojected(
         turned: (..., 3, 3), the same.
         lamp: (3,) m, camera frame.
     """
-    normal, reach = hits[..., NORMAL], hits[..., RANGE]
+    normal, reach = hits[..., NORMALS], hits[..., RANGE]
     met = np.isfinite(reach)
     reach = np.where(met, reach, 1.0)
     before = np.einsum("...ij,kj->...ki", frame, rays)

@@ -11,7 +11,8 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array, cross
 from omnitrack_sim.base.table import Unit
 from omnitrack_sim.senses.draws import Keys, normal, uniform
-from omnitrack_sim.senses.optics import GRAIN, JOINT, LIT, NORMAL, RANGE, OpticsTable, rays_of
+from omnitrack_sim.senses.optics import OpticsTable, rays_of
+from omnitrack_sim.walls.rays import GRAIN, JOINT, LIT, NORMALS, RANGE
 
 
 class DepthTable(OpticsTable):
@@ -75,7 +76,7 @@ class DepthCamera:
         """See ``Camera``: where the camera moves by d, a ray of direction u that meets a wall of
         normal n becomes longer by -(n d) / (n u)."""
         directions = np.einsum("nij,kj->nki", rotation, rays)
-        normals = hits[..., NORMAL]
+        normals = hits[..., NORMALS]
         across = (normals * directions).sum(axis=-1)
         # Normals face the camera, so ``across`` is negative; near 0 the slope would have no bound.
         steep = np.minimum(across, -self._least_sine)
@@ -168,7 +169,7 @@ class HeadlightCamera:
         dr, and by -w (n x v) / (v n) as the camera turns by w; a pixel by that, less the change
         of the exposure, over gamma."""
         table = self._table
-        normals = np.einsum("nki,nij->nkj", hits[..., NORMAL], rotation)  # (n, k, 3) camera
+        normals = np.einsum("nki,nij->nkj", hits[..., NORMALS], rotation)  # (n, k, 3) camera
         reach = np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], 1.0)[..., None]
         to_lamp = self.lamp - reach * rays
         far = (to_lamp**2).sum(axis=-1)

@@ -14,9 +14,6 @@ from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.senses.draws import Keys
 from omnitrack_sim.walls.rays import RayWalls
 
-RANGE, NORMAL, PART, LIT, JOINT, GRAIN = 0, slice(1, 4), 4, 5, 6, 7
-"""Places of what a ray has met, as ``RayWalls.trace`` returns it."""
-
 
 class OpticsTable(Table):
     """Optics that all cameras have. The camera stands on the robot's axis at the end that leads,

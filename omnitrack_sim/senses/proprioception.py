@@ -13,7 +13,6 @@ from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.senses.draws import Keys, normal
 from omnitrack_sim.senses.settings import SensingTable
 
-
 AHEAD = 16
 """Control steps whose noise is drawn together."""
 

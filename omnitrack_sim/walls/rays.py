@@ -49,6 +49,8 @@ number of the part, from the first of its map, -1 for nothing; how squarely the 
 cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
 of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
 lamp."""
+NORMALS = slice(NORMAL, NORMAL + 3)
+"""The normals among all that ``RayWalls.trace`` returns."""
 SHORT = 1e-7
 """A step at least, m, which crosses port planes in spite of rounding."""
 TOLERANCE = 1e-6

@@ -23,8 +23,8 @@ from omnitrack_sim.autonomy.recognition.forms import (
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Part
-from omnitrack_sim.senses.optics import JOINT, PART, RANGE, Camera, rays_of
-from omnitrack_sim.walls.rays import RayWalls
+from omnitrack_sim.senses.optics import Camera, rays_of
+from omnitrack_sim.walls.rays import JOINT, PART, RANGE, RayWalls
 
 
 class VarianceStabiliser:
