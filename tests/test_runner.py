@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import (
+    Channel,
     Outcome,
     Result,
+    Sensor,
     Simulation,
     load_scenario,
     override,
@@ -17,6 +19,7 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.record import trajectory as recording
 from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.sim import run as running
 
 
 def _short_tee(**changes):
@@ -136,3 +139,29 @@ def test_samples_are_kept_in_blocks_without_a_gap(monkeypatch):
     pieces = run(scenario)
     assert len(whole.trajectory.time) == 26
     assert _equal(whole, pieces)
+
+
+def test_slip_without_load_is_measured_once_and_again_for_what_differs(monkeypatch):
+    """Of robots that are alike in robot, friction and speed, in this call or an earlier one; not
+    where a user's sensor looks on, whose code may have changed."""
+    made: list[int] = []
+
+    class Counted(Simulation):
+        def __init__(self, scenarios, **options) -> None:
+            made.append(len(scenarios))
+            super().__init__(scenarios, **options)
+
+    monkeypatch.setattr(running, "Simulation", Counted)
+    monkeypatch.setattr(running, "_known", {})
+    height = Channel("height", (), "m", "height of the centre", "world")
+    looks_on = Sensor(height, lambda state: state["position"][:, 2])
+    turns = [load_scenario("tee_turn", {"start.theta5_deg": float(i)}) for i in range(3)]
+    wet = override(turns[0], {"world.friction": 0.5})
+    no_load_slips = running.no_load_slips
+    first = no_load_slips([*turns, wet])
+    assert made == [2]
+    assert first[0] == first[1] == first[2] != first[3]
+    assert no_load_slips([wet, turns[1]]) == [first[3], first[0]]
+    assert made == [2]
+    assert no_load_slips([wet], [looks_on]) == [first[3]]
+    assert made == [2, 1]
