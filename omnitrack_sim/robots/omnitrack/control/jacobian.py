@@ -211,6 +211,14 @@ class JacobianController:
             self.routes.radius.take(location.passage),
             s.speed_limit,
         )
+        merging = self.routes.out_of_branch.take(location.passage) & inside & ~backing
+        if np.count_nonzero(merging):
+            again = self.recovery.retries > 0
+            raised = self.tracking.forward_out_of_branch(
+                wall_speed, location, observation.rotation, again, s.cruise_speed
+            )
+            raised = np.minimum(raised, s.speed_limit[:, None])
+            wall_speed = np.where(merging[:, None], raised, wall_speed)
         if not self._steers:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
