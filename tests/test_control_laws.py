@@ -292,11 +292,16 @@ def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
 
 
 def merging(
-    share: float, progress: float, rate: float = 6.0, again: bool = False, over: float = 0.0
+    share: float,
+    progress: float,
+    rate: float = 6.0,
+    slip: float = 1.0,
+    again: bool = False,
+    over: float = 0.0,
 ) -> Array:
     """Wall speeds (3,) m/s, inner module first, of a robot that turns out of a branch at ``rate``
     rad/s, ``share`` of its weight along the run, is at ``progress`` of the arc and has turned
-    further by ``over`` rad."""
+    further by ``over`` rad; in the beginning of the turn it has slipped by ``slip``."""
     scenario = scenario_of("merge", **{"control.retry": True})
     routes = Bench(scenario).routes
     gravity = (9.81 * share * routes.directions[0]).tolist()
@@ -305,29 +310,43 @@ def merging(
     bench.controller.recovery.retries[:] = again
     bench.controller.recovery.passage[:] = 0
     start, end = float(routes.start[0]), float(routes.end[0])
-    distance = start + progress * (end - start)
     plane = cross(routes.ahead[0], routes.directions[0])
-    tilt = over * plane if over else None
-    spin = rate * bench.observe(distance, tilt=tilt).rotation[0].T @ plane
+
+    def turned(progress: float, rate: float, slip: float, over: float = 0.0) -> Array:
+        distance = start + progress * (end - start)
+        tilt = over * plane if over else None
+        normal = bench.observe(distance, tilt=tilt).rotation[0].T @ plane
+        belts = module_speeds(0.0, rate * normal[0], rate * normal[1], BORE / 2)
+        spin = (1.0 - slip) * rate * normal
+        seen = {"wall_speed": belts, "angular_velocity": spin}
+        return bench.step(distance, tilt=tilt, **seen).belt_speed[0]
+
+    for part in np.linspace(0.05, 0.3, 10):
+        turned(part, 2.0, slip)
     # The filter of the rate settles, and the robot does not hang yet.
-    commands = [bench.step(distance, tilt=tilt, angular_velocity=spin) for _ in range(20)]
-    return commands[-1].belt_speed[0]
+    return [turned(progress, rate, 0.0, over) for _ in range(20)][-1]
 
 
 def test_up_a_run_the_outer_belts_never_hold_a_robot_that_turns_too_fast() -> None:
-    """Out of a branch with the weight against it, as long as it turns: at the far wall they would
-    drive it down. Elsewhere they turn it back."""
+    """Out of a branch with the weight against it, as long as it turns and slips: at the far wall
+    they would drive it down. Elsewhere they turn it back."""
     cruise = scenario_of("merge").control.cruise_speed
     assert merging(-0.9, 0.5)[1:] == pytest.approx([2 * cruise] * 2)
-    for speeds in (merging(-0.9, 0.9, over=0.3), merging(-0.7, 0.5), merging(0.9, 0.5)):
+    others = (
+        merging(-0.9, 0.9, over=0.3),
+        merging(-0.9, 0.5, slip=0.2),
+        merging(-0.7, 0.5),
+        merging(0.9, 0.5),
+    )
+    for speeds in others:
         assert (speeds[1:] < 0.5 * cruise).all()
 
 
 def test_no_belt_brakes_when_a_robot_tries_again_out_of_a_branch() -> None:
     """One that holds on to the rim is as strong as another one that pushes."""
     cruise = scenario_of("merge").control.cruise_speed
-    assert merging(0.9, 0.3, rate=0.0)[0] < 0.0
-    assert merging(0.9, 0.3, rate=0.0, again=True)[0] == pytest.approx(0.5 * cruise)
+    assert merging(0.9, 0.35, rate=0.0)[0] < 0.0
+    assert merging(0.9, 0.35, rate=0.0, again=True)[0] == pytest.approx(0.5 * cruise)
 
 
 @pytest.mark.parametrize(("progress", "rolls"), [(0.5, False), (0.8, True)])

@@ -31,6 +31,9 @@ STEEP = (0.5, 0.8)
 """Weight against a robot, as parts of it, between which the parameters of steep runs set in."""
 FALLING = 0.75
 """Weight against a robot, as a part of it, beyond which it falls where its belts give way."""
+SLIPPERY = 0.5
+"""Slip of a turn out of a branch beyond which it falls: up a steep run 0.66 and more where friction
+is 0.5 to 0.7, and up to 0.1 on a dry wall, where robots wedge whose outer belts run faster."""
 IN_PLANE = np.sin(np.radians(15.0))
 """Sine of the angle to the plane of a turn beyond which a robot is turned back into it first."""
 
@@ -181,6 +184,7 @@ class Tracking:
         wall_speed: Array,
         location: Location,
         rotation: Array,
+        slips: NDArray[np.bool_],
         again: NDArray[np.bool_],
         speed: Array,
     ) -> Array:
@@ -191,6 +195,7 @@ class Tracking:
             wall_speed: (n, 3) m/s, as wanted for the rotation.
             location: where the robots are.
             rotation: (n, 3, 3) robot frame in the world.
+            slips: (n,) robots whose turn slips, or may slip.
             again: (n,) robots that try again.
             speed: (n,) m/s, that of cruising.
         """
@@ -199,7 +204,7 @@ class Tracking:
         merging = routes.out_of_branch.take(passage)
         least = np.where(merging & again, self._retry_speed * speed, 0.0)[:, None]
         falls = merging & (-dot(self._weight, towards) > FALLING)
-        falls &= routes.progress(passage, rotation) < 1.0
+        falls &= (again | slips) & (routes.progress(passage, rotation) < 1.0)
         if np.count_nonzero(falls):
             normal = cross(routes.ahead.take(passage, axis=0), towards)
             falls &= np.abs(dot(rotation[:, :, 2], normal)) < IN_PLANE
@@ -315,7 +320,8 @@ class Sway:
         path: of the ``SwayTable`` in its parameters.
 
     Attributes:
-        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts.
+        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts; of
+            turns out of a branch, too.
         turned: (n,) rad, the same by the gyroscope.
         slides: (n,) bool, robots that slip so much in the beginning of a turn that they had better
             begin it again.
@@ -339,19 +345,30 @@ class Sway:
         self._slipped[rows], self.slides[rows] = 0.0, False
 
     @property
+    def known(self) -> NDArray[np.bool_]:
+        """Robots (n,) that belts have turned far enough to tell the slip."""
+        return self.by_belts > SWAY.least_turn
+
+    @property
     def slip(self) -> Array:
-        """Slip of the turn (n,), 1; zero as long as belts have not turned a robot far enough."""
-        known = self.by_belts > SWAY.least_turn
-        return np.where(known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0)
+        """Slip of the turn (n,), 1; zero as long as it is not known."""
+        return np.where(
+            self.known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0
+        )
 
     def step(
-        self, observation: Observation, turning: NDArray[np.bool_], full: NDArray[np.bool_]
+        self,
+        observation: Observation,
+        turning: NDArray[np.bool_],
+        merging: NDArray[np.bool_],
+        full: NDArray[np.bool_],
     ) -> Lean:
         """Return the set point of the lean.
 
         Args:
             observation: of this moment.
             turning: (n,) robots that turn into a branch now.
+            merging: (n,) robots that turn out of one now, whose slip is measured.
             full: (n,) robots that sway in full at any slip, as they try again.
         """
         location = observation.location
@@ -361,7 +378,8 @@ class Sway:
         self._side = np.where(turning, self._side, beside)
         self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MOST_SLIP))
         again = np.where(full & turning, self._slipped, 0.0)
-        if not np.count_nonzero(turning):
+        measured = turning | merging
+        if not np.count_nonzero(measured):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
             self.slides = turning  # none
             return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)), again)
@@ -375,9 +393,9 @@ class Sway:
         # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
         belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
         gyro = dot(observation.angular_velocity, in_robot)
-        elapsed = np.where(turning & (progress < SWAY.judged), self.period, 0.0)
-        self.by_belts = np.where(turning, self.by_belts, 0.0) + elapsed * belts
-        self.turned = np.where(turning, self.turned, 0.0) + elapsed * gyro
+        elapsed = np.where(measured & (progress < SWAY.judged), self.period, 0.0)
+        self.by_belts = np.where(measured, self.by_belts, 0.0) + elapsed * belts
+        self.turned = np.where(measured, self.turned, 0.0) + elapsed * gyro
         start, end = SWAY.beginning
         begins = turning & ~full & (progress >= start) & (progress < end)
         self.slides = begins & (self.slip > self._begin_again)
