@@ -90,7 +90,7 @@ def test_a_robot_may_be_told_to_sway_in_full() -> None:
     bench = Bench(scenario_of("tee_turn"))
     seen = bench.observe(bench.inside(), 5.0)
     once, again = (
-        Sway(bench.setup, "sway").step(seen, ~FIRST, full).aside for full in (FIRST, ~FIRST)
+        Sway(bench.setup, "sway").step(seen, ~NOT, NOT, full).aside for full in (FIRST, ~FIRST)
     )
     assert not once.any()
     assert np.linalg.norm(again) > 0.1
