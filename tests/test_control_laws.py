@@ -291,6 +291,87 @@ def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
     assert sizes == pytest.approx([table.upward_rotation_limit] + [table.rotation_limit] * 2)
 
 
+def merging(
+    share: float,
+    progress: float,
+    rate: float = 6.0,
+    slip: float = 1.0,
+    again: bool = False,
+    over: float = 0.0,
+) -> Array:
+    """Wall speeds (3,) m/s, inner module first, of a robot that turns out of a branch at ``rate``
+    rad/s, ``share`` of its weight along the run, is at ``progress`` of the arc and has turned
+    further by ``over`` rad; in the beginning of the turn it has slipped by ``slip``."""
+    scenario = scenario_of("merge", **{"control.retry": True})
+    routes = Bench(scenario).routes
+    gravity = (9.81 * share * routes.directions[0]).tolist()
+    bench = Bench(ot.override(scenario, {"world.gravity": gravity}))
+    assert isinstance(bench.controller, JacobianController)
+    bench.controller.recovery.retries[:] = again
+    bench.controller.recovery.passage[:] = 0
+    start, end = float(routes.start[0]), float(routes.end[0])
+    plane = cross(routes.ahead[0], routes.directions[0])
+
+    def turned(progress: float, rate: float, slip: float, over: float = 0.0) -> Array:
+        distance = start + progress * (end - start)
+        tilt = over * plane if over else None
+        normal = bench.observe(distance, tilt=tilt).rotation[0].T @ plane
+        belts = module_speeds(0.0, rate * normal[0], rate * normal[1], BORE / 2)
+        spin = (1.0 - slip) * rate * normal
+        seen = {"wall_speed": belts, "angular_velocity": spin}
+        return bench.step(distance, tilt=tilt, **seen).belt_speed[0]
+
+    for part in np.linspace(0.05, 0.3, 10):
+        turned(part, 2.0, slip)
+    # The filter of the rate settles, and the robot does not hang yet.
+    return [turned(progress, rate, 0.0, over) for _ in range(20)][-1]
+
+
+def test_up_a_run_the_outer_belts_never_hold_a_robot_that_turns_too_fast() -> None:
+    """Out of a branch with the weight against it, as long as it turns and slips: at the far wall
+    they would drive it down. Elsewhere they turn it back."""
+    cruise = scenario_of("merge").control.cruise_speed
+    assert merging(-0.9, 0.5)[1:] == pytest.approx([2 * cruise] * 2)
+    others = (
+        merging(-0.9, 0.9, over=0.3),
+        merging(-0.9, 0.5, slip=0.2),
+        merging(-0.7, 0.5),
+        merging(0.9, 0.5),
+    )
+    for speeds in others:
+        assert (speeds[1:] < 0.5 * cruise).all()
+
+
+def test_no_belt_brakes_when_a_robot_tries_again_out_of_a_branch() -> None:
+    """One that holds on to the rim is as strong as another one that pushes."""
+    cruise = scenario_of("merge").control.cruise_speed
+    assert merging(0.9, 0.35, rate=0.0)[0] < 0.0
+    assert merging(0.9, 0.35, rate=0.0, again=True)[0] == pytest.approx(0.5 * cruise)
+
+
+@pytest.mark.parametrize(("progress", "rolls"), [(0.5, False), (0.8, True)])
+def test_a_robot_that_hangs_upright_before_a_branch_rolls_there(
+    progress: float, rolls: bool
+) -> None:
+    """Backing off it would fall into the other half of the run. It rolls until the opening is
+    between two modules, as for driving past."""
+    changes = {"control.retry": True, "control.align": True}
+    recovery = {"merge_patience": 0.016, "back_off": 10.0, "retries": 1}
+    changes |= {f"control.parameters.recovery.{key}": value for key, value in recovery.items()}
+    bench = Bench(scenario_of("merge", **changes))
+    start, end = bench.routes.start[0], bench.routes.end[0]
+    at = float(start + progress * (end - start))
+    commands = [bench.step(at) for _ in range(400)]
+    events = [event for command in commands for event in command.events]
+    assert isinstance(events[0], BackedOff)
+    assert ("rolls where it is" in str(events[0])) == rolls
+    assert [type(event) for event in events[1:2]] == [Rolled] * rolls
+    if rolls:
+        turn = -np.degrees(commands[-1].roll[0, 0]) * bench.scenario.robot.lug_radius / (BORE / 2)
+        margin = np.degrees(safe_margin(sector_angle(BORE / 2, bench.scenario.robot.reach)))
+        assert abs(turn) == pytest.approx(60.0, abs=margin)
+
+
 @pytest.mark.parametrize("slip", [0.1, 0.3, 0.6])
 def test_a_turn_that_has_slipped_begins_sooner(slip: float) -> None:
     """By the distance that its heading would lag behind an arc, up to ``slip_lead``: belts that

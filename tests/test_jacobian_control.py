@@ -115,3 +115,30 @@ def test_a_robot_beside_the_centreline_drives_back_to_it():
         offsets.append(trajectory["offset"][after:].max())
     assert offsets[0] < 0.002
     assert offsets[1] > 0.005
+
+
+MERGES = {
+    "tracking.upward_speed": {
+        "start.theta5_deg": -18.0,
+        "world.friction": 0.55,
+        "robot.preload": 23.6,
+        "world.gravity": [3.7, 1.9, -8.9],
+    },
+    "tracking.retry_speed": {
+        "start.theta5_deg": -43.0,
+        "world.friction": 0.507,
+        "robot.preload": 20.5,
+        "world.gravity": [-4.6, 0.2, 8.66],
+    },
+}
+"""Turns out of a branch that fail without a law, by its parameter."""
+
+
+@pytest.mark.parametrize("law", MERGES)
+def test_a_robot_turns_out_of_a_branch_on_a_slippery_wall(law: str) -> None:
+    """Up the run it falls out of the tee if its outer belts hold against the springs; down the run
+    it hangs at the rim for good if the inner belt brakes at another attempt, too."""
+    scenario = override(load_scenario("tee_merge"), MERGES[law])
+    without = override(scenario, {f"control.parameters.{law}": 0.0})
+    passed = [result.success for result in run_batch([scenario, without], no_load=False)]
+    assert passed == [True, False]

@@ -16,6 +16,7 @@ RATE = 1.5
 """rad/s, by which belts turn the robots here."""
 TURN = np.pi / 2
 FIRST = np.array([False])
+NOT = np.zeros(1, bool)
 """Robots at their first attempt."""
 
 
@@ -26,7 +27,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
     bench = Bench(scenario_of("tee_turn", **keys))
     sway = Sway(bench.setup, "sway")
     before, inside = bench.observe(0.1, theta5_deg), bench.inside()
-    assert not sway.step(before, np.array([False]), FIRST).aside.any()
+    assert not sway.step(before, NOT, NOT, FIRST).aside.any()
     theta5 = np.radians(theta5_deg)
     # About the normal of the turn's plane, in the robot's frame.
     normal = np.array([np.sin(theta5), np.cos(theta5), 0.0])
@@ -41,7 +42,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
         axis = cross(ahead, towards) * part * TURN
         turned = rotation_about(axis, np.linalg.norm(axis)) @ upright[0]
         seen = bench.observe(inside, theta5_deg, rotation=turned, **more)
-        return sway.step(seen, np.array([True]), FIRST).aside
+        return sway.step(seen, ~NOT, NOT, FIRST).aside
 
     for _ in range(round(1.2 * SWAY.least_turn / RATE / PERIOD)):
         step(0.5 * SWAY.judged, **readings)
@@ -79,9 +80,9 @@ def test_the_slip_is_that_of_this_turn() -> None:
     entry = float(bench.routes.start[0]) + 0.005
     seen = bench.observe(entry, wall_speed=module_speeds(0.1, 0.0, RATE, 0.08))
     for _ in range(20):
-        sway.step(seen, np.array([True]), FIRST)
+        sway.step(seen, ~NOT, NOT, FIRST)
     assert sway.slip == pytest.approx([1.0])
-    sway.step(seen, np.array([False]), FIRST)
+    sway.step(seen, NOT, NOT, FIRST)
     assert sway.slip == pytest.approx([0.0])
 
 
@@ -89,7 +90,7 @@ def test_a_robot_may_be_told_to_sway_in_full() -> None:
     bench = Bench(scenario_of("tee_turn"))
     seen = bench.observe(bench.inside(), 5.0)
     once, again = (
-        Sway(bench.setup, "sway").step(seen, ~FIRST, full).aside for full in (FIRST, ~FIRST)
+        Sway(bench.setup, "sway").step(seen, ~NOT, NOT, full).aside for full in (FIRST, ~FIRST)
     )
     assert not once.any()
     assert np.linalg.norm(again) > 0.1
@@ -114,7 +115,7 @@ def slides(slip: float, progress: float, again: bool = False, preload: float = 2
             wall_speed=wall_speed,
             angular_velocity=(1 - slip) * RATE * normal,
         )
-        lean = sway.step(seen, turning, np.array([again]))
+        lean = sway.step(seen, turning, ~turning, np.array([again]))
         assert lean.slip == 0.0
     assert sway.slip == pytest.approx([slip])
     return bool(sway.slides[0])

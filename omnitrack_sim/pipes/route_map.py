@@ -189,6 +189,19 @@ class RouteMap:
         opening; infinite after the last one."""
         return self.start.take(location.passage) - location.distance - length / 2
 
+    def progress(self, passage: NDArray[np.intp], rotation: Array) -> Array:
+        """Return by how much robots (n,) have turned into the directions of their passages, 1 when
+        they are round.
+
+        Args:
+            passage: (n,) that robots are in.
+            rotation: (n, 3, 3) robot frame in the world.
+        """
+        axis = rotation[:, :, 2]
+        towards = dot(axis, self.directions.take(passage, axis=0))
+        along = dot(axis, self.ahead.take(passage, axis=0))
+        return np.arctan2(towards, along) / self.turn.take(passage)
+
     def straight(self, start: Array, end: Array, route: NDArray[np.intp]) -> Array | None:
         """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
         return self.centreline.straight(start, end, self._route(route))

@@ -209,15 +209,16 @@ class BackedOff(Event):
 
     Attributes:
         cause: why.
+        how: what it does first; where backing off is hopeless, another thing.
     """
 
     fitting: str
     distance: float
     tilt_deg: float
     cause: str = "no headway"
+    how: str = "backs off"
     sentence = (
-        "in {fitting}: {cause} at {distance:.3f} m, tilt {tilt_deg:.1f} deg: backs "
-        "off and tries again"
+        "in {fitting}: {cause} at {distance:.3f} m, tilt {tilt_deg:.1f} deg: {how} and tries again"
     )
 
 

@@ -386,6 +386,7 @@ class Aligner:
         self.attempts, self.aligned = np.zeros((2, setup.n), int)
         self.deadline = np.zeros(setup.n)
         self._inside = np.zeros(setup.n, bool)  # robots that are aligned with the nose in a fitting
+        self._astride = np.zeros(setup.n, bool)  # of these, with an opening between two modules
         self.reset(self._rows, setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
@@ -405,7 +406,8 @@ class Aligner:
         self.learn()
         self.roll[rows] = self.roll_target[rows] = setup.command.roll[rows]
         self._belt_sign[rows] = belt_sign(setup.command.roll[rows])
-        self.attempts[rows], self.deadline[rows], self._inside[rows] = 0, np.inf, False
+        self.attempts[rows], self.deadline[rows] = 0, np.inf
+        self._inside[rows] = self._astride[rows] = False
         # Without alignment every passage counts as dealt with.
         first = self.routes.first[setup.location.route]
         self.aligned[rows] = np.where(self.settings.align, first, np.iinfo(np.intp).max)[rows]
@@ -498,7 +500,8 @@ class Aligner:
             self.roll[robot] = 0.0 - self.roll[robot, SWAPPED]
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
-        self.attempts[robot], self.deadline[robot], self._inside[robot] = 0, np.inf, False
+        self.attempts[robot], self.deadline[robot] = 0, np.inf
+        self._inside[robot] = self._astride[robot] = False
         if self.settings.align[robot]:
             self.aligned[robot] = self.routes.first[route]
 
@@ -513,10 +516,29 @@ class Aligner:
         again = robots & self.settings.align
         self.aligned = np.where(again, np.minimum(self.aligned, passage), self.aligned)
 
-    def align_inside(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
-        """As ``align_again``, and for fittings that go with any orientation, too."""
+    def align_inside(
+        self, robots: NDArray[np.bool_], passage: NDArray[np.intp], astride: bool = False
+    ) -> None:
+        """As ``align_again``, and for fittings that go with any orientation, too.
+
+        Args:
+            robots: (n,) that are told.
+            passage: (n,) they are in.
+            astride: as for driving straight over an opening, whatever the passage.
+        """
         self.align_again(robots, passage)
         self._inside = self._inside | robots
+        self._astride = np.where(robots, astride, self._astride)
+
+    def _ranges(self, robots: NDArray[np.intp], passage: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Middles and half-widths (AIMS, SIDES, m) rad of the ranges of theta5 that ``robots`` (m,)
+        aim for."""
+        best = np.where(
+            self._astride[robots],
+            preferred_theta5("tee_straight"),
+            self.best[..., robots, passage],
+        )
+        return best, self.aim[..., robots, passage]
 
     def step(
         self, observation: Observation, room: Array
@@ -546,10 +568,9 @@ class Aligner:
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
         settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
         # The last ranges are the widest.
-        best = self.best[-1][:, self._rows, location.passage]  # (SIDES, n)
-        width = self.aim[-1][:, self._rows, location.passage]
-        error = np.abs(orientation_error(location.theta5, best))
-        oriented = (error <= width + ROUNDING).any(axis=0)
+        best, width = self._ranges(self._rows, location.passage)
+        error = np.abs(orientation_error(location.theta5, best[-1]))
+        oriented = (error <= width[-1] + ROUNDING).any(axis=0)
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[location.passage]
@@ -560,7 +581,7 @@ class Aligner:
         finished = decide & (good | (self.attempts >= self._most_attempts))
         self.aligned = np.where(finished, location.passage + 1, self.aligned)
         self.attempts = np.where(finished, 0, self.attempts)
-        self._inside = self._inside & ~finished
+        self._inside, self._astride = self._inside & ~finished, self._astride & ~finished
         self.deadline = np.where(finished, np.inf, self.deadline)
         again = decide & ~finished
         if again.any():
@@ -593,8 +614,7 @@ class Aligner:
         (m,)."""
         roll = self.roll_target[robots, 0]
         ratio = self.robot.lug_radius / self.routes.radius[passage]
-        best = self.best[..., robots, passage]  # (AIMS, SIDES, m) rad
-        aims = self.aim[..., robots, passage]
+        best, aims = self._ranges(robots, passage)
         plan, least = None, np.full(len(robots), np.inf)
         for clearance, detour in zip(
             self._clearances[robots].T, self._clearance_detours[robots].T, strict=True

@@ -15,6 +15,7 @@ from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentT
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.robots.omnitrack.control.tracking import (
+    SLIPPERY,
     Sway,
     SwayTable,
     Tracking,
@@ -195,10 +196,13 @@ class JacobianController:
             out = self.routes.out_of_branch.take(location.passage)
             damped = np.where(backing, out, damped & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
-        turning = (phase == TEE_TURN) & self.routes.into_branch.take(location.passage)
+        in_turn = phase == TEE_TURN
+        turning = in_turn & self.routes.into_branch.take(location.passage)
+        merging = in_turn & self.routes.out_of_branch.take(location.passage)
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
-        lean = self.sway.step(observation, turning, self.recovery.retries > 0)
+        again = self.recovery.retries > 0
+        lean = self.sway.step(observation, turning, merging, again)
         wanted = self.tracking.wanted_rotation(
             location, observation.rotation, direction, centring, lean
         )
@@ -211,6 +215,14 @@ class JacobianController:
             self.routes.radius.take(location.passage),
             s.speed_limit,
         )
+        if np.count_nonzero(merging):
+            # Until the slip is known it may be large.
+            slips = ~self.sway.known | (self.sway.slip > SLIPPERY)
+            raised = self.tracking.forward_out_of_branch(
+                wall_speed, location, observation.rotation, slips, again, s.cruise_speed
+            )
+            raised = np.minimum(raised, s.speed_limit[:, None])
+            wall_speed = np.where(merging[:, None], raised, wall_speed)
         if not self._steers:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)

@@ -1,5 +1,5 @@
 """A robot that makes no headway in a turn backs off to before the fitting and tries again; straight
-over an opening it rolls where it is."""
+over an opening, or turned out of a branch already, it rolls where it is."""
 
 from __future__ import annotations
 
@@ -39,6 +39,10 @@ class RecoveryTable(Table):
     """Fall behind the farthest point after which the turn has failed."""
     beside: Annotated[Part, Unit("pipe radii")] = 0.6
     """Offset from the centreline beyond which a robot has gone past the branch."""
+    # Such a robot stands in the run. Backing off, it falls into the other half, and out of the tee.
+    upright: Annotated[Part, Unit("1")] = 2 / 3
+    """Part of the turn out of a branch beyond which a robot that has failed does not back off, but
+    rolls where it is, the opening between two modules."""
     back_off: Annotated[Part, Unit("m")] = 0.6
     """Distance at cruise speed after which backing off is given up."""
 
@@ -73,6 +77,7 @@ class Recovery:
         own, speed = setup.robot.own_length, setup.settings.cruise_speed
         self._hesitation = own(each["hesitation"]) / speed  # (n,) s
         self._most_retries, self._beside = each["retries"], each["beside"]
+        self._upright = each["upright"]
         self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
         self._patience = own(each["patience"]) / speed  # (n,) s
         self._merge_patience = own(each["merge_patience"]) / speed
@@ -123,14 +128,18 @@ class Recovery:
             self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         self.waiting = (self.waiting + self.period) * still
-        events = self._begin(observation, sliding, room)
+        events = self._begin(observation, sliding, room, aligner)
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
             self._end(location.distance, aligner)
         return self.backing, events
 
     def _begin(
-        self, observation: Observation, sliding: NDArray[np.bool_], room: Array
+        self,
+        observation: Observation,
+        sliding: NDArray[np.bool_],
+        room: Array,
+        aligner: Aligner,
     ) -> list[Event]:
         location, routes = observation.location, self.routes
         turning = routes.is_turn.take(location.passage) & (room < 0) & ~self.backing
@@ -145,6 +154,10 @@ class Recovery:
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
         may = turning & (self.retries < self._most_retries) & self.settings.retry
         failed = may & (hanging | fallen | beside | sliding)
+        upright = merging & self.settings.align & failed
+        if np.count_nonzero(upright):
+            progress = routes.progress(location.passage, observation.rotation)
+            upright &= progress > self._upright
         causes = {"no headway": hanging, "falls back": fallen, "slips past": beside}
         events: list[Event] = []
         for robot in np.flatnonzero(failed).tolist():
@@ -152,11 +165,15 @@ class Recovery:
             time, distance = float(observation.time[robot]), float(location.distance[robot])
             tilt = float(np.degrees(location.tilt[robot]))
             cause = next((cause for cause, robots in causes.items() if robots[robot]), "slips")
-            events.append(BackedOff(robot, time, name, distance, tilt, cause))
+            how = "rolls where it is" if upright[robot] else "backs off"
+            events.append(BackedOff(robot, time, name, distance, tilt, cause, how))
         if events:
-            self.backing = self.backing | failed
+            self.backing = self.backing | (failed & ~upright)
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
+            self.farthest = np.where(upright, location.distance, self.farthest)
+            if np.count_nonzero(upright):
+                aligner.align_inside(upright, location.passage, astride=True)
         return events
 
     def _roll_where_they_hang(

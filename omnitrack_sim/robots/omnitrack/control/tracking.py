@@ -29,6 +29,13 @@ LEADS = 7
 """Points of the stretch that the heading is compared with."""
 STEEP = (0.5, 0.8)
 """Weight against a robot, as parts of it, between which the parameters of steep runs set in."""
+FALLING = 0.75
+"""Weight against a robot, as a part of it, beyond which it falls where its belts give way."""
+SLIPPERY = 0.5
+"""Slip of a turn out of a branch beyond which it falls: up a steep run 0.66 and more where friction
+is 0.5 to 0.7, and up to 0.1 on a dry wall, where robots wedge whose outer belts run faster."""
+IN_PLANE = np.sin(np.radians(15.0))
+"""Sine of the angle to the plane of a turn beyond which a robot is turned back into it first."""
 
 
 class TrackingTable(Table):
@@ -63,6 +70,17 @@ class TrackingTable(Table):
     would push it out of the branch."""
     upward_rotation_limit: Annotated[Part, Unit("rad/m")] = 30.0
     """Cap on the rotation out of a branch where the run leads steeply up."""
+    # The springs throw the robot over, and belts that hold against that at the far wall drive it
+    # down. Up slippery runs (friction 0.5 to 0.65, 20 to 27 N, 0.6 and more of the weight against
+    # the robot) 88 of 96 pass with 2, 83 with 1, 82 with 0, 84 without; below 0.75 of the weight
+    # as many are lost as are gained.
+    upward_speed: Annotated[NotNegative, Unit("1")] = 2.0
+    """Least speed of the outer belts out of a branch where the run leads steeply up, until the
+    robot is round, as a part of the cruise speed. 0: none."""
+    # A belt that brakes at the rim holds a robot as well as the others push it.
+    retry_speed: Annotated[NotNegative, Unit("1")] = 0.5
+    """Least speed of all belts out of a branch when a robot tries again, as a part of the cruise
+    speed. 0: none."""
     centring: Annotated[NotNegative, Unit("1/m")] = 7.0
     """Slope back to the centreline for each metre of offset, on straights and straight over
     tees; for D = 160 mm, in proportion to 1/D. Friction holds a robot off the centreline, and
@@ -100,6 +118,7 @@ class Tracking:
         self._upward_lead = robot.own_length(each["upward_lead"])  # (n,) m
         self._upward_gain = each["upward_gain"] * REFERENCE_BORE / robot.nominal_bore
         self._upward_limit = each["upward_rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
+        self._upward_speed, self._retry_speed = each["upward_speed"], each["retry_speed"]
         self._weight = setup.gravity / GRAVITY  # (n, 3)
         self._rows = np.arange(setup.n)
 
@@ -159,6 +178,41 @@ class Tracking:
             wanted = cross(location.tangent, location.normal) * curvature[:, None] + wanted
         limit = limit * (1.0 + lean.most)  # the turn goes on while the robot leans
         return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
+
+    def forward_out_of_branch(
+        self,
+        wall_speed: Array,
+        location: Location,
+        rotation: Array,
+        slips: NDArray[np.bool_],
+        again: NDArray[np.bool_],
+        speed: Array,
+    ) -> Array:
+        """Return wall speeds (n, 3) m/s with those of robots on the way out of a branch raised:
+        ``upward_speed``, ``retry_speed``.
+
+        Args:
+            wall_speed: (n, 3) m/s, as wanted for the rotation.
+            location: where the robots are.
+            rotation: (n, 3, 3) robot frame in the world.
+            slips: (n,) robots whose turn slips, or may slip.
+            again: (n,) robots that try again.
+            speed: (n,) m/s, that of cruising.
+        """
+        passage, routes = location.passage, self.routes
+        towards = routes.directions.take(passage, axis=0)
+        merging = routes.out_of_branch.take(passage)
+        least = np.where(merging & again, self._retry_speed * speed, 0.0)[:, None]
+        falls = merging & (-dot(self._weight, towards) > FALLING)
+        falls &= (again | slips) & (routes.progress(passage, rotation) < 1.0)
+        if np.count_nonzero(falls):
+            normal = cross(routes.ahead.take(passage, axis=0), towards)
+            falls &= np.abs(dot(rotation[:, :, 2], normal)) < IN_PLANE
+            in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
+            turning = module_speeds(0.0 * speed, in_robot[:, 0], in_robot[:, 1], 1.0 + 0.0 * speed)
+            outer = falls[:, None] & (turning > 0)
+            least = np.where(outer, np.maximum(least, (self._upward_speed * speed)[:, None]), least)
+        return np.where(least > 0, np.maximum(wall_speed, least), wall_speed)
 
 
 def wall_speeds(
@@ -266,7 +320,8 @@ class Sway:
         path: of the ``SwayTable`` in its parameters.
 
     Attributes:
-        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts.
+        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts; of
+            turns out of a branch, too.
         turned: (n,) rad, the same by the gyroscope.
         slides: (n,) bool, robots that slip so much in the beginning of a turn that they had better
             begin it again.
@@ -290,19 +345,30 @@ class Sway:
         self._slipped[rows], self.slides[rows] = 0.0, False
 
     @property
+    def known(self) -> NDArray[np.bool_]:
+        """Robots (n,) that belts have turned far enough to tell the slip."""
+        return self.by_belts > SWAY.least_turn
+
+    @property
     def slip(self) -> Array:
-        """Slip of the turn (n,), 1; zero as long as belts have not turned a robot far enough."""
-        known = self.by_belts > SWAY.least_turn
-        return np.where(known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0)
+        """Slip of the turn (n,), 1; zero as long as it is not known."""
+        return np.where(
+            self.known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0
+        )
 
     def step(
-        self, observation: Observation, turning: NDArray[np.bool_], full: NDArray[np.bool_]
+        self,
+        observation: Observation,
+        turning: NDArray[np.bool_],
+        merging: NDArray[np.bool_],
+        full: NDArray[np.bool_],
     ) -> Lean:
         """Return the set point of the lean.
 
         Args:
             observation: of this moment.
             turning: (n,) robots that turn into a branch now.
+            merging: (n,) robots that turn out of one now, whose slip is measured.
             full: (n,) robots that sway in full at any slip, as they try again.
         """
         location = observation.location
@@ -312,7 +378,8 @@ class Sway:
         self._side = np.where(turning, self._side, beside)
         self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MOST_SLIP))
         again = np.where(full & turning, self._slipped, 0.0)
-        if not np.count_nonzero(turning):
+        measured = turning | merging
+        if not np.count_nonzero(measured):
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
             self.slides = turning  # none
             return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)), again)
@@ -320,17 +387,15 @@ class Sway:
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
         normal = cross(ahead, towards)
-        axis = rotation[:, :, 2]
-        heading = np.arctan2(dot(axis, towards), dot(axis, ahead))
-        progress = heading / self.routes.turn.take(passage)
+        progress = self.routes.progress(passage, rotation)
         in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
         radius = self.routes.radius.take(passage)
         # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
         belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
         gyro = dot(observation.angular_velocity, in_robot)
-        elapsed = np.where(turning & (progress < SWAY.judged), self.period, 0.0)
-        self.by_belts = np.where(turning, self.by_belts, 0.0) + elapsed * belts
-        self.turned = np.where(turning, self.turned, 0.0) + elapsed * gyro
+        elapsed = np.where(measured & (progress < SWAY.judged), self.period, 0.0)
+        self.by_belts = np.where(measured, self.by_belts, 0.0) + elapsed * belts
+        self.turned = np.where(measured, self.turned, 0.0) + elapsed * gyro
         start, end = SWAY.beginning
         begins = turning & ~full & (progress >= start) & (progress < end)
         self.slides = begins & (self.slip > self._begin_again)
