@@ -799,6 +799,34 @@ def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
     assert reducer.length == pytest.approx(0.1, abs=1e-3)
 
 
+def test_looks_from_behind_tell_a_radius_by_how_exactly_they_show_it():
+    """Not by how exactly they show where the bend ends: by a lamp the one look that shows that
+    best is off by 13 mm. Looks from before it count as well."""
+    errors = iter([(0.009, 0.0018), (-0.002, 0.0009), (0.013, 0.0003)])
+
+    def off(ahead):
+        if not isinstance(ahead.fitting, Elbow):
+            return ahead
+        by, std = (0.0, 0.001) if ahead.enter == "start" else next(errors, (0.0, 0.001))
+        bend = replace(ahead.fitting, mean_radius=ahead.fitting.mean_radius + by)
+        sizes = {"mean_radius": 0.006}
+        confidence = 1.0 if ahead.distance < 0.3 else 0.9  # in doubt: it is measured from behind
+        return replace(
+            ahead, fitting=bend, distance_std=std, size_stds=sizes, confidence=confidence
+        )
+
+    bend = {"kind": "elbow", "name": "bend", "mean_radius": 0.24}
+    parts = [straight("foot", 0.8), bend, straight("on", 0.8)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=off)
+    ghost.run()
+    assert next(errors, None) is None
+    fittings = [part.fitting for part in ghost.explorer.belief.network.pipes.parts]
+    (elbow,) = (fitting for fitting in fittings if isinstance(fitting, Elbow))
+    # Looks from behind agree less, so they count less than half.
+    assert 0.241 < elbow.mean_radius < 0.24 + 0.02 / 6
+
+
 @pytest.mark.parametrize(("std", "looks"), [(0.002, 3), (0.0095, 4)])
 def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
     """Until the mean of the looks is known to 5 mm, and at least three times."""

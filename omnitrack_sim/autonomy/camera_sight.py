@@ -51,6 +51,9 @@ class CameraSightSettings:
         angles: rad, of elbows as most are sold. By a lamp, an angle nearby counts as such a one
             until it is measured behind the elbow: before, the end of the elbow is hidden.
         angle_error: rad, how near: a lamp shows 5 to 18 degrees too much.
+        radius: standard deviation of a mean radius by a lamp, as a part of it. What a look itself
+            tells, 0.8 to 4 %, says little: 120 looks at 90 degrees of 1.5 bores scattered by 1.7 %,
+            those of robots by 2.3 %.
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -63,6 +66,7 @@ class CameraSightSettings:
     by_lamp: float = 0.9
     angles: tuple[float, ...] = (math.radians(45), math.radians(90))
     angle_error: float = math.radians(20)
+    radius: float = 0.025
     first_picture: int = 1_000_000
 
 
@@ -185,6 +189,8 @@ def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
     """Return a sighting by a lamp with what a lamp shows badly, out of a pipe or of a fitting."""
     seen = ahead.fitting
     if isinstance(seen, Elbow):
+        told = max(ahead.size_stds.get("mean_radius", 0.0), CAMERA_SIGHT.radius * seen.mean_radius)
+        ahead = replace(ahead, size_stds={**ahead.size_stds, "mean_radius": told})
         nearest = min(CAMERA_SIGHT.angles, key=lambda angle: abs(angle - seen.angle))
         if abs(nearest - seen.angle) < CAMERA_SIGHT.angle_error:
             ahead = replace(ahead, fitting=replace(seen, angle=nearest))

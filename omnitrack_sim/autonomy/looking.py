@@ -55,7 +55,8 @@ class LookSettings:
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         distance_floor: m, standard deviation of what looks at one end have in common, which no
             mean of them reduces.
-        radius_floor: the same of the mean radius of an elbow, as a part of it.
+        radius_floor: the same of the mean radius of an elbow, as a part of it: by a lamp means of
+            five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
         bore_floor: the same of a diameter, as a part of it.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
         for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
@@ -80,7 +81,7 @@ class LookSettings:
     most_size_std: float = 0.005
     most_reducer_std: float = 0.02
     distance_floor: float = 0.001
-    radius_floor: float = 0.02
+    radius_floor: float = 0.005
     bore_floor: float = 0.01
     for_sizes: int = 3
     for_radius: int = 5
@@ -220,8 +221,11 @@ class CloseLooks:
         return "its length was seen from one side only" if least > LOOKS.most_size_std else ""
 
     def weight(self) -> float:
-        """Return the weight of the mean length, 1/m²: the inverse of its variance."""
-        return float(_weights(self._stds()).sum())
+        """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m²: the
+        inverse of its variance, 0 by error-free sight."""
+        stds = self.stds()
+        std = stds["mean_radius" if "mean_radius" in stds else "length"]
+        return std**-2 if std else 0.0
 
     def _stds(self) -> list[float]:
         return [look.distance_std for look, _ in self._looks]
@@ -279,7 +283,7 @@ class LookingBack:
 
         Args:
             part: of the map.
-            weight: 1/m², with which the length that the map has counts beside these looks.
+            weight: 1/m², with which the size that the map has counts beside these looks.
         """
         self._sizes[part], self._weights[part] = [], weight
 
@@ -298,17 +302,16 @@ class LookingBack:
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return None
         size, fitting = float(np.average(sizes, weights=_weights(stds))), self._belief.fitting(part)
+        key, floor = "length", LOOKS.distance_floor
         if isinstance(fitting, Elbow):
-            std = common_std(LOOKS.radius_floor * size, stds.tolist(), sizes.tolist())
-            return part, "mean_radius", size, std
-        assert isinstance(fitting, Reducer)
-        std = common_std(LOOKS.distance_floor, stds.tolist(), sizes.tolist())
-        if self._weights[part]:
-            # Looks from both sides count by how exactly they show its ends.
-            both = [_weights(stds).sum(), self._weights[part]]
-            size = float(np.average([size, fitting.length], weights=both))
-            std = common_std(LOOKS.distance_floor, [both[0] ** -0.5, both[1] ** -0.5])
-        return part, "length", size, std
+            key, floor = "mean_radius", LOOKS.radius_floor * size
+        std = common_std(floor, stds.tolist(), sizes.tolist())
+        if std and self._weights[part]:
+            # Looks from both sides count by how exactly they show it.
+            both = [std**-2, self._weights[part]]
+            size = float(np.average([size, getattr(fitting, key)], weights=both))
+            std = sum(both) ** -0.5
+        return part, key, size, std
 
     def once_more(self, route: Route, distance: float) -> bool:
         """Plan a second look back, from arc length ``distance`` m on, if the robot has looked back
@@ -364,7 +367,8 @@ class LookingBack:
         if sizes is not None and isinstance(behind.fitting, Reducer):
             sizes.append((behind.fitting.length, behind.distance_std))
         elif sizes is not None and isinstance(behind.fitting, Elbow):
-            sizes.append((behind.fitting.mean_radius, behind.distance_std))
+            std = behind.size_stds.get("mean_radius", 0.0)
+            sizes.append((behind.fitting.mean_radius, std))
         if sizes is None or _is_measured(sizes):
             self._done.add(here.index)
         self.placed = place
