@@ -176,7 +176,7 @@ class Explorer(MapPilot):
     def left(self) -> str:
         """See ``Pilot``."""
         ports = {self.belief.name(end): why for end, why in self._left.items()}
-        doubts = self._doubts | self._back.doubts
+        doubts = self.belief.unsure() | self._doubts | self._back.doubts
         return ", ".join(f"{name} ({why})" for name, why in (ports | doubts).items())
 
     def done_at(self, distance: float) -> float:
@@ -450,7 +450,10 @@ class Explorer(MapPilot):
             belief.resize(here.index, inner_diameter=missed.bore, length=gap)
         part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
         stds = [behind.distance_std] * len(missed.lengths)
-        belief.measured(part, length=common_std(LOOKS.distance_floor, stds, missed.lengths))
+        std = common_std(LOOKS.distance_floor, stds, missed.lengths)
+        belief.measured(part, length=std)
+        if not direct:
+            belief.measured(here.index, length=math.hypot(std, behind.distance_std, look.std))
         path = (*path, (part, near, behind.enter))
         straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
         if noted is not None:
@@ -529,9 +532,10 @@ class Explorer(MapPilot):
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
+        i = self._closer.index(route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._before(route)[0]).is_plain
-        few = self._close.are_few()
+        few = self._close.are_few(route.passages[-1 if i is None else i].s_enter)
         return plain and not late and few and self._shows_sizes(ahead, route)
 
     def _before(self, route: Route) -> Edge:
@@ -632,6 +636,8 @@ class Explorer(MapPilot):
             # A lamp shows the cone of a reducer no better from behind.
             if isinstance(fitting, Elbow):
                 self._back.measure(part)
+        elif name in self.belief.unsure() and isinstance(fitting, Elbow | Reducer):
+            self._back.measure(part, weight)
 
     def _length_std(self, part: int, look: Look, end_std: float) -> float:
         """Return the standard deviation, m, of the length of a straight ``part`` whose end a look

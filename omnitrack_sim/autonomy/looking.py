@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import BELIEF, Belief
+from omnitrack_sim.autonomy.belief import BELIEF, Belief, unsure
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Wye
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Straight, Wye
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 
 
@@ -59,9 +59,9 @@ class LookSettings:
             five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
         bore_floor: the same of a diameter, as a part of it.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
-        for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
-            90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
-            the least and the greatest by 3; of looks at 45 degrees one in five is off by 60 mm.
+        for_more: the same where they leave a size in doubt, or the length of the pipe before it,
+            or differ in the radius of an elbow: of looks by a lamp at 45 degrees one in five is off
+            by 60 mm, and the least and the greatest of five are left out.
     """
 
     behind: float = 0.1
@@ -84,7 +84,7 @@ class LookSettings:
     radius_floor: float = 0.005
     bore_floor: float = 0.01
     for_sizes: int = 3
-    for_radius: int = 5
+    for_more: int = 5
 
 
 LOOKS = LookSettings()
@@ -173,11 +173,20 @@ class CloseLooks:
         """Add a sighting made at arc length ``distance`` m."""
         self._looks.append((ahead, distance))
 
-    def are_few(self) -> bool:
-        """Return whether another look is needed for the sizes to be known."""
+    def are_few(self, before: float) -> bool:
+        """Return whether another look is needed for the sizes to be known, and the length of the
+        pipe before the fitting, as far as a map may not be wrong in them; ``before``: m, arc length
+        where that pipe begins."""
+        if len(self._looks) < LOOKS.for_sizes:
+            return True
         radii = self._radii() or [0.0]
-        differ = max(radii) - min(radii) > LEAST_LENGTH / 2
-        return len(self._looks) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
+        begin, std = self.begin_of(*self._looks[-1])
+        more = (
+            max(radii) - min(radii) > LEAST_LENGTH / 2
+            or unsure(Straight(max(begin - before, BELIEF.shortest)), {"length": std})
+            or unsure(self.mean(), self.stds())
+        )
+        return bool(more) and len(self._looks) < LOOKS.for_more
 
     def begin_of(self, ahead: Ahead, distance: float) -> tuple[float, float]:
         """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
