@@ -29,6 +29,7 @@ from omnitrack_sim.autonomy.looking import (
     LookingCloser,
     MissedReducer,
     common_std,
+    is_along,
     size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
@@ -72,8 +73,6 @@ class ExplorerSettings:
         slip: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
             filter, which has to follow belts that slip, ten lengths were off by a quarter of what
             was stated.
-        most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
-            in that picture are wrong: by a lamp radii are 20 mm too great beyond.
         most_move: m, between the positions of an end by looks from afar and from close by, from
             which on the length of the pipe is in doubt: the robot may have slipped.
         touch: m, from the nose to an observed end, within which a robot without progress is there.
@@ -94,7 +93,6 @@ class ExplorerSettings:
     confidence: float = 0.5
     sure: float = 0.95
     slip: float = 0.005
-    most_off: float = math.radians(1.5)
     most_move: float = 0.06
     touch: float = 0.05
     rest: float = math.radians(35)
@@ -196,7 +194,7 @@ class Explorer(MapPilot):
             if decision is not None:
                 return decision
         elif self.looks_back(distance):
-            distance = self._back.located(self.route(), distance, look.behind)
+            distance = self._back.located(self.route(), look)
             distance += self._measure_passed()
             if distance != look.distance:
                 self._closer.forget()
@@ -515,11 +513,10 @@ class Explorer(MapPilot):
         sized = self._shows_sizes(ahead, route)
         if not sized or not self._close.are_of(ahead):
             self._close.clear()
-        # A picture in which the axis of the pipe is wrong has wrong sizes too.
         part, _, leave = self._before(route)
-        off = angle_between(look.frame @ ahead.axis, self.belief.port((part, leave)).rotation[:, 2])
+        axis = self.belief.port((part, leave)).rotation[:, 2]
         in_pipe = self.belief.fitting(part).is_plain
-        if sized and not (in_pipe and off > EXPLORER.most_off):
+        if sized and (is_along(ahead, look.frame, axis) or not in_pipe):
             self._close.add(ahead, look.distance)
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
@@ -591,8 +588,12 @@ class Explorer(MapPilot):
         if self._close.are_of(ahead):
             stds = self._close.stds()
             fitting, weight, doubt = self._close.mean(), self._close.weight(), self._close.doubt()
+            name = belief.next_name(fitting)
+            if ahead.confidence > EXPLORER.sure:
+                # They replace what was seen from afar.
+                self._doubts.pop(name, None)
             if doubt:
-                self._doubts.setdefault(belief.next_name(fitting), doubt)
+                self._doubts.setdefault(name, doubt)
             self._close.clear()
         fitting = _fitted(fitting, ahead.enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         # The map may have the fitting already, by another way.

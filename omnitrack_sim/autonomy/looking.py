@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief, unsure
-from omnitrack_sim.autonomy.sight import Ahead
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.autonomy.sight import Ahead, Look
+from omnitrack_sim.base.rotations import TURNED, Array, angle_between
 from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Straight, Wye
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 
@@ -49,6 +49,8 @@ class LookSettings:
         doubt: m, travel to the next look where two contradict each other.
         least_std: m, standard deviation of a distance below which one look counts no more than
             another.
+        most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
+            in that picture are wrong: by a lamp radii are 20 mm too great beyond.
         most_size_std: m, standard deviation of a size measured from behind up to which it is known:
             half of what lengths on a map may be wrong by.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
@@ -78,6 +80,7 @@ class LookSettings:
     again: float = 0.003
     doubt: float = 0.01
     least_std: float = 1e-4
+    most_off: float = math.radians(1.5)
     most_size_std: float = 0.005
     most_reducer_std: float = 0.02
     distance_floor: float = 0.001
@@ -341,14 +344,10 @@ class LookingBack:
                     return min(at, self._once_more)
         return self._once_more
 
-    def located(self, route: Route, distance: float, behind: Ahead | None) -> float:
-        """Return the arc length of a robot on a route, m, from a look back.
-
-        Args:
-            route: it drives along.
-            distance: m, its estimate of the arc length; returned where the look is ambiguous.
-            behind: the look.
-        """
+    def located(self, route: Route, look: Look) -> float:
+        """Return the arc length of a robot on a route, m, from a look back: that by its own
+        estimate where the look is ambiguous."""
+        distance, behind = look.distance, look.behind
         i = route.index_at(distance)
         here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
@@ -372,10 +371,13 @@ class LookingBack:
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
-        sizes = self._sizes.get(route.passages[i - 1].index)
+        passed = route.passages[i - 1]
+        sizes = self._sizes.get(passed.index)
+        axis = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
         if sizes is not None and isinstance(behind.fitting, Reducer):
             sizes.append((behind.fitting.length, behind.distance_std))
-        elif sizes is not None and isinstance(behind.fitting, Elbow):
+        elif sizes is not None and is_along(behind, look.frame * TURNED, axis):
+            assert isinstance(behind.fitting, Elbow)
             std = behind.size_stds.get("mean_radius", 0.0)
             sizes.append((behind.fitting.mean_radius, std))
         if sizes is None or _is_measured(sizes):
@@ -400,6 +402,12 @@ class LookingBack:
         known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
         if all(abs(at - s_leave) > LOOKS.most_shift for s_leave in known):
             self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
+
+
+def is_along(ahead: Ahead, frame: Array, axis: Array) -> bool:
+    """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
+    where it is: a picture in which that is wrong has wrong sizes too."""
+    return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.most_off
 
 
 def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
