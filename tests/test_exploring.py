@@ -965,6 +965,30 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
     assert of_kind(ghost, ExplorationComplete)
 
 
+def test_a_reducer_directly_behind_a_fitting_is_as_long_as_there_is_room():
+    """By a lamp looks back differ in its length by 70 mm, and agree in where its end is."""
+    errors = iter([-0.001, 0.05, 0.068])
+
+    def overlooked(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        if ahead.enter == "start":
+            return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
+        cone = replace(ahead.fitting, length=ahead.fitting.length + next(errors, 0.0))
+        return replace(ahead, fitting=cone, distance_std=0.001)
+
+    parts = [straight("foot", 0.5), tee("tee"), straight("side"), reducer("wider", 0.17)]
+    parts.append(straight("on", 0.7, inner_diameter=0.17))
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
+    joints += [joint("tee.run_end", "wider.start"), joint("wider.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
+    ghost.run()
+    assert next(errors, None) is None
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference
+
+
 @pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
 def test_a_bore_that_no_reducer_explains_is_given_up(before):
     """The pipe has its bore again, and is in doubt. The robot looks back for the reducer a few

@@ -433,8 +433,9 @@ class Explorer(MapPilot):
         robot; give up the search and return None where it has no room there."""
         belief, behind, here = self.belief, look.behind, self.route().passages[-1]
         assert behind is not None
+        assert isinstance(reducer, Reducer)
         at = look.distance - behind.distance
-        gap = at - reducer.length_of_axes - here.s_enter
+        gap = at - reducer.length - here.s_enter
         direct = gap <= BELIEF.least_straight
         if gap < -LOOKS.most_shift or (direct and not belief.drop(here.index)):
             self._stop_looking_back()
@@ -442,16 +443,23 @@ class Explorer(MapPilot):
         self._missed = None
         noted, path = belief.ends.pop((here.index, here.leave), None), self.leg.path
         self._doubts.pop(here.part.name, None)
-        if direct:
-            path = path[:-1]
-        else:
-            belief.resize(here.index, inner_diameter=missed.bore, length=gap)
-        part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
         stds = [behind.distance_std] * len(missed.lengths)
         std = common_std(LOOKS.distance_floor, stds, missed.lengths)
+        placed, shift = math.hypot(behind.distance_std, look.std), 0.0
+        if direct:
+            path = path[:-1]
+            # It begins where the fitting before it ends: where the robot is tells its length too.
+            weights = np.maximum([std, placed], LOOKS.least_std) ** -2
+            length = reducer.length + gap * float(weights[1] / weights.sum())
+            length = max(length, reducer.length / 2)  # not a step, however badly it knows its place
+            shift = length - reducer.length - gap
+            reducer = replace(reducer, length=length)
+            std = math.hypot(LOOKS.distance_floor, weights.sum() ** -0.5) if std else 0.0
+        else:
+            belief.resize(here.index, inner_diameter=missed.bore, length=gap)
+            belief.measured(here.index, length=math.hypot(std, placed))
+        part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
         belief.measured(part, length=std)
-        if not direct:
-            belief.measured(here.index, length=math.hypot(std, behind.distance_std, look.std))
         path = (*path, (part, near, behind.enter))
         straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
         if noted is not None:
@@ -462,7 +470,7 @@ class Explorer(MapPilot):
         if behind.confidence < EXPLORER.sure:
             self._doubts[name] = "its sizes hardly show"
         event = FittingFound(self._number, look.time, name, -behind.distance)
-        return Decision(self.leg, True, [event], -gap if direct else 0.0)
+        return Decision(self.leg, True, [event], shift)
 
     def _stop_looking_back(self) -> None:
         """Give up the search for a missed reducer, and restore the bore of the straight."""
