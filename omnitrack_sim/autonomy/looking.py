@@ -50,7 +50,7 @@ class LookSettings:
         least_std: m, standard deviation of a distance below which one look counts no more than
             another.
         most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
-            in that picture are wrong: by a lamp radii are 20 mm too great beyond.
+            and distances in that are wrong: by a lamp radii and distances are 20 mm too great.
         most_size_std: m, standard deviation of a size measured from behind up to which it is known:
             half of what lengths on a map may be wrong by.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
@@ -351,7 +351,7 @@ class LookingBack:
         i = route.index_at(distance)
         here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
-        if i == 0 or behind is None or not self._is_clear(route, i, behind):
+        if i == 0 or behind is None or not self._is_clear(route, i, look):
             self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
             self._vain[here.index] += 1
             return distance
@@ -371,13 +371,10 @@ class LookingBack:
         # One wrong look must not move the robot far along its map.
         if abs(shift) > LOOKS.most_shift and abs(shift - before) > LOOKS.agreement:
             return distance
-        passed = route.passages[i - 1]
-        sizes = self._sizes.get(passed.index)
-        axis = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
+        sizes = self._sizes.get(route.passages[i - 1].index)
         if sizes is not None and isinstance(behind.fitting, Reducer):
             sizes.append((behind.fitting.length, behind.distance_std))
-        elif sizes is not None and is_along(behind, look.frame * TURNED, axis):
-            assert isinstance(behind.fitting, Elbow)
+        elif sizes is not None and isinstance(behind.fitting, Elbow):
             std = behind.size_stds.get("mean_radius", 0.0)
             sizes.append((behind.fitting.mean_radius, std))
         if sizes is None or _is_measured(sizes):
@@ -387,13 +384,16 @@ class LookingBack:
         self.doubts.pop(here.part.name, None)
         return located
 
-    def _is_clear(self, route: Route, i: int, behind: Ahead) -> bool:
+    def _is_clear(self, route: Route, i: int, look: Look) -> bool:
         """Return whether a look back from passage ``i`` clearly shows a fitting."""
-        if behind.fitting is None or behind.confidence < self._confidence:
+        behind, passed = look.behind, route.passages[i - 1]
+        if behind is None or behind.fitting is None or behind.confidence < self._confidence:
             return False
         if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
             return False
-        return self._belief.fitting(route.passages[i].index).is_plain
+        into = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
+        plain = self._belief.fitting(route.passages[i].index).is_plain
+        return plain and is_along(behind, look.frame * TURNED, into)
 
     def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
         """Note that a look back from passage ``i`` shows a fitting that is not on the map."""
@@ -406,7 +406,7 @@ class LookingBack:
 
 def is_along(ahead: Ahead, frame: Array, axis: Array) -> bool:
     """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
-    where it is: a picture in which that is wrong has wrong sizes too."""
+    where it is: a picture in which that is wrong has wrong sizes and distances too."""
     return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.most_off
 
 
