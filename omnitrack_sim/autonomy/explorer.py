@@ -35,9 +35,9 @@ from omnitrack_sim.autonomy.looking import (
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
-from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+from omnitrack_sim.base.rotations import Array, angle_between, unit
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
+from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
@@ -354,7 +354,8 @@ class Explorer(MapPilot):
         itself = last.index == out_of[0] and at < (last.s_enter + last.s_leave) / 2
         if itself or self._is_rest(ahead, look, out_of):
             return False
-        return self._confirmation.confirms(ahead, distance)
+        side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])
+        return self._confirmation.confirms(ahead, distance, side)
 
     def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
         """Return whether a bend sighted out of another bend may be the far end of that one."""
@@ -610,9 +611,12 @@ class Explorer(MapPilot):
             events = [] if known is None else [self._closes(time, end, known)]
             self._go_on(path)
             return self._replan(time, events, self._onward(distance))
-        part = belief.attach(
-            end, fitting, ahead.enter, _side(ahead, look, belief.port(end).rotation[:, 2])
-        )
+        side, apart = _side(ahead, look, belief.port(end).rotation[:, 2]), 0.0
+        if self._confirmation.side is not None:
+            side, apart = _between(self._confirmation.side, side, fitting, ahead.enter)
+        part = belief.attach(end, fitting, ahead.enter, side)
+        if apart > ANGLES and not fitting.is_axial:
+            self._doubt(part, f"looks at it differ by {math.degrees(apart):.0f} deg in direction")
         belief.measured(part, **stds)
         self._measure_later(part, ahead, weight)
         events, name = list[Event](), belief.part_name(part)
@@ -885,6 +889,14 @@ def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
     (3,), world frame."""
     side = side_of(look.frame, axis)
     return math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
+
+
+def _between(first: Array, side: Array, fitting: Fitting, enter: str) -> tuple[Array, float]:
+    """Return the mean of two directions (3,) of a fitting, and the angle between them, rad."""
+    if isinstance(fitting, Tee) and enter == "branch" and first @ side < 0:
+        first = -first  # From there a tee looks the same from both sides.
+    apart = float(angle_between(first, side))
+    return (unit(first + side) if apart < math.pi / 2 else side), apart
 
 
 def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:

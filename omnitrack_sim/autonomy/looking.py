@@ -121,33 +121,43 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
 
 class Confirmation:
     """Confirms a fitting that is sighted out of another one by a second sighting of the same kind
-    at the same position: a bend that is not over looks like another one that begins at the lens."""
+    at the same position: a bend that is not over looks like another one that begins at the lens.
+
+    Attributes:
+        side: (3,) direction of the fitting, see ``side_of``, by the sighting that the last one has
+            confirmed; None where it has confirmed none.
+    """
 
     def __init__(self) -> None:
-        # Kind of the sighting to be confirmed, where it is, and from where it was made, m.
-        self._first: tuple[tuple[str, str], float, float] | None = None
+        # Kind of the sighting to be confirmed, where it is, and from where it was made, m, and the
+        # direction of the fitting.
+        self._first: tuple[tuple[str, str], float, float, Array] | None = None
+        self.side: Array | None = None
 
-    def confirms(self, ahead: Ahead, distance: float) -> bool:
-        """Return whether a sighting made at arc length ``distance`` m confirms the one before; if
-        it does not, the next one is compared with it."""
+    def confirms(self, ahead: Ahead, distance: float, side: Array) -> bool:
+        """Return whether a sighting made at arc length ``distance`` m, of a fitting in direction
+        ``side`` (3,), confirms the one before; if it does not, the next one is compared with it."""
         at, bends, confirmed = distance + ahead.distance, isinstance(ahead.fitting, Elbow), False
+        self.side = None
         if self._first is not None and self._first[0] == ahead.kind:
-            _, before, since = self._first
+            _, before, since, first = self._first
             # The rest of a bend begins at the lens and moves with it; another bend has to stay
             # where it is. Other fittings are not seen where there are none.
             confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
             if bends and not confirmed and at > before:
                 return False  # Since the first sighting the rest of a bend has moved farthest.
+            if confirmed:
+                self.side = first
         # The robot's estimate may have been off at the first sighting, so this one replaces it: so
         # it was where a bend has come nearer, as its rest moves on alone.
-        self._first = None if confirmed else (ahead.kind, at, distance)
+        self._first = None if confirmed else (ahead.kind, at, distance, side)
         return confirmed
 
     def cancel(self) -> str:
         """Forget the sighting that has not been confirmed; return the kind of its fitting, "" for
         none and for an elbow, which often is the rest of the bend before."""
         kind = "" if self._first is None else self._first[0][0]
-        self._first = None
+        self._first = self.side = None
         return "" if kind == Elbow.kind else kind
 
 
