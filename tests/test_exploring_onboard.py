@@ -48,7 +48,7 @@ def explored():
             tee("tee"),
             straight("run", 0.3),
             elbow("knee", mean_radius=0.12),
-            straight("arm", 0.12),
+            straight("arm", 0.3),
         ],
         "joints": [
             joint("inlet.end", "tee.run_start"),
@@ -87,7 +87,7 @@ def test_a_robot_says_how_sure_it_is_of_its_map(explored, tmp_path, capsys):
     explored.save(tmp_path / "run")
     again = ot.load_result(tmp_path / "run")
     assert again.map_stds == explored.map_stds
-    assert again.map_difference().sizes == sizes
+    assert [size.cells for size in again.map_difference().sizes] == [size.cells for size in sizes]
     again.save(tmp_path / "again")
     one, other = ((tmp_path / run / "result.json").read_bytes() for run in ("run", "again"))
     assert one == other
@@ -220,6 +220,13 @@ def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, con
         assert isinstance(told.fitting, Elbow)
         assert np.degrees(told.fitting.angle) == pytest.approx(angle)
         assert told.fitting.mean_radius == 0.24
+
+
+def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
+    """Whatever a single look tells."""
+    stds = {"mean_radius": 0.002, "angle": 0.1}
+    told = by_lamp(Ahead(fitting=Elbow(0.24), size_stds=stds), True)
+    assert told.size_stds == {"mean_radius": pytest.approx(0.006), "angle": 0.1}
 
 
 def test_arms_of_a_robot_off_the_middle_measure_no_bore():
