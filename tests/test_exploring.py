@@ -907,6 +907,26 @@ def test_looks_from_behind_in_which_the_axis_is_wrong_tell_nothing():
     assert next(leans, None) is None
 
 
+def test_two_looks_back_in_a_pipe_tell_more_than_one():
+    """Each places the robot to 4.5 mm, 3 mm too near and too far: 9 mm are too much for a pipe of
+    350 mm by one, and both together tell its length."""
+    errors = iter([0.003, -0.003])
+
+    def off(ahead):
+        if not isinstance(ahead.fitting, Elbow) or ahead.enter == "start":
+            return replace(ahead, distance_std=0.001)
+        return replace(ahead, distance=ahead.distance + next(errors, 0.0), distance_std=0.0045)
+
+    bend = {"kind": "elbow", "name": "bend", "mean_radius": 0.24}
+    parts = [straight("foot", 0.8), bend, straight("on", 0.35)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=off)
+    ghost.run()
+    belief = ghost.explorer.belief
+    assert belief.fitting(2).length_of_axes == pytest.approx(0.35, abs=5e-4)
+    assert 0.003 < belief.stds["straight_2"]["length"] < 0.004
+
+
 @pytest.mark.parametrize(("std", "looks"), [(0.002, 3), (0.0095, 4)])
 def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
     """Until the mean of the looks is known to 5 mm, and at least three times."""

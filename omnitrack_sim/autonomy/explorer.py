@@ -70,9 +70,6 @@ class ExplorerSettings:
         settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
-        slip: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
-            filter, which has to follow belts that slip, ten lengths were off by a quarter of what
-            was stated.
         most_move: m, between the positions of an end by looks from afar and from close by, from
             which on the length of the pipe is in doubt: the robot may have slipped.
         touch: m, from the nose to an observed end, within which a robot without progress is there.
@@ -92,7 +89,6 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
-    slip: float = 0.005
     most_move: float = 0.06
     touch: float = 0.05
     rest: float = math.radians(35)
@@ -659,7 +655,7 @@ class Explorer(MapPilot):
         if end_std == 0.0 or placed is None or placed[0] != part:
             return math.hypot(end_std, look.std)
         _, at, std = placed
-        return math.hypot(end_std, std, EXPLORER.slip * (look.distance - at))
+        return math.hypot(end_std, std, LOOKS.travel * (look.distance - at))
 
     def _measure_bend(self, axis: Array, std: float) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe

@@ -45,6 +45,9 @@ class LookSettings:
         slip: standard deviations of two looks by which travel between them has to be off for the
             belts to have slipped: of 440 looks by both cameras one was off by more than 3.
         least_slip: m, the same in addition.
+        travel: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
+            filter, which has to follow belts that slip, ten lengths were off by a quarter of what
+            was stated.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
         least_std: m, standard deviation of a distance below which one look counts no more than
@@ -77,6 +80,7 @@ class LookSettings:
     out_of_fitting: float = 0.03
     slip: float = 3.0
     least_slip: float = 0.005
+    travel: float = 0.005
     again: float = 0.003
     doubt: float = 0.01
     least_std: float = 1e-4
@@ -374,7 +378,7 @@ class LookingBack:
         place = here.index, located, common_std(LOOKS.distance_floor, [behind.distance_std])
         if here.index in self._done:
             if not _slipped(shift, behind.distance_std):
-                return distance
+                return self._placed_again(here.index, distance, shift, place[2])
             self.placed = place
             return located
         self._shift = shift
@@ -389,9 +393,25 @@ class LookingBack:
             sizes.append((behind.fitting.mean_radius, std))
         if sizes is None or _is_measured(sizes):
             self._done.add(here.index)
-        self.placed = place
+        again = self.placed is not None and self.placed[0] == here.index
+        if again and place[2] > 0.0 and not _slipped(shift, behind.distance_std):
+            located = self._placed_again(here.index, distance, shift, place[2])
+        else:
+            self.placed = place
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
+        return located
+
+    def _placed_again(self, part: int, distance: float, shift: float, std: float) -> float:
+        """Return the arc length, m, of a robot in pipe ``part`` by one more look that agrees with
+        that before, ``shift`` m farther on and to ``std`` m: the mean of both."""
+        if std == 0.0 or self.placed is None or self.placed[0] != part:
+            return distance
+        _, at, before = self.placed
+        before = math.hypot(before, LOOKS.travel * (distance - at))
+        weights = _weights([before, std])
+        located = distance + shift * float(weights[1] / weights.sum())
+        self.placed = part, located, max(float(weights.sum()) ** -0.5, LOOKS.distance_floor)
         return located
 
     def _is_clear(self, route: Route, i: int, look: Look) -> bool:
