@@ -907,6 +907,27 @@ def test_looks_from_behind_in_which_the_axis_is_wrong_tell_nothing():
     assert next(leans, None) is None
 
 
+@pytest.mark.parametrize("where", [1.4, np.inf], ids=["it slips", "it is seen wrongly"])
+def test_a_pipe_with_looks_at_its_end_that_differ_is_in_doubt(where):
+    """By 35 mm, where they are said to be right to 3: whether belts have slipped or a look is wrong
+    cannot be told from that."""
+
+    def off(ahead):
+        if ahead.distance > 0.4:
+            return Ahead(distance=0.4, axis=ahead.axis)
+        far = ahead.end == "open" and ahead.distance > 0.3
+        wrong = 0.035 if far and where == np.inf else 0.0
+        return replace(ahead, distance=ahead.distance + wrong, distance_std=0.003)
+
+    bend = {"kind": "elbow", "name": "bend", "mean_radius": 0.24}
+    parts = [straight("foot", 0.4), bend, straight("on", 0.9)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=off, slip=(where, 0.035))
+    ghost.run()
+    assert "straight_2 (its length may be off by" in ghost.explorer.left
+
+
 def test_two_looks_back_in_a_pipe_tell_more_than_one():
     """Each places the robot to 4.5 mm, 3 mm too near and too far: 9 mm are too much for a pipe of
     350 mm by one, and both together tell its length."""

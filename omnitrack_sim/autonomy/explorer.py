@@ -198,6 +198,7 @@ class Explorer(MapPilot):
             return Decision(self.leg, True, (), distance - look.distance)
         located = self._closer.located(self.route(), distance, look.ahead)
         self._doubt_end(located - distance)
+        self._back.slipped(located - distance)
         distance, shift = located, located - look.distance
         return self._look_on(look._replace(distance=distance))._replace(shift=shift)
 

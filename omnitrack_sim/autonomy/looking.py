@@ -380,6 +380,7 @@ class LookingBack:
             if not _slipped(shift, behind.distance_std):
                 return self._placed_again(here.index, distance, shift, place[2])
             self.placed = place
+            self.slipped(shift)
             return located
         self._shift = shift
         # One wrong look must not move the robot far along its map.
@@ -401,6 +402,13 @@ class LookingBack:
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
         return located
+
+    def slipped(self, shift: float) -> None:
+        """Take note that looks at one end of the pipe differ by ``shift`` m: belts have slipped by
+        that, or one of the looks is as wrong."""
+        if self.placed is not None:
+            part, at, std = self.placed
+            self.placed = part, at, math.hypot(std, shift)
 
     def _placed_again(self, part: int, distance: float, shift: float, std: float) -> float:
         """Return the arc length, m, of a robot in pipe ``part`` by one more look that agrees with
