@@ -613,7 +613,9 @@ class Explorer(MapPilot):
             side, apart = _between(self._confirmation.side, side, fitting, ahead.enter)
         part = belief.attach(end, fitting, ahead.enter, side)
         if apart > ANGLES and not fitting.is_axial:
-            self._doubt(part, f"looks at it differ by {math.degrees(apart):.0f} deg in direction")
+            # Of its port: sizes that are measured later say nothing about it.
+            name = belief.name((part, ahead.enter))
+            self._doubts[name] = f"looks differ by {math.degrees(apart):.0f} deg in direction"
         belief.measured(part, **stds)
         self._measure_later(part, ahead, weight)
         events, name = list[Event](), belief.part_name(part)
