@@ -11,7 +11,7 @@ from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of, by_lamp
+from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of, by_depth, by_lamp
 from omnitrack_sim.autonomy.looking import common_std
 from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.autonomy.sight import Ahead
@@ -48,7 +48,7 @@ def explored():
             tee("tee"),
             straight("run", 0.3),
             elbow("knee", mean_radius=0.12),
-            straight("arm", 0.12),
+            straight("arm", 0.3),
         ],
         "joints": [
             joint("inlet.end", "tee.run_start"),
@@ -87,7 +87,7 @@ def test_a_robot_says_how_sure_it_is_of_its_map(explored, tmp_path, capsys):
     explored.save(tmp_path / "run")
     again = ot.load_result(tmp_path / "run")
     assert again.map_stds == explored.map_stds
-    assert again.map_difference().sizes == sizes
+    assert [size.cells for size in again.map_difference().sizes] == [size.cells for size in sizes]
     again.save(tmp_path / "again")
     one, other = ((tmp_path / run / "result.json").read_bytes() for run in ("run", "again"))
     assert one == other
@@ -220,6 +220,19 @@ def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, con
         assert isinstance(told.fitting, Elbow)
         assert np.degrees(told.fitting.angle) == pytest.approx(angle)
         assert told.fitting.mean_radius == 0.24
+
+
+def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
+    """Whatever a single look tells."""
+    stds = {"mean_radius": 0.002, "angle": 0.1}
+    told = by_lamp(Ahead(fitting=Elbow(0.24), size_stds=stds), True)
+    assert told.size_stds == {"mean_radius": pytest.approx(0.006), "angle": 0.1}
+
+
+@pytest.mark.parametrize(("seen", "std"), [(Elbow(0.24), 0.003), (Tee(), 0.006)])
+def test_by_depth_a_bend_is_better_known_than_a_picture_tells(seen, std):
+    """Its sizes and its position are confounded there, and agree better than they tell."""
+    assert by_depth(Ahead(fitting=seen, distance_std=0.006)).distance_std == pytest.approx(std)
 
 
 def test_arms_of_a_robot_off_the_middle_measure_no_bore():

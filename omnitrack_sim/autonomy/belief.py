@@ -9,7 +9,7 @@ deviations, so that its ends meet.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
@@ -26,6 +26,7 @@ from omnitrack_sim.base.rotations import (
     wrap_angle,
 )
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
+from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import CLOSES, End, Joint, Network, Origin, both_ways
 from omnitrack_sim.pipes.planning import port_graph
 
@@ -47,6 +48,7 @@ class BeliefSettings:
         angle_std: rad, standard deviation of the angle of a bend: 25 measured with the depth camera
             were off by 0.3 degrees, at most by 0.75.
         turn_std: rad, standard deviation of a fitting's turn about the pipe before it.
+        certain: standard deviations by which a size may be off.
         closing_std: m and rad, standard deviation of what two ports that meet are apart.
         adjustments: steps of the search for the changes that close a loop.
         digits: decimals that are kept of lengths in m and, less one, of angles in degrees.
@@ -62,6 +64,7 @@ class BeliefSettings:
     length_share: float = 0.01
     angle_std: float = math.radians(0.4)
     turn_std: float = math.radians(0.7)
+    certain: float = 2.0
     closing_std: float = 1e-3
     adjustments: int = 3
     digits: int = 6
@@ -202,6 +205,19 @@ class Belief:
         self.stds.setdefault(self.part_name(part), {}).update(
             {key: round(std, BELIEF.digits) for key, std in stds.items()}
         )
+
+    def unsure(self) -> dict[str, str]:
+        """Return why sizes may be off by more than those of two equal maps, by the names of their
+        parts."""
+        found, joined = dict[str, str](), self.joined
+        for i, (name, fitting) in enumerate(self._fittings.items()):
+            stds = self.stds.get(name, {})
+            found[name] = unsure(fitting, stds)
+            # Pipe whose end has not been seen may be longer; a loop may have closed there.
+            within = all((i, port) in joined or (i, port) == self.start for port in fitting.ports)
+            if fitting.is_plain and within and "length" not in stds:
+                found[name] = "its length has not been measured"
+        return {name: why for name, why in found.items() if why}
 
     def is_last(self, part: int) -> bool:
         """Return whether nothing hangs on a part."""
@@ -447,6 +463,24 @@ class Belief:
             plain = goal and "." not in goal and goal not in named
             named[goal if plain else f"{word}_{counts[word]}"] = self.name(end)
         return named
+
+
+def unsure(fitting: Fitting, stds: Mapping[str, float]) -> str:
+    """Return which of the lengths and bores of a fitting, measured to ``stds``, may be off by more
+    than those of two equal maps; "" for none."""
+    length, most = fitting.length_of_axes, dict[str, float]()
+    if isinstance(fitting, Elbow):
+        along = fitting.angle * stds.get("mean_radius", 0.0)
+        std = math.hypot(along, fitting.mean_radius * stds.get("angle", 0.0))
+    else:
+        std = stds.get("length", 0.0)
+    if BELIEF.certain * std > max(LENGTHS * length, LEAST_LENGTH):
+        most["length"] = BELIEF.certain * std
+    for port in fitting.port_names:
+        std = stds.get(fitting.bore_key(port), 0.0)
+        if BELIEF.certain * std > LENGTHS * 2 * fitting.port_radius(port):
+            most["bore"] = BELIEF.certain * std
+    return ", ".join(f"its {size} may be off by {1000 * off:.0f} mm" for size, off in most.items())
 
 
 def alike(fitting: Fitting, enter: str, port: str) -> bool:

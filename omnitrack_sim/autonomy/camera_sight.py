@@ -26,7 +26,7 @@ from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import Elbow, Passage, Reducer, Route
+from omnitrack_sim.pipes import Elbow, Passage, Reducer, Route, Wye
 from omnitrack_sim.senses.optics import Eyes
 from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
@@ -51,6 +51,12 @@ class CameraSightSettings:
         angles: rad, of elbows as most are sold. By a lamp, an angle nearby counts as such a one
             until it is measured behind the elbow: before, the end of the elbow is hidden.
         angle_error: rad, how near: a lamp shows 5 to 18 degrees too much.
+        radius: standard deviation of a mean radius by a lamp, as a part of it. What a look itself
+            tells, 0.8 to 4 %, says little: 120 looks at 90 degrees of 1.5 bores scattered by 1.7 %,
+            those of robots by 2.3 %.
+        confounded: factor of the standard deviation of how far an elbow or a wye is by the depth
+            camera, whose sizes and position are confounded: of 90 looks from 45 to 220 mm the
+            errors are 0.1 to 0.5 of what a picture tells (of four looks at a reducer 1.0).
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -63,6 +69,8 @@ class CameraSightSettings:
     by_lamp: float = 0.9
     angles: tuple[float, ...] = (math.radians(45), math.radians(90))
     angle_error: float = math.radians(20)
+    radius: float = 0.025
+    confounded: float = 0.5
     first_picture: int = 1_000_000
 
 
@@ -122,9 +130,10 @@ class CameraSight:
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
         ahead = ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
-        if ahead is None or self._eyes.mount.camera.lamp is None:
-            return ahead
-        return by_lamp(ahead, fitting.is_plain)
+        if ahead is None:
+            return None
+        lamp = self._eyes.mount.camera.lamp
+        return by_depth(ahead) if lamp is None else by_lamp(ahead, fitting.is_plain)
 
 
 def behind_lens(route: Route, lens: float) -> Passage:
@@ -181,10 +190,19 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
     return replace(located, fitting=fitting, enter=sighting.enter, size_stds=stds)
 
 
+def by_depth(ahead: Ahead) -> Ahead:
+    """Return a sighting by the depth camera with the standard deviation of its distance as looks
+    scatter."""
+    share = CAMERA_SIGHT.confounded if isinstance(ahead.fitting, Elbow | Wye) else 1.0
+    return replace(ahead, distance_std=share * ahead.distance_std)
+
+
 def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
     """Return a sighting by a lamp with what a lamp shows badly, out of a pipe or of a fitting."""
     seen = ahead.fitting
     if isinstance(seen, Elbow):
+        told = max(ahead.size_stds.get("mean_radius", 0.0), CAMERA_SIGHT.radius * seen.mean_radius)
+        ahead = replace(ahead, size_stds={**ahead.size_stds, "mean_radius": told})
         nearest = min(CAMERA_SIGHT.angles, key=lambda angle: abs(angle - seen.angle))
         if abs(nearest - seen.angle) < CAMERA_SIGHT.angle_error:
             ahead = replace(ahead, fitting=replace(seen, angle=nearest))

@@ -29,14 +29,15 @@ from omnitrack_sim.autonomy.looking import (
     LookingCloser,
     MissedReducer,
     common_std,
+    is_along,
     size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.base.rotations import Array, angle_between
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Wye
-from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+from omnitrack_sim.base.rotations import Array, angle_between, unit
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
+from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
@@ -69,11 +70,6 @@ class ExplorerSettings:
         settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
-        slip: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
-            filter, which has to follow belts that slip, ten lengths were off by a quarter of what
-            was stated.
-        most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
-            in that picture are wrong: by a lamp radii are 20 mm too great beyond.
         most_move: m, between the positions of an end by looks from afar and from close by, from
             which on the length of the pipe is in doubt: the robot may have slipped.
         touch: m, from the nose to an observed end, within which a robot without progress is there.
@@ -93,8 +89,6 @@ class ExplorerSettings:
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
-    slip: float = 0.005
-    most_off: float = math.radians(1.5)
     most_move: float = 0.06
     touch: float = 0.05
     rest: float = math.radians(35)
@@ -176,7 +170,7 @@ class Explorer(MapPilot):
     def left(self) -> str:
         """See ``Pilot``."""
         ports = {self.belief.name(end): why for end, why in self._left.items()}
-        doubts = self._doubts | self._back.doubts
+        doubts = self.belief.unsure() | self._doubts | self._back.doubts
         return ", ".join(f"{name} ({why})" for name, why in (ports | doubts).items())
 
     def done_at(self, distance: float) -> float:
@@ -196,7 +190,7 @@ class Explorer(MapPilot):
             if decision is not None:
                 return decision
         elif self.looks_back(distance):
-            distance = self._back.located(self.route(), distance, look.behind)
+            distance = self._back.located(self.route(), look)
             distance += self._measure_passed()
             if distance != look.distance:
                 self._closer.forget()
@@ -204,6 +198,7 @@ class Explorer(MapPilot):
             return Decision(self.leg, True, (), distance - look.distance)
         located = self._closer.located(self.route(), distance, look.ahead)
         self._doubt_end(located - distance)
+        self._back.slipped(located - distance)
         distance, shift = located, located - look.distance
         return self._look_on(look._replace(distance=distance))._replace(shift=shift)
 
@@ -356,7 +351,8 @@ class Explorer(MapPilot):
         itself = last.index == out_of[0] and at < (last.s_enter + last.s_leave) / 2
         if itself or self._is_rest(ahead, look, out_of):
             return False
-        return self._confirmation.confirms(ahead, distance)
+        side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])
+        return self._confirmation.confirms(ahead, distance, side)
 
     def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
         """Return whether a bend sighted out of another bend may be the far end of that one."""
@@ -435,8 +431,9 @@ class Explorer(MapPilot):
         robot; give up the search and return None where it has no room there."""
         belief, behind, here = self.belief, look.behind, self.route().passages[-1]
         assert behind is not None
+        assert isinstance(reducer, Reducer)
         at = look.distance - behind.distance
-        gap = at - reducer.length_of_axes - here.s_enter
+        gap = at - reducer.length - here.s_enter
         direct = gap <= BELIEF.least_straight
         if gap < -LOOKS.most_shift or (direct and not belief.drop(here.index)):
             self._stop_looking_back()
@@ -444,13 +441,23 @@ class Explorer(MapPilot):
         self._missed = None
         noted, path = belief.ends.pop((here.index, here.leave), None), self.leg.path
         self._doubts.pop(here.part.name, None)
+        stds = [behind.distance_std] * len(missed.lengths)
+        std = common_std(LOOKS.distance_floor, stds, missed.lengths)
+        placed, shift = math.hypot(behind.distance_std, look.std), 0.0
         if direct:
             path = path[:-1]
+            # It begins where the fitting before it ends: where the robot is tells its length too.
+            weights = np.maximum([std, placed], LOOKS.least_std) ** -2
+            length = reducer.length + gap * float(weights[1] / weights.sum())
+            length = max(length, reducer.length / 2)  # not a step, however badly it knows its place
+            shift = length - reducer.length - gap
+            reducer = replace(reducer, length=length)
+            std = math.hypot(LOOKS.distance_floor, weights.sum() ** -0.5) if std else 0.0
         else:
             belief.resize(here.index, inner_diameter=missed.bore, length=gap)
+            belief.measured(here.index, length=math.hypot(std, placed))
         part = belief.attach(_end_of(path), reducer, near, look.frame[:, 0])
-        stds = [behind.distance_std] * len(missed.lengths)
-        belief.measured(part, length=common_std(LOOKS.distance_floor, stds, missed.lengths))
+        belief.measured(part, length=std)
         path = (*path, (part, near, behind.enter))
         straight = belief.straight_beyond(_end_of(path), here.s_leave - at)
         if noted is not None:
@@ -461,7 +468,7 @@ class Explorer(MapPilot):
         if behind.confidence < EXPLORER.sure:
             self._doubts[name] = "its sizes hardly show"
         event = FittingFound(self._number, look.time, name, -behind.distance)
-        return Decision(self.leg, True, [event], -gap if direct else 0.0)
+        return Decision(self.leg, True, [event], shift)
 
     def _stop_looking_back(self) -> None:
         """Give up the search for a missed reducer, and restore the bore of the straight."""
@@ -512,11 +519,10 @@ class Explorer(MapPilot):
         sized = self._shows_sizes(ahead, route)
         if not sized or not self._close.are_of(ahead):
             self._close.clear()
-        # A picture in which the axis of the pipe is wrong has wrong sizes too.
         part, _, leave = self._before(route)
-        off = angle_between(look.frame @ ahead.axis, self.belief.port((part, leave)).rotation[:, 2])
+        axis = self.belief.port((part, leave)).rotation[:, 2]
         in_pipe = self.belief.fitting(part).is_plain
-        if sized and not (in_pipe and off > EXPLORER.most_off):
+        if sized and (is_along(ahead, look.frame, axis) or not in_pipe):
             self._close.add(ahead, look.distance)
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
@@ -529,9 +535,10 @@ class Explorer(MapPilot):
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
+        i = self._closer.index(route)
         # Out of a fitting, its nose is about to come into the reducer.
         plain = self.belief.fitting(self._before(route)[0]).is_plain
-        few = self._close.are_few()
+        few = self._close.are_few(route.passages[-1 if i is None else i].s_enter)
         return plain and not late and few and self._shows_sizes(ahead, route)
 
     def _before(self, route: Route) -> Edge:
@@ -587,8 +594,12 @@ class Explorer(MapPilot):
         if self._close.are_of(ahead):
             stds = self._close.stds()
             fitting, weight, doubt = self._close.mean(), self._close.weight(), self._close.doubt()
+            name = belief.next_name(fitting)
+            if ahead.confidence > EXPLORER.sure:
+                # They replace what was seen from afar.
+                self._doubts.pop(name, None)
             if doubt:
-                self._doubts.setdefault(belief.next_name(fitting), doubt)
+                self._doubts.setdefault(name, doubt)
             self._close.clear()
         fitting = _fitted(fitting, ahead.enter, 2 * belief.fitting(end[0]).port_radius(end[1]))
         # The map may have the fitting already, by another way.
@@ -597,9 +608,14 @@ class Explorer(MapPilot):
             events = [] if known is None else [self._closes(time, end, known)]
             self._go_on(path)
             return self._replan(time, events, self._onward(distance))
-        part = belief.attach(
-            end, fitting, ahead.enter, _side(ahead, look, belief.port(end).rotation[:, 2])
-        )
+        side, apart = _side(ahead, look, belief.port(end).rotation[:, 2]), 0.0
+        if self._confirmation.side is not None:
+            side, apart = _between(self._confirmation.side, side, fitting, ahead.enter)
+        part = belief.attach(end, fitting, ahead.enter, side)
+        if apart > ANGLES and not fitting.is_axial:
+            # Of its port: sizes that are measured later say nothing about it.
+            name = belief.name((part, ahead.enter))
+            self._doubts[name] = f"looks differ by {math.degrees(apart):.0f} deg in direction"
         belief.measured(part, **stds)
         self._measure_later(part, ahead, weight)
         events, name = list[Event](), belief.part_name(part)
@@ -632,6 +648,8 @@ class Explorer(MapPilot):
             # A lamp shows the cone of a reducer no better from behind.
             if isinstance(fitting, Elbow):
                 self._back.measure(part)
+        elif name in self.belief.unsure() and isinstance(fitting, Elbow | Reducer):
+            self._back.measure(part, weight)
 
     def _length_std(self, part: int, look: Look, end_std: float) -> float:
         """Return the standard deviation, m, of the length of a straight ``part`` whose end a look
@@ -640,7 +658,7 @@ class Explorer(MapPilot):
         if end_std == 0.0 or placed is None or placed[0] != part:
             return math.hypot(end_std, look.std)
         _, at, std = placed
-        return math.hypot(end_std, std, EXPLORER.slip * (look.distance - at))
+        return math.hypot(end_std, std, LOOKS.travel * (look.distance - at))
 
     def _measure_bend(self, axis: Array, std: float) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe
@@ -870,6 +888,14 @@ def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
     (3,), world frame."""
     side = side_of(look.frame, axis)
     return math.cos(ahead.turn) * side + math.sin(ahead.turn) * np.cross(axis, side)
+
+
+def _between(first: Array, side: Array, fitting: Fitting, enter: str) -> tuple[Array, float]:
+    """Return the mean of two directions (3,) of a fitting, and the angle between them, rad."""
+    if isinstance(fitting, Tee) and enter == "branch" and first @ side < 0:
+        first = -first  # From there a tee looks the same from both sides.
+    apart = float(angle_between(first, side))
+    return (unit(first + side) if apart < math.pi / 2 else side), apart
 
 
 def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import BELIEF, Belief
-from omnitrack_sim.autonomy.sight import Ahead
-from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Wye
+from omnitrack_sim.autonomy.belief import BELIEF, Belief, unsure
+from omnitrack_sim.autonomy.sight import Ahead, Look
+from omnitrack_sim.base.rotations import TURNED, Array, angle_between
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Straight, Wye
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
 
 
@@ -45,22 +45,28 @@ class LookSettings:
         slip: standard deviations of two looks by which travel between them has to be off for the
             belts to have slipped: of 440 looks by both cameras one was off by more than 3.
         least_slip: m, the same in addition.
+        travel: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in the
+            filter, which has to follow belts that slip, ten lengths were off by a quarter of what
+            was stated.
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
         least_std: m, standard deviation of a distance below which one look counts no more than
             another.
+        most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
+            and distances in that are wrong: by a lamp radii and distances are 20 mm too great.
         most_size_std: m, standard deviation of a size measured from behind up to which it is known:
             half of what lengths on a map may be wrong by.
         most_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
         distance_floor: m, standard deviation of what looks at one end have in common, which no
             mean of them reduces.
-        radius_floor: the same of the mean radius of an elbow, as a part of it.
+        radius_floor: the same of the mean radius of an elbow, as a part of it: by a lamp means of
+            five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
         bore_floor: the same of a diameter, as a part of it.
         for_sizes: looks from close by that the sizes of a reducer or an elbow are the mean of.
-        for_radius: the same of an elbow whose radius they show differently. By a lamp one look at
-            90 degrees of 1.5 bores is off by 9 mm (standard deviation), the mean of five without
-            the least and the greatest by 3; of looks at 45 degrees one in five is off by 60 mm.
+        for_more: the same where they leave a size in doubt, or the length of the pipe before it,
+            or differ in the radius of an elbow: of looks by a lamp at 45 degrees one in five is off
+            by 60 mm, and the least and the greatest of five are left out.
     """
 
     behind: float = 0.1
@@ -74,16 +80,18 @@ class LookSettings:
     out_of_fitting: float = 0.03
     slip: float = 3.0
     least_slip: float = 0.005
+    travel: float = 0.005
     again: float = 0.003
     doubt: float = 0.01
     least_std: float = 1e-4
+    most_off: float = math.radians(1.5)
     most_size_std: float = 0.005
     most_reducer_std: float = 0.02
     distance_floor: float = 0.001
-    radius_floor: float = 0.02
+    radius_floor: float = 0.005
     bore_floor: float = 0.01
     for_sizes: int = 3
-    for_radius: int = 5
+    for_more: int = 5
 
 
 LOOKS = LookSettings()
@@ -117,33 +125,43 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
 
 class Confirmation:
     """Confirms a fitting that is sighted out of another one by a second sighting of the same kind
-    at the same position: a bend that is not over looks like another one that begins at the lens."""
+    at the same position: a bend that is not over looks like another one that begins at the lens.
+
+    Attributes:
+        side: (3,) direction of the fitting, see ``side_of``, by the sighting that the last one has
+            confirmed; None where it has confirmed none.
+    """
 
     def __init__(self) -> None:
-        # Kind of the sighting to be confirmed, where it is, and from where it was made, m.
-        self._first: tuple[tuple[str, str], float, float] | None = None
+        # Kind of the sighting to be confirmed, where it is, and from where it was made, m, and the
+        # direction of the fitting.
+        self._first: tuple[tuple[str, str], float, float, Array] | None = None
+        self.side: Array | None = None
 
-    def confirms(self, ahead: Ahead, distance: float) -> bool:
-        """Return whether a sighting made at arc length ``distance`` m confirms the one before; if
-        it does not, the next one is compared with it."""
+    def confirms(self, ahead: Ahead, distance: float, side: Array) -> bool:
+        """Return whether a sighting made at arc length ``distance`` m, of a fitting in direction
+        ``side`` (3,), confirms the one before; if it does not, the next one is compared with it."""
         at, bends, confirmed = distance + ahead.distance, isinstance(ahead.fitting, Elbow), False
+        self.side = None
         if self._first is not None and self._first[0] == ahead.kind:
-            _, before, since = self._first
+            _, before, since, first = self._first
             # The rest of a bend begins at the lens and moves with it; another bend has to stay
             # where it is. Other fittings are not seen where there are none.
             confirmed = abs(at - before) < ((distance - since) / 2 if bends else BELIEF.error)
             if bends and not confirmed and at > before:
                 return False  # Since the first sighting the rest of a bend has moved farthest.
+            if confirmed:
+                self.side = first
         # The robot's estimate may have been off at the first sighting, so this one replaces it: so
         # it was where a bend has come nearer, as its rest moves on alone.
-        self._first = None if confirmed else (ahead.kind, at, distance)
+        self._first = None if confirmed else (ahead.kind, at, distance, side)
         return confirmed
 
     def cancel(self) -> str:
         """Forget the sighting that has not been confirmed; return the kind of its fitting, "" for
         none and for an elbow, which often is the rest of the bend before."""
         kind = "" if self._first is None else self._first[0][0]
-        self._first = None
+        self._first = self.side = None
         return "" if kind == Elbow.kind else kind
 
 
@@ -172,11 +190,20 @@ class CloseLooks:
         """Add a sighting made at arc length ``distance`` m."""
         self._looks.append((ahead, distance))
 
-    def are_few(self) -> bool:
-        """Return whether another look is needed for the sizes to be known."""
+    def are_few(self, before: float) -> bool:
+        """Return whether another look is needed for the sizes to be known, and the length of the
+        pipe before the fitting, as far as a map may not be wrong in them; ``before``: m, arc length
+        where that pipe begins."""
+        if len(self._looks) < LOOKS.for_sizes:
+            return True
         radii = self._radii() or [0.0]
-        differ = max(radii) - min(radii) > LEAST_LENGTH / 2
-        return len(self._looks) < (LOOKS.for_radius if differ else LOOKS.for_sizes)
+        begin, std = self.begin_of(*self._looks[-1])
+        more = (
+            max(radii) - min(radii) > LEAST_LENGTH / 2
+            or unsure(Straight(max(begin - before, BELIEF.shortest)), {"length": std})
+            or unsure(self.mean(), self.stds())
+        )
+        return bool(more) and len(self._looks) < LOOKS.for_more
 
     def begin_of(self, ahead: Ahead, distance: float) -> tuple[float, float]:
         """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
@@ -220,8 +247,11 @@ class CloseLooks:
         return "its length was seen from one side only" if least > LOOKS.most_size_std else ""
 
     def weight(self) -> float:
-        """Return the weight of the mean length, 1/m²: the inverse of its variance."""
-        return float(_weights(self._stds()).sum())
+        """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m²: the
+        inverse of its variance, 0 by error-free sight."""
+        stds = self.stds()
+        std = stds["mean_radius" if "mean_radius" in stds else "length"]
+        return std**-2 if std else 0.0
 
     def _stds(self) -> list[float]:
         return [look.distance_std for look, _ in self._looks]
@@ -279,7 +309,7 @@ class LookingBack:
 
         Args:
             part: of the map.
-            weight: 1/m², with which the length that the map has counts beside these looks.
+            weight: 1/m², with which the size that the map has counts beside these looks.
         """
         self._sizes[part], self._weights[part] = [], weight
 
@@ -298,17 +328,16 @@ class LookingBack:
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return None
         size, fitting = float(np.average(sizes, weights=_weights(stds))), self._belief.fitting(part)
+        key, floor = "length", LOOKS.distance_floor
         if isinstance(fitting, Elbow):
-            std = common_std(LOOKS.radius_floor * size, stds.tolist(), sizes.tolist())
-            return part, "mean_radius", size, std
-        assert isinstance(fitting, Reducer)
-        std = common_std(LOOKS.distance_floor, stds.tolist(), sizes.tolist())
-        if self._weights[part]:
-            # Looks from both sides count by how exactly they show its ends.
-            both = [_weights(stds).sum(), self._weights[part]]
-            size = float(np.average([size, fitting.length], weights=both))
-            std = common_std(LOOKS.distance_floor, [both[0] ** -0.5, both[1] ** -0.5])
-        return part, "length", size, std
+            key, floor = "mean_radius", LOOKS.radius_floor * size
+        std = common_std(floor, stds.tolist(), sizes.tolist())
+        if std and self._weights[part]:
+            # Looks from both sides count by how exactly they show it.
+            both = [std**-2, self._weights[part]]
+            size = float(np.average([size, getattr(fitting, key)], weights=both))
+            std = sum(both) ** -0.5
+        return part, key, size, std
 
     def once_more(self, route: Route, distance: float) -> bool:
         """Plan a second look back, from arc length ``distance`` m on, if the robot has looked back
@@ -329,18 +358,14 @@ class LookingBack:
                     return min(at, self._once_more)
         return self._once_more
 
-    def located(self, route: Route, distance: float, behind: Ahead | None) -> float:
-        """Return the arc length of a robot on a route, m, from a look back.
-
-        Args:
-            route: it drives along.
-            distance: m, its estimate of the arc length; returned where the look is ambiguous.
-            behind: the look.
-        """
+    def located(self, route: Route, look: Look) -> float:
+        """Return the arc length of a robot on a route, m, from a look back: that by its own
+        estimate where the look is ambiguous."""
+        distance, behind = look.distance, look.behind
         i = route.index_at(distance)
         here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
-        if i == 0 or behind is None or not self._is_clear(route, i, behind):
+        if i == 0 or behind is None or not self._is_clear(route, i, look):
             self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
             self._vain[here.index] += 1
             return distance
@@ -353,8 +378,9 @@ class LookingBack:
         place = here.index, located, common_std(LOOKS.distance_floor, [behind.distance_std])
         if here.index in self._done:
             if not _slipped(shift, behind.distance_std):
-                return distance
+                return self._placed_again(here.index, distance, shift, place[2])
             self.placed = place
+            self.slipped(shift)
             return located
         self._shift = shift
         # One wrong look must not move the robot far along its map.
@@ -364,21 +390,48 @@ class LookingBack:
         if sizes is not None and isinstance(behind.fitting, Reducer):
             sizes.append((behind.fitting.length, behind.distance_std))
         elif sizes is not None and isinstance(behind.fitting, Elbow):
-            sizes.append((behind.fitting.mean_radius, behind.distance_std))
+            std = behind.size_stds.get("mean_radius", 0.0)
+            sizes.append((behind.fitting.mean_radius, std))
         if sizes is None or _is_measured(sizes):
             self._done.add(here.index)
-        self.placed = place
+        again = self.placed is not None and self.placed[0] == here.index
+        if again and place[2] > 0.0 and not _slipped(shift, behind.distance_std):
+            located = self._placed_again(here.index, distance, shift, place[2])
+        else:
+            self.placed = place
         # Nothing lies between: what another look back took for a fitting there was none.
         self.doubts.pop(here.part.name, None)
         return located
 
-    def _is_clear(self, route: Route, i: int, behind: Ahead) -> bool:
+    def slipped(self, shift: float) -> None:
+        """Take note that looks at one end of the pipe differ by ``shift`` m: belts have slipped by
+        that, or one of the looks is as wrong."""
+        if self.placed is not None:
+            part, at, std = self.placed
+            self.placed = part, at, math.hypot(std, shift)
+
+    def _placed_again(self, part: int, distance: float, shift: float, std: float) -> float:
+        """Return the arc length, m, of a robot in pipe ``part`` by one more look that agrees with
+        that before, ``shift`` m farther on and to ``std`` m: the mean of both."""
+        if std == 0.0 or self.placed is None or self.placed[0] != part:
+            return distance
+        _, at, before = self.placed
+        before = math.hypot(before, LOOKS.travel * (distance - at))
+        weights = _weights([before, std])
+        located = distance + shift * float(weights[1] / weights.sum())
+        self.placed = part, located, max(float(weights.sum()) ** -0.5, LOOKS.distance_floor)
+        return located
+
+    def _is_clear(self, route: Route, i: int, look: Look) -> bool:
         """Return whether a look back from passage ``i`` clearly shows a fitting."""
-        if behind.fitting is None or behind.confidence < self._confidence:
+        behind, passed = look.behind, route.passages[i - 1]
+        if behind is None or behind.fitting is None or behind.confidence < self._confidence:
             return False
         if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
             return False
-        return self._belief.fitting(route.passages[i].index).is_plain
+        into = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
+        plain = self._belief.fitting(route.passages[i].index).is_plain
+        return plain and is_along(behind, look.frame * TURNED, into)
 
     def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
         """Note that a look back from passage ``i`` shows a fitting that is not on the map."""
@@ -387,6 +440,12 @@ class LookingBack:
         known = (p.s_leave for p in route.passages[:i] if p.part.fitting.kind == kind)
         if all(abs(at - s_leave) > LOOKS.most_shift for s_leave in known):
             self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
+
+
+def is_along(ahead: Ahead, frame: Array, axis: Array) -> bool:
+    """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
+    where it is: a picture in which that is wrong has wrong sizes and distances too."""
+    return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.most_off
 
 
 def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
