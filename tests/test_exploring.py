@@ -829,13 +829,13 @@ def test_a_reducer_whose_ends_hardly_show_is_measured_from_behind():
 
 
 def test_a_reducer_whose_ends_show_badly_is_measured_from_both_sides():
-    """Looks from before it and from behind count by how exactly they show its ends: here each of
-    the three from behind four times as much as each of the five from before."""
+    """Looks from before it and from behind count by how exactly they show its ends: here those from
+    behind four times as much as those from before, however many these are."""
 
     def off(ahead):
         if not isinstance(ahead.fitting, Reducer):
             return ahead
-        by, std = (0.012, 0.016) if ahead.enter == "start" else (-0.005, 0.008)
+        by, std = (0.020, 0.010) if ahead.enter == "start" else (-0.005, 0.005)
         longer = replace(ahead.fitting, length=ahead.fitting.length + by)
         return replace(ahead, fitting=longer, distance_std=std)
 
@@ -948,9 +948,10 @@ def test_two_looks_back_in_a_pipe_tell_more_than_one():
     assert 0.003 < belief.stds["straight_2"]["length"] < 0.004
 
 
-@pytest.mark.parametrize(("std", "looks"), [(0.002, 3), (0.0095, 4)])
-def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
-    """Until the mean of the looks is known to 5 mm, and at least three times."""
+@pytest.mark.parametrize(("std", "looks", "sure"), [(0.002, 3, True), (0.0095, 4, False)])
+def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks, sure):
+    """Until the mean of the looks would be known to 5 mm if each erred alone, and at least three
+    times; but they err alike, so that it is in doubt where the best of them is not so exact."""
     seen = []
 
     def hardly(ahead):
@@ -966,7 +967,8 @@ def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks):
     joints = [joint("foot.end", "wider.start"), joint("wider.end", "on.start")]
     ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=hardly)
     ghost.run()
-    assert of_kind(ghost, ExplorationComplete)
+    assert bool(of_kind(ghost, ExplorationComplete)) == sure
+    assert ("its length may be off by" in ghost.explorer.left) != sure
     first = [travel for travel in seen if travel < seen[0] + 0.1]
     assert len(first) == looks
 

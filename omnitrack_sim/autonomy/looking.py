@@ -332,6 +332,8 @@ class LookingBack:
         if isinstance(fitting, Elbow):
             key, floor = "mean_radius", LOOKS.radius_floor * size
         std = common_std(floor, stds.tolist(), sizes.tolist())
+        if key == "length":
+            std = max(std, float(stds.min()))  # see ``size_stds``
         if std and self._weights[part]:
             # Looks from both sides count by how exactly they show it.
             both = [std**-2, self._weights[part]]
@@ -461,11 +463,11 @@ def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
         )
     elif isinstance(mean, Reducer):
         reducers = [one for one in seen if isinstance(one, Reducer)]
-        stds["length"] = common_std(
-            LOOKS.distance_floor,
-            [look.distance_std for look in looks],
-            [one.length for one in reducers],
-        )
+        told = [look.distance_std for look in looks]
+        std = common_std(LOOKS.distance_floor, told, [one.length for one in reducers])
+        # What blurs the ends of a shallow cone is the same in all looks from one side: their mean
+        # is known no better than by the best of them.
+        stds["length"] = max(std, min(told))
         stds["end_diameter"] = common_std(
             LOOKS.bore_floor * mean.end_diameter,
             [look.size_stds.get("end_diameter", 0.0) for look in looks],
