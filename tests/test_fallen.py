@@ -361,6 +361,10 @@ def test_a_robot_that_lies_across_a_tee_rights_itself() -> None:
             "robot.preload": 20.0,
             "control.cruise_speed": 0.1,
             "control.align": True,
+            # With these the robot does not fall.
+            "control.parameters.tracking.upward_speed": 0.0,
+            "control.parameters.tracking.retry_speed": 0.0,
+            "control.parameters.recovery.upright": 1e3,
             "start.distance": 0.1,
             "run.time_limit": 12.0,
         },
