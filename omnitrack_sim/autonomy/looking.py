@@ -123,6 +123,13 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
     return math.hypot(floor, max(told, scatter))
 
 
+def _reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
+    """Standard deviation, m, of the mean length of a reducer by looks from one side, as
+    ``common_std``. What blurs the ends of a shallow cone is the same in all of them: their mean is
+    known no better than by the best."""
+    return max(common_std(LOOKS.distance_floor, stds, lengths), min(stds))
+
+
 class Confirmation:
     """Confirms a fitting that is sighted out of another one by a second sighting of the same kind
     at the same position: a bend that is not over looks like another one that begins at the lens.
@@ -328,12 +335,11 @@ class LookingBack:
         if np.ptp(sizes) > 2 * LEAST_LENGTH:
             return None
         size, fitting = float(np.average(sizes, weights=_weights(stds))), self._belief.fitting(part)
-        key, floor = "length", LOOKS.distance_floor
         if isinstance(fitting, Elbow):
-            key, floor = "mean_radius", LOOKS.radius_floor * size
-        std = common_std(floor, stds.tolist(), sizes.tolist())
-        if key == "length":
-            std = max(std, float(stds.min()))  # see ``size_stds``
+            floor = LOOKS.radius_floor * size
+            key, std = "mean_radius", common_std(floor, stds.tolist(), sizes.tolist())
+        else:
+            key, std = "length", _reducer_std(stds.tolist(), sizes.tolist())
         if std and self._weights[part]:
             # Looks from both sides count by how exactly they show it.
             both = [std**-2, self._weights[part]]
@@ -463,11 +469,9 @@ def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
         )
     elif isinstance(mean, Reducer):
         reducers = [one for one in seen if isinstance(one, Reducer)]
-        told = [look.distance_std for look in looks]
-        std = common_std(LOOKS.distance_floor, told, [one.length for one in reducers])
-        # What blurs the ends of a shallow cone is the same in all looks from one side: their mean
-        # is known no better than by the best of them.
-        stds["length"] = max(std, min(told))
+        stds["length"] = _reducer_std(
+            [look.distance_std for look in looks], [one.length for one in reducers]
+        )
         stds["end_diameter"] = common_std(
             LOOKS.bore_floor * mean.end_diameter,
             [look.size_stds.get("end_diameter", 0.0) for look in looks],

@@ -132,8 +132,9 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     """
     loaded = [i for i, scenario in enumerate(scenarios) if scenario.robot.slips]
     # Robots that are alike in friction, speed and physics share one measurement.
-    asked = {i: _unloaded(scenarios[i]) for i in loaded}
-    bare = {text: validate(data) for text, data in {repr(d): d for d in asked.values()}.items()}
+    data = [_unloaded(scenarios[i]) for i in loaded]
+    texts = [repr(each) for each in data]
+    bare = {text: validate(each) for text, each in dict(zip(texts, data, strict=True)).items()}
     slips = {text: _known[text] for text in bare if text in _known and not sensors}
     names = [text for text in bare if text not in slips]
     runs = [bare[text] for text in names]
@@ -146,7 +147,8 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
             slips[names[index]] = float(slip.mean()) if len(slip) else math.nan
             if not sensors and _says_all(runs[index]):
                 _known[names[index]] = slips[names[index]]
-    return [slips[repr(asked[i])] if i in asked else math.nan for i in range(len(scenarios))]
+    known = {i: slips[text] for i, text in zip(loaded, texts, strict=True)}
+    return [known.get(i, math.nan) for i in range(len(scenarios))]
 
 
 _known: dict[str, float] = {}
