@@ -948,6 +948,33 @@ def test_two_looks_back_in_a_pipe_tell_more_than_one():
     assert 0.003 < belief.stds["straight_2"]["length"] < 0.004
 
 
+def test_a_look_back_at_a_wye_of_another_angle_tells_nothing():
+    """Angle and distance are confounded: 10 degrees more go with 14 mm."""
+    errors = iter([0.014, 0.014])
+
+    def off(ahead):
+        if not isinstance(ahead.fitting, Wye) or ahead.enter != "run_end":
+            return replace(ahead, distance_std=0.002)
+        error = next(errors, 0.0)
+        wider = replace(ahead.fitting, angle=ahead.fitting.angle + np.radians(10) * (error > 0))
+        return replace(ahead, fitting=wider, distance=ahead.distance - error, distance_std=0.002)
+
+    parts = [
+        straight("foot"),
+        {"kind": "wye", "name": "wye"},
+        straight("side"),
+        straight("on", 0.6),
+    ]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
+    joints += [joint("wye.run_end", "on.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=off)
+    ghost.run()
+    assert next(errors, None) is None
+    difference = compare_maps(ghost.explorer.belief.network, ghost.network, "foot.start")
+    assert difference.same
+    assert of_kind(ghost, ExplorationComplete)  # no look in doubt
+
+
 @pytest.mark.parametrize(("std", "looks", "sure"), [(0.002, 3, True), (0.0095, 4, False)])
 def test_a_reducer_is_looked_back_at_until_its_length_is_known(std, looks, sure):
     """Until the mean of the looks would be known to 5 mm if each erred alone, and at least three

@@ -17,7 +17,7 @@ from omnitrack_sim.autonomy.recognition import Sighting
 from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.cli.runs import print_result
-from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Straight, Tee
+from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Straight, Tee, Wye
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -229,10 +229,19 @@ def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
     assert told.size_stds == {"mean_radius": pytest.approx(0.006), "angle": 0.1}
 
 
-@pytest.mark.parametrize(("seen", "std"), [(Elbow(0.24), 0.003), (Tee(), 0.006)])
-def test_by_depth_a_bend_is_better_known_than_a_picture_tells(seen, std):
+@pytest.mark.parametrize(
+    ("seen", "told", "std"),
+    [
+        (Elbow(0.24), 0.012, 0.0034),
+        (Elbow(0.24), 0.002, 0.0016),
+        (Wye(), 0.012, 0.006),
+        (Tee(), 0.006, 0.006),
+    ],
+)
+def test_by_depth_a_fitting_is_better_known_than_a_picture_tells(seen, told, std):
     """Its sizes and its position are confounded there, and agree better than they tell."""
-    assert by_depth(Ahead(fitting=seen, distance_std=0.006)).distance_std == pytest.approx(std)
+    known = by_depth(Ahead(fitting=seen, distance_std=told)).distance_std
+    assert known == pytest.approx(std, abs=5e-5)
 
 
 def test_arms_of_a_robot_off_the_middle_measure_no_bore():

@@ -28,8 +28,8 @@ from omnitrack_sim.autonomy.looking import (
     LookingBack,
     LookingCloser,
     MissedReducer,
-    common_std,
     is_along,
+    reducer_std,
     size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
@@ -442,7 +442,7 @@ class Explorer(MapPilot):
         noted, path = belief.ends.pop((here.index, here.leave), None), self.leg.path
         self._doubts.pop(here.part.name, None)
         stds = [behind.distance_std] * len(missed.lengths)
-        std = common_std(LOOKS.distance_floor, stds, missed.lengths)
+        std = reducer_std(stds, missed.lengths)
         placed, shift = math.hypot(behind.distance_std, look.std), 0.0
         if direct:
             path = path[:-1]

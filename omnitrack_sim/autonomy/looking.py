@@ -21,7 +21,7 @@ from omnitrack_sim.autonomy.belief import BELIEF, Belief, unsure
 from omnitrack_sim.autonomy.sight import Ahead, Look
 from omnitrack_sim.base.rotations import TURNED, Array, angle_between
 from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Straight, Wye
-from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
     return math.hypot(floor, max(told, scatter))
 
 
-def _reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
+def reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
     """Standard deviation, m, of the mean length of a reducer by looks from one side, as
     ``common_std``. What blurs the ends of a shallow cone is the same in all of them: their mean is
     known no better than by the best."""
@@ -339,7 +339,7 @@ class LookingBack:
             floor = LOOKS.radius_floor * size
             key, std = "mean_radius", common_std(floor, stds.tolist(), sizes.tolist())
         else:
-            key, std = "length", _reducer_std(stds.tolist(), sizes.tolist())
+            key, std = "length", reducer_std(stds.tolist(), sizes.tolist())
         if std and self._weights[part]:
             # Looks from both sides count by how exactly they show it.
             both = [std**-2, self._weights[part]]
@@ -437,6 +437,12 @@ class LookingBack:
             return False
         if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
             return False
+        known, seen = self._belief.fitting(passed.index), behind.fitting
+        both = isinstance(known, Wye) and isinstance(seen, Wye)
+        if both and abs(known.angle - seen.angle) > ANGLES:
+            # Its angle has been measured from nearer: a picture that fits another one has a wrong
+            # distance too.
+            return False
         into = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
         plain = self._belief.fitting(route.passages[i].index).is_plain
         return plain and is_along(behind, look.frame * TURNED, into)
@@ -469,7 +475,7 @@ def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
         )
     elif isinstance(mean, Reducer):
         reducers = [one for one in seen if isinstance(one, Reducer)]
-        stds["length"] = _reducer_std(
+        stds["length"] = reducer_std(
             [look.distance_std for look in looks], [one.length for one in reducers]
         )
         stds["end_diameter"] = common_std(
