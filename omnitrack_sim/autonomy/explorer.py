@@ -37,7 +37,7 @@ from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
 from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
-from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
@@ -701,10 +701,10 @@ class Explorer(MapPilot):
         return True
 
     def _closes(self, time: float, end: End, other: End) -> Event:
-        """Close a loop of the map; it is in doubt where its ends miss each other by more than the
-        tolerance of lengths."""
-        miss = self.belief.close(end, other)
-        if miss > 2 * LEAST_LENGTH:
+        """Close a loop of the map; it is in doubt where its ends miss each other by more than what
+        was measured around it may be off by."""
+        miss, doubtful = self.belief.close(end, other)
+        if doubtful:
             self._doubt(end[0], f"the loop there missed by {1000 * miss:.0f} mm")
         return LoopClosed(self._number, time, self.belief.name(end), self.belief.name(other), miss)
 
