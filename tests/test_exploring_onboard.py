@@ -194,7 +194,7 @@ def test_what_follows_a_bend_directly_is_seen_by_a_lens_that_has_passed_the_port
 def test_a_lens_before_a_wall_sees_no_plate():
     """A flat wall at the lens is no end of the pipe: the robot lies across it."""
     plate = Sighting(
-        "closed end", "", {}, 0.01, 0.0, 1e-6 * np.eye(2), {}, 1.0, np.zeros(2), np.zeros(2)
+        "closed end", "", {}, 0.01, 0.0, 1e-6 * np.eye(2), 1.0, np.zeros(2), np.zeros(2)
     )
     assert ahead_of(plate, 0.16, 0.07, 0.024) is None
     assert ahead_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"

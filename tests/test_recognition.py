@@ -291,7 +291,7 @@ def test_sizes_are_told_with_their_spread():
     sighting = recogniser("depth").single(taken[0])
     assert sighting.sizes["mean_radius"] == pytest.approx(0.24, abs=0.05)
     assert sighting.sizes["angle"] == pytest.approx(math.pi / 4, abs=0.2)
-    assert all(0 < spread < 0.5 for spread in sighting.size_spread.values())
+    assert all(0 < spread < 0.5 for spread in sighting.stds[2:])
 
 
 def test_a_bend_whose_far_end_is_hidden_is_taken_for_a_quarter():

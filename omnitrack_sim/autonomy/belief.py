@@ -43,12 +43,14 @@ class BeliefSettings:
         miss: m, by which the two ends of a loop may miss each other.
         miss_share: the same in addition, as a part of the loop's length.
         miss_angle: rad, by which their directions may miss being opposite.
-        length_std: m, standard deviation of the length of a straight, and
+        length_std: m, standard deviation of the length of a straight that is not measured, and
         length_share: the same in addition, as a part of the length.
         angle_std: rad, standard deviation of the angle of a bend: 25 measured with the depth camera
             were off by 0.3 degrees, at most by 0.75.
         turn_std: rad, standard deviation of a fitting's turn about the pipe before it.
         certain: standard deviations by which a size may be off.
+        loop: squared standard deviations by which the two ends of a loop may miss each other in
+            position and direction, six numbers: 99 of 100 loops do not miss by more.
         closing_std: m and rad, standard deviation of what two ports that meet are apart.
         adjustments: steps of the search for the changes that close a loop.
         digits: decimals that are kept of lengths in m and, less one, of angles in degrees.
@@ -65,6 +67,7 @@ class BeliefSettings:
     angle_std: float = math.radians(0.4)
     turn_std: float = math.radians(0.7)
     certain: float = 2.0
+    loop: float = 16.8
     closing_std: float = 1e-3
     adjustments: int = 3
     digits: int = 6
@@ -273,19 +276,19 @@ class Belief:
         pairs = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
         return [(end, other) for end, other in pairs if other is not None]
 
-    def close(self, end: End, other: End) -> float:
-        """Join two ports at which a loop closes; return their distance before, m."""
-        a, b = self.port(end), self.port(other)
-        miss = b.position - a.position
-        if np.linalg.norm(miss) > CLOSES / 2:
+    def close(self, end: End, other: End) -> tuple[float, bool]:
+        """Join two ports at which a loop closes; return their distance before, m, and whether that
+        is more than the sizes and turns around the loop may be off by."""
+        miss, surprise = float(np.linalg.norm(self._gap(end, other)[:3])), 0.0
+        if miss > CLOSES / 2:
             sizes = self._measured_sizes()
-            self._adjust(end, other)
+            surprise = self._adjust(end, other)
             self._doubt_moved(sizes)
         a, b = self.port(end), self.port(other)
         # Both joints lie where they are; the turn is what is between their x axes.
         x, y, _ = b.rotation[:, 0] @ a.rotation
         self._join(end, other, math.degrees(math.atan2(y, x)))
-        return float(np.linalg.norm(miss))
+        return miss, surprise > BELIEF.loop
 
     def settle(self, part: int | None = None) -> None:
         """Set the straight whose end is provisional; None: the whole map is reliable."""
@@ -350,22 +353,29 @@ class Belief:
         steps = zip(ports[::2], ports[1::2], strict=True)
         return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
 
-    def _adjust(self, end: End, other: End) -> None:
-        """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet."""
-        total = np.zeros(len(self._variables(end, other)))
-        for _ in range(BELIEF.adjustments):
+    def _gap(self, end: End, other: End) -> Array:
+        """Return what two ports (6,) are apart that meet, m and rad."""
+        here, there = self.port(end), self.port(other)
+        turned = np.cross(here.rotation[:, 2], -there.rotation[:, 2])
+        return np.concatenate([there.position - here.position, turned])
+
+    def _adjust(self, end: End, other: End) -> float:
+        """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet;
+        return the squared standard deviations by which they missed."""
+        total, surprise = np.zeros(len(self._variables(end, other))), 0.0
+        for step in range(BELIEF.adjustments):
             variables = self._variables(end, other)
             std, slope = (np.array([each[i] for each in variables]) for i in (0, 1))
-            here, there = self.port(end), self.port(other)
-            turned = np.cross(here.rotation[:, 2], -there.rotation[:, 2])
-            gap = np.concatenate([there.position - here.position, turned])
             # Gauss and Newton's step: the most probable changes of what was measured.
-            spread = std[:, None] * slope
+            gap, spread = self._gap(end, other), std[:, None] * slope
             both = spread.T @ spread + BELIEF.closing_std**2 * np.eye(len(gap))
             wanted = std * (spread @ np.linalg.solve(both, gap + total @ slope))
+            if step == 0:
+                surprise = float(gap @ np.linalg.solve(both, gap))
             for (_, _, change), more in zip(variables, (wanted - total).tolist(), strict=True):
                 change(more)
             total = wanted
+        return surprise
 
     def _measured_sizes(self) -> list[tuple[str, str, float, float]]:
         """Return names of parts, and keys, values and standard deviations of sizes measured."""
@@ -396,9 +406,10 @@ class Belief:
         found: list[tuple[float, Array, Callable[[float], object]]] = []
         for part, enter, leave, length in self._loop(end, other):
             fitting, came, left = parts[part].fitting, *map(parts[part].port, (enter, leave))
-            ahead = left.rotation[:, 2]
+            ahead, measured = left.rotation[:, 2], self.stds.get(parts[part].name, {})
             if fitting.is_plain:
-                std = BELIEF.length_std + BELIEF.length_share * length
+                std = measured.get("length", 0.0)
+                std = std or BELIEF.length_std + BELIEF.length_share * length
                 along = np.concatenate([ahead, np.zeros(3)])
                 found.append((std, along, partial(self.lengthen, part)))
             elif isinstance(fitting, Elbow):
@@ -406,7 +417,8 @@ class Belief:
                 inwards = unit(ahead - before * (before @ ahead))
                 middle = came.position + fitting.mean_radius * inwards
                 about = swing(np.cross(before, inwards), middle)
-                found.append((BELIEF.angle_std, about, partial(self._bend, part)))
+                std = measured.get("angle", 0.0) or BELIEF.angle_std
+                found.append((std, about, partial(self._bend, part)))
             joint = joints.get(self.name((part, leave)))
             # What hangs on a joint is its second port; of a round fitting the turn means nothing.
             if joint is not None and not self._is_round(self._joints[joint].ports[1]):

@@ -60,6 +60,9 @@ class CameraSightSettings:
         elbow_std: m, the same in addition.
         wye_share: the same of a wye: 23 looks by robots were off by 0.3 of what a picture tells
             (root mean square, less two that were off by 14 mm).
+        share: standard deviations by the depth camera of distances given the sizes of the fitting,
+            as a part of what a picture tells: 139 looks at elbows, wyes and reducers scattered by
+            0.3 to 0.5 of that (wyes entered by `run_end` by 0.7).
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
             number has noise of its own.
     """
@@ -76,6 +79,7 @@ class CameraSightSettings:
     elbow_share: float = 0.25
     elbow_std: float = 0.0015
     wye_share: float = 0.5
+    share: float = 0.5
     first_picture: int = 1_000_000
 
 
@@ -179,7 +183,7 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         return ahead
     if sighting.distance < nearest:
         return None
-    along, about = np.sqrt(np.diag(sighting.covariance)).tolist()
+    along, about, *spread = sighting.stds.tolist()
     if sighting.kind in ENDS:
         return replace(ahead, end=ENDS[sighting.kind], distance_std=along)
     names = sighting.kind, sighting.enter
@@ -191,24 +195,30 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)
-    stds = {key: float(std) for key, std in sighting.size_spread.items()}
-    return replace(located, fitting=fitting, enter=sighting.enter, size_stds=stds)
+    stds = dict(zip(sighting.sizes, spread, strict=True))
+    both = np.delete(np.delete(sighting.covariance, 1, 0), 1, 1)  # less the turn
+    return replace(located, fitting=fitting, enter=sighting.enter, size_stds=stds, covariance=both)
 
 
 def by_depth(ahead: Ahead) -> Ahead:
-    """Return a sighting by the depth camera with the standard deviation of its distance as looks
+    """Return a sighting by the depth camera with standard deviations of its distance as looks
     scatter."""
     std = ahead.distance_std
     if isinstance(ahead.fitting, Elbow):
         std = math.hypot(CAMERA_SIGHT.elbow_std, CAMERA_SIGHT.elbow_share * std)
     elif isinstance(ahead.fitting, Wye):
         std *= CAMERA_SIGHT.wye_share
-    return replace(ahead, distance_std=std)
+    if ahead.covariance is None:
+        return replace(ahead, distance_std=std)
+    covariance = CAMERA_SIGHT.share**2 * ahead.covariance
+    return replace(ahead, distance_std=std, covariance=covariance)
 
 
 def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
     """Return a sighting by a lamp with what a lamp shows badly, out of a pipe or of a fitting."""
     seen = ahead.fitting
+    # Its sizes are off by more than they scatter, and would move the distance with them.
+    ahead = replace(ahead, covariance=None)
     if isinstance(seen, Elbow):
         told = max(ahead.size_stds.get("mean_radius", 0.0), CAMERA_SIGHT.radius * seen.mean_radius)
         ahead = replace(ahead, size_stds={**ahead.size_stds, "mean_radius": told})

@@ -381,11 +381,12 @@ class LookingBack:
         if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
             self._doubt(route, i, distance, behind)
             return distance
-        located = here.s_enter + behind.distance
+        given = self._given(behind, route.passages[i - 1].index)
+        located = here.s_enter + given.distance
         shift, before = located - distance, self._shift
-        place = here.index, located, common_std(LOOKS.distance_floor, [behind.distance_std])
+        place = here.index, located, common_std(LOOKS.distance_floor, [given.distance_std])
         if here.index in self._done:
-            if not _slipped(shift, behind.distance_std):
+            if not _slipped(shift, given.distance_std):
                 return self._placed_again(here.index, distance, shift, place[2])
             self.placed = place
             self.slipped(shift)
@@ -403,7 +404,7 @@ class LookingBack:
         if sizes is None or _is_measured(sizes):
             self._done.add(here.index)
         again = self.placed is not None and self.placed[0] == here.index
-        if again and place[2] > 0.0 and not _slipped(shift, behind.distance_std):
+        if again and place[2] > 0.0 and not _slipped(shift, given.distance_std):
             located = self._placed_again(here.index, distance, shift, place[2])
         else:
             self.placed = place
@@ -435,7 +436,8 @@ class LookingBack:
         behind, passed = look.behind, route.passages[i - 1]
         if behind is None or behind.fitting is None or behind.confidence < self._confidence:
             return False
-        if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
+        std = self._given(behind, passed.index).distance_std
+        if behind.axis[2] < math.cos(LOOKS.most_lean) or std > LOOKS.most_std:
             return False
         known, seen = self._belief.fitting(passed.index), behind.fitting
         both = isinstance(known, Wye) and isinstance(seen, Wye)
@@ -446,6 +448,11 @@ class LookingBack:
         into = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
         plain = self._belief.fitting(route.passages[i].index).is_plain
         return plain and is_along(behind, look.frame * TURNED, into)
+
+    def _given(self, behind: Ahead, part: int) -> Ahead:
+        """Return a look back at a part as the sizes that the map has of that make it."""
+        stds = self._belief.stds.get(self._belief.part_name(part), {})
+        return behind.given(self._belief.fitting(part), stds)
 
     def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
         """Note that a look back from passage ``i`` shows a fitting that is not on the map."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from typing import NamedTuple
 
@@ -35,6 +35,8 @@ class SightSettings:
 
 
 SIGHT = SightSettings()
+GIVEN = ("mean_radius", "angle", "length")
+"""Keys of sizes that mean the same from all ports of a fitting."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ class Ahead:
         axis: (3,) unit vector along the pipe ahead, in the robot's frame.
         size_stds: standard deviations of sizes of ``fitting``, m and rad, by the keys of its
             constructor; none by error-free sight.
+        covariance: (1 + k, 1 + k) of the distance and the k sizes in ``size_stds``, m and rad; None
+            where it is not known, or there is no error.
 
     Example:
         >>> ot.Ahead(end="open", distance=0.4).kind  # an open end, 0.4 m ahead
@@ -81,6 +85,29 @@ class Ahead:
     confidence: float = 1.0
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), compare=False)
     size_stds: Mapping[str, float] = field(default_factory=dict, compare=False)
+    covariance: Array | None = field(default=None, compare=False)
+
+    def given(self, known: Fitting, stds: Mapping[str, float]) -> Ahead:
+        """Return the sighting with the distance and its standard deviation that follow where sizes
+        of its fitting are known: a bend that seems wider also seems to begin elsewhere.
+
+        Args:
+            known: the same fitting, as a map has it; one of another kind changes nothing.
+            stds: standard deviations of its sizes, m and rad, by their keys; sizes without one, and
+                diameters, are not used.
+        """
+        keys = [key for key in self.size_stds if key in stds and key in GIVEN]
+        if self.covariance is None or self.fitting is None or not keys:
+            return self
+        if known.kind != self.fitting.kind:
+            return self
+        at = [1 + list(self.size_stds).index(key) for key in keys]
+        other = [getattr(known, key) - getattr(self.fitting, key) for key in keys]
+        off = np.diag([stds[key] ** 2 for key in keys])
+        gain = np.linalg.solve(self.covariance[np.ix_(at, at)] + off, self.covariance[at, 0])
+        variance = float(self.covariance[0, 0] - gain @ self.covariance[at, 0])
+        distance = self.distance + float(gain @ other)
+        return replace(self, distance=distance, distance_std=math.sqrt(max(variance, 0.0)))
 
     @property
     def kind(self) -> tuple[str, str]:

@@ -34,8 +34,8 @@ class Sighting:
         turn: rad, angle about the robot's forward axis from the robot's x axis to the x axis of the
             port that is entered: to where an elbow bends and a branch opens, and, where a branch is
             entered, along the run (of a wye: to its `run_end`). 0 for what is round about the axis.
-        covariance: (2, 2) of distance and turn, m and rad; infinite for a straight pipe.
-        size_spread: standard deviation of each of the sizes.
+        covariance: (2 + k, 2 + k) of distance, turn and the k sizes, m and rad; infinite for a
+            straight pipe.
         confidence: probability of the kind and the port; below
             ``RECOGNISER.confidence`` the sighting is ambiguous.
         aside: (2,) m, where the pipe's axis lies in the robot's frame, nearest to the lens.
@@ -48,10 +48,14 @@ class Sighting:
     distance: float
     turn: float
     covariance: Array
-    size_spread: dict[str, float]
     confidence: float
     aside: Array
     tilt: Array
+
+    @property
+    def stds(self) -> Array:
+        """Standard deviations (2 + k,) of distance, turn and sizes, m and rad."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 SIZES = 2

@@ -266,7 +266,7 @@ class Recogniser:
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             unknown = np.full((2, 2), np.inf)
             none = np.zeros(2)
-            return Sighting("straight", "", {}, 0.0, 0.0, unknown, {}, 0.0, none, none)
+            return Sighting("straight", "", {}, 0.0, 0.0, unknown, 0.0, none, none)
         views = Views(self._scale.of(pictures), list(motions), prior)
         fits, straight = self._ranked(views)
         return self._sighting(fits, straight, views)
@@ -669,13 +669,16 @@ def _reported(
     variance: float | None,
 ) -> Sighting:
     """Return the sighting of a row; ``variance``, m², of the distance of an end."""
-    form, numbers, at = fits.forms[0], fits.numbers[0], [DISTANCE, TURN]
+    form, numbers = fits.forms[0], fits.numbers[0]
     plain = name[0] == "straight"
+    sizes = () if plain else form.sizes
     covariance = RECOGNISER.error_scale**2 * alike * np.linalg.inv(fits.normal[0])
     if variance is not None:
         covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
         covariance[DISTANCE, DISTANCE] = variance
-    sizes = () if plain else form.sizes
+    for i, size in enumerate(sizes, start=PLACES):
+        covariance[i, i] += (size.step / 2) ** 2
+    told = [DISTANCE, TURN, *range(PLACES, PLACES + len(sizes))]
     return Sighting(
         *name,
         {size.key: float(fits.sizes[0, i]) for i, size in enumerate(sizes)},
@@ -683,11 +686,7 @@ def _reported(
         0.0
         if plain or not form.period
         else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
-        np.full((2, 2), np.inf) if plain else covariance[np.ix_(at, at)],
-        {
-            size.key: math.hypot(math.sqrt(covariance[PLACES + i, PLACES + i]), size.step / 2)
-            for i, size in enumerate(sizes)
-        },
+        np.full((2, 2), np.inf) if plain else covariance[np.ix_(told, told)],
         confidence,
         numbers[ASIDE],
         numbers[TILT],
