@@ -13,6 +13,9 @@ EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
 # Tests start some hundred processes; without bytecode each of them would compile the package.
 unexport PYTHONDONTWRITEBYTECODE
+# Three processes have two cores: threads of NumPy's linear algebra, which wait for each other by
+# spinning, would cost recognition a twentieth of its time.
+test: export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo test quick check docs figures models bench tutorial egl screen clean
 
