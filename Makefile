@@ -13,6 +13,9 @@ EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
 # Tests start some hundred processes; without bytecode each of them would compile the package.
 unexport PYTHONDONTWRITEBYTECODE
+# Three processes have two cores: threads of NumPy's linear algebra, which wait for each other by
+# spinning, would cost recognition a twentieth of its time.
+test: export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo test quick check docs figures models bench tutorial egl screen clean
 
@@ -53,7 +56,8 @@ figures: $(READY) egl screen
 tutorial: $(READY)
 	$(BIN)/python docs/tutorials/tutorial.py
 
-# A bare Debian has python3 without ensurepip: python3-venv brings it.
+# A bare Debian has python3 without ensurepip: python3-venv brings it. Of the five million
+# lines of libraries the tests import a fifth: libraries are compiled as they are imported.
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
@@ -61,7 +65,7 @@ $(READY): pyproject.toml
 	  else echo "Python's venv is missing. Run: sudo apt-get install -y python3-venv"; exit 1; fi; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --group dev
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable . --group dev
 	@touch $@
 
 # Offscreen rendering needs Mesa's EGL. Without it everything but pictures works.

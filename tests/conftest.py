@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
+from fcntl import LOCK_EX, flock
+from functools import cache
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+import typer.main
+import typer.testing
 from pages import chromium
 from sweep_samples import (
     small_sweep,
@@ -16,6 +20,9 @@ from sweep_samples import (
 from omnitrack_sim import run_sweep
 from omnitrack_sim.robots.omnitrack.track import install_lines
 from omnitrack_sim.walls.collider import install
+
+# A process of a user's makes its commands once, that of the tests for each of hundreds of calls.
+typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 
 LONGEST = ["test_robot_claims", SITE := "test_site"]
 """Files that take longest, in the order in which they begin. Whole files go to the processes of
@@ -53,8 +60,11 @@ def pytest_collection_finish() -> None:
 def walls(request: pytest.FixtureRequest) -> None:
     """Exact walls are compiled before a test starts a process, which would tell of it."""
     if request.path.stem != SITE:
-        install()
-        install_lines()
+        # Of a fresh checkout: one process compiles for half a minute, the others wait and load.
+        with Path(__file__).open("rb") as lock:
+            flock(lock, LOCK_EX)
+            install()
+            install_lines()
 
 
 @pytest.fixture(scope="session")

@@ -84,11 +84,6 @@ def once_deadly_batch(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
     return run_trials(batch)
 
 
-def no_worker(parent: int) -> None:
-    """As ``begin_worker``, but no worker lives to work."""
-    os._exit(1)
-
-
 def parts(place: Path) -> list[Path]:
     """The part files in the folder of a sweep."""
     return sorted((place / "parts").glob("[0-9]*.parquet"))

@@ -23,6 +23,9 @@ length = 0.4
 ports = ["inlet.end", "dead.start"]
 """
 
+NEAR = "[start]\ndistance = 0.45\n"
+"""Where a robot begins that drives up to the wall, m."""
+
 
 @pytest.fixture
 def blind(tmp_path):
@@ -41,7 +44,7 @@ def load(scenario, text):
 
 @pytest.mark.parametrize("collider", ["exact", "primitives"])
 def test_a_robot_is_sent_to_a_cap_and_stands_before_it(blind, collider):
-    scenario = load(blind, f'goals = ["dead.end"]\n[physics]\ncollider = "{collider}"\n')
+    scenario = load(blind, f'goals = ["dead.end"]\n[physics]\ncollider = "{collider}"\n{NEAR}')
     result = ot.run(scenario)
     assert result.outcome == "reached_goal"
     nose = result.trajectory["position"][-1, 2] + scenario.robot.length / 2
@@ -52,7 +55,8 @@ def test_a_cap_stops_a_robot_that_drives_on():
     """The goal is half a metre behind the wall: the motors stall before it."""
     pipes = [{"kind": "straight", "length": 0.6}, {"kind": "cap", "length": 0.4}]
     scenario = ot.override(ot.load_scenario("straight"), {"pipes": pipes})
-    scenario = ot.override(scenario, {"run.goal_distance": 0.99, "start.axis": [0, 0, 1]})
+    start = {"start.axis": [0, 0, 1], "start.distance": 0.4}
+    scenario = ot.override(scenario, {"run.goal_distance": 0.99, **start})
     result = ot.run(scenario)
     nose = result.trajectory["position"][:, 2] + scenario.robot.length / 2
     assert result.outcome == "stalled"
@@ -61,7 +65,7 @@ def test_a_cap_stops_a_robot_that_drives_on():
 
 
 def test_an_explored_cap_is_a_closed_straight(blind):
-    scenario = load(blind, 'map = "unknown"\ntask = "explore"\n')
+    scenario = load(blind, 'map = "unknown"\ntask = "explore"\n[control]\ncruise_speed = 0.15\n')
     result = ot.run(scenario)
     assert result.outcome == "reached_goal"
     assert result.map_difference().same

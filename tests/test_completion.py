@@ -6,6 +6,7 @@ import sys
 from unittest import mock
 
 import pytest
+import typer.main
 from commands import omnitrack
 
 import omnitrack_sim as ot
@@ -79,7 +80,9 @@ def test_completion_is_installed_and_shown(tmp_path, shell):
     """--install-completion writes into the shell's files of the user, whose home is another here;
     --show-completion prints the same."""
     asked = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    with mock.patch.dict(os.environ, asked):
+    # Commands made anew: Typer asks for that variable as it makes them.
+    anew = mock.patch.object(typer.main, "get_command", typer.main.get_command.__wrapped__)
+    with mock.patch.dict(os.environ, asked), anew:
         for option in ("--install-completion", "--show-completion"):
             done = omnitrack(option, shell)
             assert (done.returncode, done.stderr) == (0, "")

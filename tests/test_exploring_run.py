@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import omnitrack
 from network_samples import forked, tee
 from typer.testing import CliRunner
 
@@ -35,7 +34,8 @@ def fork(**mission) -> Scenario:
     network = forked(on=0.2, off=0.2) | {"ports": {"far": "on.end"}}
     table = {"start": "foot.start", "map": "unknown", "task": "explore", **mission}
     data = {"name": "fork", "network": network, "mission": table}
-    return validate(data | {"world": {"gravity": [0, 0, 0]}})
+    fast = {"control": {"cruise_speed": 0.15}}
+    return validate(data | {"world": {"gravity": [0, 0, 0]}} | fast)
 
 
 def test_a_robot_explores_and_comes_back(tmp_path):
@@ -152,10 +152,7 @@ def test_a_robot_begins_to_explore_in_a_straight():
 
 def test_bad_input_ends_with_status_2():
     """And the message names the key."""
-    command = [sys.executable, "-m", "omnitrack_sim.cli", "run", "missions/explore_loop"]
-    done = subprocess.run(
-        [*command, "--set", "mission.task=find"], capture_output=True, text=True, check=False
-    )
+    done = omnitrack("run", "missions/explore_loop", "--set", "mission.task=find")
     assert done.returncode == 2
     assert "mission.goals: must have at least 1 item" in done.stderr
 

@@ -342,7 +342,7 @@ def test_a_robot_passes_a_wye(name, words, turn_deg, collider):
         words,
         pytest.approx(np.radians(turn_deg)),
     )
-    assert ot.run(scenario).outcome == scenario.run.expected_outcome
+    assert ot.run(scenario, no_load=False).outcome == scenario.run.expected_outcome
 
 
 def test_a_corner_has_the_same_size_both_ways():

@@ -37,7 +37,7 @@ def driven(scenario: Scenario) -> Result:
 @pytest.fixture(scope="module")
 def dead_end() -> Result:
     # At theta5 = 0 the last merge, against gravity, is close: some processors' sines decide it.
-    changes = {"start.theta5_deg": 10.0}
+    changes = {"start.theta5_deg": 10.0, "control.cruise_speed": 0.15}
     return driven(override(load_scenario("missions/dead_end"), changes))
 
 
@@ -115,7 +115,8 @@ def test_two_goals_one_after_the_other():
     """The robot tells each goal it reaches and backs out of the first. Its progress rises over all
     legs, so that at the first goal a quarter of the way is done, and tells time and fitting."""
     told: list[tuple[float, str]] = []
-    scenario = mission_of("house_sewer", "sewer", "yard", "kitchen")
+    fast = {"cruise_speed": 0.15}
+    scenario = mission_of("house_sewer", "sewer", "yard", "kitchen", control=fast)
     result = run(scenario, no_load=False, progress=lambda *report: told.append(report))
     assert result.success, result.reason
     assert [leg.goal for leg in result.legs] == [0, -1, 1]
@@ -161,11 +162,11 @@ def test_fittings_close_together_are_passed():
 def test_a_mission_does_not_depend_on_its_batch():
     """Missions with other starts and goals share a batch, one with a leg added on the way: same
     bits as alone."""
-    network = forked()
+    network, fast = forked(0.2, 0.2), {"control": {"cruise_speed": 0.15}}
     scenarios = [
-        mission_of(network, "foot.start", "off.end"),
-        mission_of(network, "on.end", "foot.start", start={"theta5_deg": 20.0}),
-        mission_of(network, "foot.start", "on.end", "foot.start"),
+        mission_of(network, "foot.start", "off.end", **fast),
+        mission_of(network, "on.end", "foot.start", start={"theta5_deg": 20.0}, **fast),
+        mission_of(network, "foot.start", "on.end", "foot.start", **fast),
     ]
     together = run_batch(scenarios, threads=1, no_load=False)
     assert [len(result.legs) for result in together] == [1, 1, 2]

@@ -22,15 +22,24 @@ DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
 PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1, "your-robot-in-10-minutes": 2}
 """Notebooks, and how many pictures each shows at least."""
 SHORTER = {
-    "tutorial": {"samples = 6": "samples = 1", "[0.3, 0.4, 0.5, 0.6, 0.8]": "[0.3, 0.8]"},
+    "tutorial": {
+        'load_scenario("tee_turn")': 'load_scenario("tee_turn", {"run.time_limit": 1.0})',
+        "samples = 6": "samples = 1",
+        "[0.3, 0.4, 0.5, 0.6, 0.8]": "[0.3, 0.8]",
+        "[set]": '[set]\n"run.time_limit" = 0.5',
+        'load_scenario("elbow")': 'load_scenario("elbow", {"run.time_limit": 1.0})',
+    },
     "learn-in-5-minutes": {
+        "num_envs=48": "num_envs=16",
+        '"control.kind": "policy",': '"run.time_limit": 0.5, "control.kind": "policy",',
+        'load_scenario("straight"))': 'load_scenario("straight", {"run.time_limit": 0.5}))',
         "for generation in range(10):": "for generation in (0, 1):",
         '"run.time_limit": 3.0': '"run.time_limit": 0.3',
     },
     "your-robot-in-10-minutes": {
         "while data.time < 8.0:": "while data.time < 0.5:",
         "for _ in range(8):": "for _ in range(2):",
-        "start.distance = 0.15": "start.distance = 0.15\nrun.time_limit = 2.0",
+        "start.distance = 0.15": "start.distance = 0.15\nrun.time_limit = 0.5",
     },
 }
 """What the test runs less of: it passes through the same code."""

@@ -1,5 +1,7 @@
 """The paper's controller, the baseline without modulation, and the retry of the default one."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ BORE = 0.16
 """D, m: the unit of lengths in ``[control.parameters]``."""
 
 
+@cache
 def _turn_speeds(name: str, theta5_deg: float, **more) -> tuple[np.ndarray, object]:
     """Commanded wall speeds (3,) in the middle of the turn, and the result."""
     changes = {
@@ -24,7 +27,7 @@ def _turn_speeds(name: str, theta5_deg: float, **more) -> tuple[np.ndarray, obje
         "start.theta5_deg": theta5_deg,
         **more,
     }
-    (result,) = run_batch([override(load_scenario(name), changes)])
+    (result,) = run_batch([override(load_scenario(name), changes)], no_load=False)
     phases = np.array(result.trajectory.phases)[result.trajectory["phase"].astype(int)]
     turning = np.flatnonzero((phases == "elbow") | (phases == "tee_turn"))
     return result.trajectory["belt_speed_command"][turning[len(turning) // 2]], result
@@ -90,7 +93,7 @@ def test_a_failed_turn_is_tried_again():
     """Unaligned from the worst orientation the turn hangs; with retry the robot backs off to before
     the tee."""
     base = override(load_scenario("tee_turn"), {"start.theta5_deg": 60, "control.align": False})
-    without, tried = run_batch([override(base, {"control.retry": False}), base])
+    without, tried = run_batch([override(base, {"control.retry": False}), base], no_load=False)
     assert without.events == []
     assert not without.success
     assert any("backs off and tries again" in str(event) for event in tried.events)
@@ -117,8 +120,9 @@ def test_a_tee_turn_begins_at_its_trigger():
     """Half a radius past the opening's edge, as published, or where the scenario says."""
     base = {"control.align": False, "control.kind": "paper", "run.time_limit": 4.5}
     later = {"control.parameters.tee_trigger": 0.06}
-    for changes, expected in (({}, 0.04), (later, 0.06)):
-        (result,) = run_batch([override(load_scenario("tee_turn"), base | changes)])
+    scenarios = [override(load_scenario("tee_turn"), base | changes) for changes in ({}, later)]
+    results = run_batch(scenarios, no_load=False)
+    for result, expected in zip(results, (0.04, 0.06), strict=True):
         trajectory = result.trajectory
         begin = np.flatnonzero(trajectory["phase"] == trajectory.phases.index("tee_turn"))[0]
         head = trajectory["distance"][begin] + result.scenario.robot.length / 2

@@ -177,7 +177,7 @@ def test_robots_of_three_sizes_climb_alike():
 
     They start with the rounding of the inputs, 1e-16, and a steady climb does not make it grow.
     """
-    one, *others = (_without_dimension(ot.run(_run_of(s))) for s in (1.0, *SCALES))
+    one, *others = (_without_dimension(ot.run(_run_of(s), no_load=False)) for s in (1.0, *SCALES))
     for other in others:
         assert other == pytest.approx(one, abs=1e-9)
 
@@ -190,7 +190,7 @@ def test_robots_of_three_sizes_turn_alike():
     tolerance, and lugs that touch or leave a step earlier, make rounding grow: to 4e-8 in
     the first half and to 8e-4 in all here.
     """
-    results = [ot.run(_run_of(s, bend=True)) for s in (1.0, *SCALES)]
+    results = [ot.run(_run_of(s, bend=True), no_load=False) for s in (1.0, *SCALES)]
     one, *others = (_without_dimension(result)[:, :3] for result in results)
     assert np.degrees(one[:, 0].max()) > 20
     for other in others:

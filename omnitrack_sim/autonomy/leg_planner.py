@@ -118,11 +118,16 @@ class LegPlanner:
         self._graph = port_graph(network, arcs, avoid)
         # Planning compares many paths through the same parts, and asks for one goal many times.
         self._passages: dict[Edge, Passage] = {}
+        self._latest: tuple[tuple[Edge, ...], Route] | None = None
         self._paths: tuple[object, PathsToGoals] = None, PathsToGoals(self._graph, ())
 
     def route(self, path: Iterable[Edge]) -> Route:
         """Return the route along a path; its centreline is laid when it is first asked for."""
-        return Route.of(self.network.pipes, map(self._passage, path))
+        path = tuple(path)
+        # A robot that explores asks for the route of its leg in every step.
+        if self._latest is None or self._latest[0] != path:
+            self._latest = path, Route.of(self.network.pipes, map(self._passage, path))
+        return self._latest[1]
 
     def _passage(self, edge: Edge) -> Passage:
         if edge not in self._passages:

@@ -102,11 +102,11 @@ class Ahead:
         if known.kind != self.fitting.kind:
             return self
         at = [1 + list(self.size_stds).index(key) for key in keys]
-        other = [getattr(known, key) - getattr(self.fitting, key) for key in keys]
+        apart = [getattr(known, key) - getattr(self.fitting, key) for key in keys]
         off = np.diag([stds[key] ** 2 for key in keys])
         gain = np.linalg.solve(self.covariance[np.ix_(at, at)] + off, self.covariance[at, 0])
         variance = float(self.covariance[0, 0] - gain @ self.covariance[at, 0])
-        distance = self.distance + float(gain @ other)
+        distance = self.distance + float(gain @ apart)
         return replace(self, distance=distance, distance_std=math.sqrt(max(variance, 0.0)))
 
     @property

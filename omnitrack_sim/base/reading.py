@@ -375,13 +375,18 @@ def _tidied(data: Any) -> tuple[Any, list[Fault]]:
     faults: list[Fault] = []
 
     def tidy(value: Any, place: tuple[str, ...]) -> Any:
+        if value is None or type(value) in (float, bool):
+            return value  # most values of a file: no oddity is of these types
         problem = _oddity(value, len(place))
         if problem is not None:
             faults.append(Fault(".".join(place), problem))
             return None
         if isinstance(value, Mapping):
             # Keys, too, have to be texts that can be encoded.
-            keys = [str(key).encode("utf-8", "backslashreplace").decode() for key in value]
+            texts = map(str, value)
+            keys = [
+                k if k.isascii() else k.encode("utf-8", "backslashreplace").decode() for k in texts
+            ]
             items = zip(keys, value.values(), strict=True)
             return {key: tidy(item, (*place, key)) for key, item in items}
         if isinstance(value, list | tuple):
@@ -394,7 +399,9 @@ def _tidied(data: Any) -> tuple[Any, list[Fault]]:
 def _oddity(value: Any, depth: int) -> str | None:
     """Problem of a value that is invalid at any place; None for ordinary values."""
     # A lone surrogate is half a character, which no encoding can write.
-    if isinstance(value, str) and re.search(r"[\ud800-\udfff]", value):
+    if isinstance(value, str):
+        if value.isascii() or not re.search(r"[\ud800-\udfff]", value):
+            return None
         return f"is {shown(value)}, which has bytes or halves of characters that are no text"
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         return "is an integer of more than 64 bits"

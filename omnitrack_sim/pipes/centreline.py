@@ -142,13 +142,19 @@ class Centreline:
     def frame(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
         """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
         without twist."""
+        return self.at_with_frame(s, line)[1]
+
+    def at_with_frame(
+        self, s: Array, line: NDArray[np.intp] | None = None
+    ) -> tuple[tuple[Array, Array, Array, Array], Array]:
+        """What ``at`` and ``frame`` give, which look up the same segments."""
         s = np.asarray(s, float)
         rows = self._rows.take(self._segment(s, line), axis=0)
         u = s - rows[:, _START]
         angle = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH]) * rows[:, _CURVATURE]
         x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
-        _, z, _, _ = _along(rows, u)
-        return frame_of(x, z)
+        place = _along(rows, u)
+        return place, frame_of(x, place[1])
 
     def locate(
         self, points: Array, near: Array | None = None, line: NDArray[np.intp] | None = None

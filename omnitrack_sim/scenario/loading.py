@@ -218,6 +218,8 @@ def _own_faults(data: Mapping[str, Any]) -> list[Fault]:
     except ValidationError:
         return []  # reported with the table
     faults: list[Fault] = []
+    if not (record.sensors or record.metrics):
+        return faults
     for own in ("own_sensors", "own_metrics"):
         with gathered(faults):
             getattr(Scenario.model_construct(record=record), own)

@@ -466,15 +466,18 @@ def _bound_faults(
         for base in bases:
             data = base.model_dump(mode="json")
             own = _placed(data, variable, getattr(variable, end))
+            # Nearly all bounds fit the base as it is, and are tried no further.
+            faults = _refused(base, own, {})
+            if not faults:
+                continue
             # Only the two corners of the other variables are tried: all of them would be
             # exponentially many.
-            corners: list[dict[str, float | int]] = [{}]
+            corners: list[dict[str, float | int]] = []
             for side in _ENDS:
                 placed = [_placed(data, other, getattr(other, side)) for other in others]
                 corners.append({place: value for one in placed for place, value in one.items()})
-            refused = [_refused(base, own, corner) for corner in corners]
-            if all(refused):
-                yield from dict.fromkeys(fault.at(at) for fault in refused[0])
+            if all(_refused(base, own, corner) for corner in corners):
+                yield from dict.fromkeys(fault.at(at) for fault in faults)
                 break
 
 

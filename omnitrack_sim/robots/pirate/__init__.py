@@ -328,28 +328,31 @@ def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Arra
     x = place.frame[:, :, 0]
     # In the frame that the centreline carries along without twist; rear, then front.
     roll = np.tile(np.arctan2(dot(x, middle[:, :, 1]), dot(x, middle[:, :, 0])), 2)[:, None]
+    along_x, along_y = np.cos(roll), np.sin(roll)
     route, way = np.tile(place.route, 2), np.repeat([-1.0, 1.0], n)
 
-    def offset(s: Array, side: int) -> Array:
-        frame = line.frame(s, route)
-        out = np.cos(roll) * frame[:, :, 0] + np.sin(roll) * frame[:, :, 1]
-        return (side * robot.reach * held(robot, routes, s, route))[:, None] * out
+    def node(s: Array, side: int) -> tuple[Array, Array]:
+        """Where nodes of a side are wanted, and the speeds of their wheels."""
+        (point, _, normal, curvature), frame = line.at_with_frame(s, route)
+        out = along_x * frame[:, :, 0] + along_y * frame[:, :, 1]
+        out = (side * robot.reach * held(robot, routes, s, route))[:, None] * out
+        return point + out, 1 - curvature * dot(out, normal)
 
     s = np.tile(place.distance, 2) + way * robot.link / 2
-    points, ratios = [], []
-    for k in range(FRONT, len(SIDES)):
-        if k > FRONT:
-            step = np.full(2 * n, robot.link * math.cos(robot.slope))
-            for _ in range(SETTINGS.iterations):
-                there = s + way * step
-                wanted = line.at(there, route)[0] + offset(there, SIDES[k])
-                away = np.linalg.norm(wanted - points[-1], axis=1)
-                step = np.clip(step * robot.link / away, 0.2 * robot.link, 2.5 * robot.link)
-            s = s + way * step
-        point, _, normal, curvature = line.at(s, route)
-        out = offset(s, SIDES[k])
-        points.append(point + out)
-        ratios.append(1 - curvature * dot(out, normal))
+    places = [node(s, SIDES[FRONT])]
+    for side in SIDES[FRONT + 1 :]:
+        step = np.full(2 * n, robot.link * math.cos(robot.slope))
+        there = node(s + way * step, side)
+        for _ in range(SETTINGS.iterations):
+            away = np.linalg.norm(there[0] - places[-1][0], axis=1)
+            better = np.clip(step * robot.link / away, 0.2 * robot.link, 2.5 * robot.link)
+            if np.array_equal(better, step):
+                break
+            step = better
+            there = node(s + way * step, side)
+        s = s + way * step
+        places.append(there)
+    points, ratios = zip(*places, strict=True)
     rear, front = np.stack(points).reshape(3, 2, n, 3).swapaxes(0, 1)
     nodes = np.concatenate([rear[::-1], front]).swapaxes(0, 1)
     slow, fast = np.stack(ratios).reshape(3, 2, n).swapaxes(0, 1)
