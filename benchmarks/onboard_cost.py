@@ -4,7 +4,7 @@ python benchmarks/onboard_cost.py [--robots N] [--quick]
 
 Tee turns from random orientations, exact walls, are begun as one batch on one thread: by robots
 that are told the truth, by such with a depth camera, and by such with a headlight camera, 10
-pictures a second. They are driven for as long as all robots are under way: behind that, a single
+pictures a second. They are driven for as long as all robots are under way: after that, a single
 robot that tries again pays for a batch of its own. The three are measured in turn, three times.
 Printed are medians of the processor time for each simulated second of a robot, in milliseconds, and
 of the ratio to the first in the same round, with the least and the greatest. All are begun once

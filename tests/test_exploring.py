@@ -16,7 +16,7 @@ from omnitrack_sim.autonomy.sight import Ahead
 from omnitrack_sim.base.rotations import Pose, angle_between, rotation_about
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
-from omnitrack_sim.pipes.network import load_network, validate
+from omnitrack_sim.pipes.network import Network, load_network, validate
 from omnitrack_sim.record.events import (
     EndInspected,
     ExplorationComplete,
@@ -33,6 +33,14 @@ def explored(name: str, start: str, **more) -> Ghost:
     ghost = Ghost(load_network(name), start, **more)
     ghost.run()
     return ghost
+
+
+def with_wye(on: float = 0.4) -> Network:
+    """A wye with pipe at all ports, of length ``on`` m beyond its run."""
+    parts = [straight("foot"), {"kind": "wye", "name": "wye"}, straight("side")]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
+    joints += [joint("wye.run_end", "on.start")]
+    return validate({"fittings": [*parts, straight("on", on)], "joints": joints})
 
 
 def of_kind(ghost: Ghost, kind: type) -> list:
@@ -678,10 +686,7 @@ def test_the_angle_of_a_wye_is_measured_by_coming_through(start):
             return ahead
         return replace(ahead, fitting=replace(ahead.fitting, angle=np.radians(47)))
 
-    parts = [straight("foot"), {"kind": "wye", "name": "wye"}, straight("side"), straight("on")]
-    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
-    joints += [joint("wye.run_end", "on.start")]
-    ghost = Ghost(validate({"fittings": parts, "joints": joints}), start, erring=wider)
+    ghost = Ghost(with_wye(), start, erring=wider)
     ghost.run()
     fittings = [part.fitting for part in ghost.explorer.belief.network.pipes.parts]
     (wye,) = (fitting for fitting in fittings if isinstance(fitting, Wye))
@@ -968,11 +973,7 @@ def test_a_look_back_at_a_fitting_of_known_sizes_tells_more(told):
             covariance=both if told else None,
         )
 
-    parts = [straight("foot"), {"kind": "wye", "name": "wye"}, straight("side")]
-    parts += [straight("on", 0.6)]
-    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
-    joints += [joint("wye.run_end", "on.start")]
-    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=off)
+    ghost = Ghost(with_wye(0.6), "foot.start", erring=off)
     ghost.run()
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "foot.start")
     assert (difference.length_error < 0.003) == told
@@ -992,15 +993,7 @@ def test_a_look_back_at_a_wye_of_another_angle_tells_nothing():
         wider = replace(ahead.fitting, angle=ahead.fitting.angle + np.radians(10) * (error > 0))
         return replace(ahead, fitting=wider, distance=ahead.distance - error, distance_std=0.002)
 
-    parts = [
-        straight("foot"),
-        {"kind": "wye", "name": "wye"},
-        straight("side"),
-        straight("on", 0.6),
-    ]
-    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "side.start")]
-    joints += [joint("wye.run_end", "on.start")]
-    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start", erring=off)
+    ghost = Ghost(with_wye(0.6), "foot.start", erring=off)
     ghost.run()
     assert next(errors, None) is None
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "foot.start")
@@ -1095,12 +1088,12 @@ def test_a_reducer_that_only_a_look_back_shows_is_put_into_the_map(before):
     ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
     on_look, ghost.explorer.on_look = ghost.explorer.on_look, read
     ghost.run()
-    network_made = ghost.explorer.belief.network
-    difference = compare_maps(network_made, network)
+    made = ghost.explorer.belief.network
+    difference = compare_maps(made, network)
     assert difference.same, difference
     assert difference.length_error < 0.01
     assert of_kind(ghost, ExplorationComplete)
-    wide = {part.fitting.port_radius("end") for part in network_made.pipes.parts[-2:]}
+    wide = {part.fitting.port_radius("end") for part in made.pipes.parts[-2:]}
     assert wide == {0.085}
 
 

@@ -60,7 +60,7 @@ class CameraSightSettings:
         elbow_std: m, the same in addition.
         wye_share: the same of a wye: 23 looks by robots were off by 0.3 of what a picture tells
             (root mean square, less two that were off by 14 mm).
-        share: standard deviations by the depth camera of distances given the sizes of the fitting,
+        given_share: standard deviation by the depth camera of how far a fitting of known sizes is,
             as a part of what a picture tells: 139 looks at elbows, wyes and reducers scattered by
             0.3 to 0.5 of that (wyes entered by `run_end` by 0.7).
         first_picture: number of a look's first picture. The estimate counts its own from 0; each
@@ -79,7 +79,7 @@ class CameraSightSettings:
     elbow_share: float = 0.25
     elbow_std: float = 0.0015
     wye_share: float = 0.5
-    share: float = 0.5
+    given_share: float = 0.5
     first_picture: int = 1_000_000
 
 
@@ -210,7 +210,7 @@ def by_depth(ahead: Ahead) -> Ahead:
         std *= CAMERA_SIGHT.wye_share
     if ahead.covariance is None:
         return replace(ahead, distance_std=std)
-    covariance = CAMERA_SIGHT.share**2 * ahead.covariance
+    covariance = CAMERA_SIGHT.given_share**2 * ahead.covariance
     return replace(ahead, distance_std=std, covariance=covariance)
 
 

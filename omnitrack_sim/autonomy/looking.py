@@ -373,7 +373,10 @@ class LookingBack:
         i = route.index_at(distance)
         here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
-        if i == 0 or behind is None or not self._is_clear(route, i, look):
+        given = (
+            None if i == 0 or behind is None else self._given(behind, route.passages[i - 1].index)
+        )
+        if behind is None or given is None or not self._is_clear(route, i, given, look.frame):
             self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
             self._vain[here.index] += 1
             return distance
@@ -381,7 +384,6 @@ class LookingBack:
         if behind.kind[0] != route.passages[i - 1].part.fitting.kind:
             self._doubt(route, i, distance, behind)
             return distance
-        given = self._given(behind, route.passages[i - 1].index)
         located = here.s_enter + given.distance
         shift, before = located - distance, self._shift
         place = here.index, located, common_std(LOOKS.distance_floor, [given.distance_std])
@@ -431,15 +433,15 @@ class LookingBack:
         self.placed = part, located, max(float(weights.sum()) ** -0.5, LOOKS.distance_floor)
         return located
 
-    def _is_clear(self, route: Route, i: int, look: Look) -> bool:
-        """Return whether a look back from passage ``i`` clearly shows a fitting."""
-        behind, passed = look.behind, route.passages[i - 1]
-        if behind is None or behind.fitting is None or behind.confidence < self._confidence:
+    def _is_clear(self, route: Route, i: int, behind: Ahead, frame: Array) -> bool:
+        """Return whether a look back from passage ``i``, by a robot in ``frame`` (3, 3), clearly
+        shows a fitting."""
+        passed, seen = route.passages[i - 1], behind.fitting
+        if seen is None or behind.confidence < self._confidence:
             return False
-        std = self._given(behind, passed.index).distance_std
-        if behind.axis[2] < math.cos(LOOKS.most_lean) or std > LOOKS.most_std:
+        if behind.axis[2] < math.cos(LOOKS.most_lean) or behind.distance_std > LOOKS.most_std:
             return False
-        known, seen = self._belief.fitting(passed.index), behind.fitting
+        known = self._belief.fitting(passed.index)
         both = isinstance(known, Wye) and isinstance(seen, Wye)
         if both and abs(known.angle - seen.angle) > ANGLES:
             # Its angle has been measured from nearer: a picture that fits another one has a wrong
@@ -447,10 +449,10 @@ class LookingBack:
             return False
         into = -self._belief.port((passed.index, passed.leave)).rotation[:, 2]
         plain = self._belief.fitting(route.passages[i].index).is_plain
-        return plain and is_along(behind, look.frame * TURNED, into)
+        return plain and is_along(behind, frame * TURNED, into)
 
     def _given(self, behind: Ahead, part: int) -> Ahead:
-        """Return a look back at a part as the sizes that the map has of that make it."""
+        """Return a look back at a part, given the sizes that the map has of it."""
         stds = self._belief.stds.get(self._belief.part_name(part), {})
         return behind.given(self._belief.fitting(part), stds)
 

@@ -97,15 +97,14 @@ class Ahead:
                 diameters, are not used.
         """
         keys = [key for key in self.size_stds if key in stds and key in GIVEN]
-        if self.covariance is None or self.fitting is None or not keys:
-            return self
-        if known.kind != self.fitting.kind:
+        seen, covariance = self.fitting, self.covariance
+        if covariance is None or seen is None or seen.kind != known.kind or not keys:
             return self
         at = [1 + list(self.size_stds).index(key) for key in keys]
-        apart = [getattr(known, key) - getattr(self.fitting, key) for key in keys]
+        apart = [getattr(known, key) - getattr(seen, key) for key in keys]
         off = np.diag([stds[key] ** 2 for key in keys])
-        gain = np.linalg.solve(self.covariance[np.ix_(at, at)] + off, self.covariance[at, 0])
-        variance = float(self.covariance[0, 0] - gain @ self.covariance[at, 0])
+        gain = np.linalg.solve(covariance[np.ix_(at, at)] + off, covariance[at, 0])
+        variance = float(covariance[0, 0] - gain @ covariance[at, 0])
         distance = self.distance + float(gain @ apart)
         return replace(self, distance=distance, distance_std=math.sqrt(max(variance, 0.0)))
 
