@@ -465,13 +465,43 @@ def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> 
 def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -> None:
     """Beside the centreline by more than ``beside`` radii it backs off at once; out of a branch
     there is nothing to go past, and up to there it drives on."""
-    for share, off in ((0.5, False), (0.7, backs)):
+    for share, off in ((0.35, False), (0.5, backs)):
         bench = Bench(scenario_of(name, **{"control.retry": True}))
         observation = bench.observe(bench.inside())
         out = -cross(observation.location.tangent, observation.location.normal)[0]
         command = bench.step(bench.inside(), aside=share * BORE / 2 * out)
         assert [type(event) for event in command.events] == [BackedOff] * off
         assert command.resting.tolist() == [off]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("square", [True, False])
+@pytest.mark.parametrize("roll_deg", [30.0, -100.0])
+def test_tracks_roll_to_the_wall_before_a_robot_backs_off(roll_deg: float, square: bool) -> None:
+    """The short way, on the spot, until they face it; then the belts run backward."""
+    changes = {"control.parameters.recovery.square": square, "control.align": True}
+    bench = Bench(scenario_of("tee_turn", **changes | {"control.retry": True}))
+    controller = bench.controller
+    assert isinstance(controller, JacobianController)
+    aligner, roll = controller.aligner, np.full((1, 3), np.radians(roll_deg))
+    aligner.roll[:] = aligner.roll_target[:] = roll
+    aligner.aligned[:] = 1
+    observation = bench.observe(bench.inside())
+    out = -cross(observation.location.tangent, observation.location.normal)[0]
+    rolled = []
+    for _ in range(120):
+        before = roll
+        command = bench.step(bench.inside(), aside=0.5 * BORE / 2 * out, roll=roll[0])
+        roll = command.roll
+        if np.any(command.belt_speed):
+            break
+        rolled.append(float(np.abs(roll - before).max()))
+    facing = np.pi * np.round(np.radians(roll_deg) / np.pi)
+    wanted = facing if square else np.radians(roll_deg)
+    assert roll == pytest.approx(np.full((1, 3), wanted), abs=0.02)
+    assert sum(rolled) == pytest.approx(abs(facing - np.radians(roll_deg)) * square, abs=0.03)
+    forward = command.belt_speed * np.sign(np.cos(roll))
+    assert forward.mean() < 0
+    assert controller.phases[int(command.phase[0])] == "back_off"
 
 
 @pytest.mark.parametrize("retries", [0, 1, 3])

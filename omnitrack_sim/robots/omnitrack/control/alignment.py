@@ -376,6 +376,7 @@ class Aligner:
         roll: (n, 3) rad, set point of the rotary motors.
         roll_target: (n, 3) rad, to which ``roll`` moves at the largest roll rate.
         aligned: (n,) first passage that is not dealt with yet.
+        squaring: (n,) bool, robots that roll until their tracks face the wall.
         attempts: (n,) rolls so far for that passage.
         deadline: (n,) s, after which a roll is judged as it is.
     """
@@ -385,6 +386,8 @@ class Aligner:
         self.roll, self.roll_target, self._belt_sign = np.zeros((3, setup.n, 3))
         self.attempts, self.aligned = np.zeros((2, setup.n), int)
         self.deadline = np.zeros(setup.n)
+        self.squaring = np.zeros(setup.n, bool)
+        self._square_by = np.full(setup.n, np.inf)  # s, when ``squaring`` ends at the latest
         self._inside = np.zeros(setup.n, bool)  # robots that are aligned with the nose in a fitting
         self._astride = np.zeros(setup.n, bool)  # of these, with an opening between two modules
         self.reset(self._rows, setup)
@@ -407,7 +410,7 @@ class Aligner:
         self.roll[rows] = self.roll_target[rows] = setup.command.roll[rows]
         self._belt_sign[rows] = belt_sign(setup.command.roll[rows])
         self.attempts[rows], self.deadline[rows] = 0, np.inf
-        self._inside[rows] = self._astride[rows] = False
+        self._inside[rows] = self._astride[rows] = self.squaring[rows] = False
         # Without alignment every passage counts as dealt with.
         first = self.routes.first[setup.location.route]
         self.aligned[rows] = np.where(self.settings.align, first, np.iinfo(np.intp).max)[rows]
@@ -501,7 +504,7 @@ class Aligner:
             self.roll_target[robot] = -self.roll_target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
         self.attempts[robot], self.deadline[robot] = 0, np.inf
-        self._inside[robot] = self._astride[robot] = False
+        self._inside[robot] = self._astride[robot] = self.squaring[robot] = False
         if self.settings.align[robot]:
             self.aligned[robot] = self.routes.first[route]
 
@@ -510,6 +513,15 @@ class Aligner:
         ``shift``."""
         if self.settings.align[robot]:
             self.aligned[robot] += shift
+
+    def square(self, robots: NDArray[np.bool_], time: Array) -> None:
+        """Have ``robots`` (n,) roll the short way until their tracks face the wall; ``time`` (n,) s
+        is this moment."""
+        facing = np.pi * np.round(self.roll / np.pi)
+        rolling = np.abs(facing - self.roll).max(axis=1) / self.robot.roll_rate
+        self.roll_target = np.where(robots[:, None], facing, self.roll_target)
+        self._square_by = np.where(robots, time + rolling + self._patience, self._square_by)
+        self.squaring = self.squaring | robots
 
     def align_again(self, robots: NDArray[np.bool_], passage: NDArray[np.intp]) -> None:
         """Forget that ``robots`` (n,) have been aligned for their ``passage`` (n,)."""
@@ -550,14 +562,16 @@ class Aligner:
             observation: of this moment.
             room: (n,) m, ``RouteMap.nose_room`` at this moment.
         """
-        standing = self._stand(observation, room)
+        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
+        self.squaring = self.squaring & ~settled & (observation.time <= self._square_by)
+        standing = self._stand(observation, settled, room)
         missing = self.roll_target - self.roll
         if np.count_nonzero(missing):
             self.roll += np.minimum(np.maximum(missing, -self._step), self._step)
         return standing
 
     def _stand(
-        self, observation: Observation, room: Array
+        self, observation: Observation, settled: NDArray[np.bool_], room: Array
     ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
         location, events = observation.location, []
         due = (self.aligned <= location.passage) & (room <= self.robot.standing_room)
@@ -566,7 +580,6 @@ class Aligner:
         # An infinite deadline says that nothing has been tried for this fitting yet.
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self._patience, self.deadline)
-        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
         # The last ranges are the widest.
         best, width = self._ranges(self._rows, location.passage)
         error = np.abs(orientation_error(location.theta5, best[-1]))

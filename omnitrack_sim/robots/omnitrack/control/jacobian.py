@@ -184,7 +184,7 @@ class JacobianController:
             observation, self.resting, self.sway.slides, room, self.aligner
         )
         standing, rolled = self.aligner.step(observation, room)
-        aligning = standing & ~backing
+        aligning = np.where(backing, self.aligner.squaring, standing)
         self.resting = aligning | backing
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
@@ -192,7 +192,7 @@ class JacobianController:
         phase = np.where(inside, self.kind.take(location.passage), CRUISE)
         damped, direction = inside & ~self.recovery.hesitating, self._forward
         if np.count_nonzero(self.resting):
-            phase = np.where(backing, BACK_OFF, np.where(aligning, ALIGN, phase))
+            phase = np.where(aligning, ALIGN, np.where(backing, BACK_OFF, phase))
             out = self.routes.out_of_branch.take(location.passage)
             damped = np.where(backing, out, damped & ~aligning)
             direction = np.where(backing, -1.0, 1.0)
