@@ -463,10 +463,11 @@ def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> 
 
 @pytest.mark.parametrize(("name", "backs"), [("tee_turn", True), ("merge", False)])
 def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -> None:
-    """Beside the centreline by more than ``beside`` radii it backs off at once; out of a branch
-    there is nothing to go past, and up to there it drives on."""
-    for share, off in ((0.35, False), (0.5, backs)):
-        bench = Bench(scenario_of(name, **{"control.retry": True}))
+    """Beside the centreline by more than ``beside`` radii, ``weak_beside`` with weak springs, it
+    backs off at once; out of a branch there is nothing to go past, and up to there it drives on."""
+    limits = ((25.0, 0.5, False), (25.0, 0.7, backs), (16.0, 0.35, False), (16.0, 0.5, backs))
+    for preload, share, off in limits:
+        bench = Bench(scenario_of(name, **{"control.retry": True, "robot.preload": preload}))
         observation = bench.observe(bench.inside())
         out = -cross(observation.location.tangent, observation.location.normal)[0]
         command = bench.step(bench.inside(), aside=share * BORE / 2 * out)
@@ -490,7 +491,7 @@ def test_tracks_roll_to_the_wall_before_a_robot_backs_off(roll_deg: float, squar
     rolled = []
     for _ in range(120):
         before = roll
-        command = bench.step(bench.inside(), aside=0.5 * BORE / 2 * out, roll=roll[0])
+        command = bench.step(bench.inside(), aside=0.7 * BORE / 2 * out, roll=roll[0])
         roll = command.roll
         if np.any(command.belt_speed):
             break

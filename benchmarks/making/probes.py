@@ -69,7 +69,7 @@ PROBES = {
     ),
     "merge": Probe(
         "tee_merge",
-        NEAR | {"start.theta5_deg": 8.0, "world.friction": 0.7},
+        NEAR | {"start.theta5_deg": 15.0, "world.friction": 0.8},
         3.0,
         "a turn out of a branch",
     ),

@@ -350,6 +350,15 @@ def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
     return tuple(None if p is None else p.manoeuvre for p in routes.passages)
 
 
+def keeps_the_wall(setup: ControlSetup) -> NDArray[np.bool_]:
+    """Whether the springs of robots (n,) reach far enough to press both outer modules of a turn in
+    a tee against its wall, from the best orientation; leaning needs both of them."""
+    robot = setup.robot
+    radius = robot.nominal_pipe_radius
+    reach = radius + setup.own("preload") / robot.module_stiffness
+    return safe_margin(sector_angle(radius, reach, np.pi / 2)) > 0
+
+
 def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
     """Direction (n, 3) in which the belts drive forward.
 

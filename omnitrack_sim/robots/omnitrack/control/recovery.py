@@ -15,7 +15,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, keeps_the_wall
 
 
 class RecoveryTable(Table):
@@ -38,11 +38,13 @@ class RecoveryTable(Table):
     """The same out of a branch, where most robots that hang at first get through."""
     fallen: Annotated[Part, Unit("m")] = 0.04
     """Fall behind the farthest point after which the turn has failed."""
-    # The sooner a robot backs off the more often it comes back. Of 800 turns (friction 0.6 to 1.0,
-    # 15 to 22 N) 797 pass with 0.4, 789 with 0.6; of 600 slippery ones (0.5 to 0.7, 20 to 35 N) 594
-    # and 595.
-    beside: Annotated[Part, Unit("pipe radii")] = 0.4
+    beside: Annotated[Part, Unit("pipe radii")] = 0.6
     """Offset from the centreline beyond which a robot has gone past the branch."""
+    # A robot that springs no longer press to the wall comes back the more often the sooner it backs
+    # off. Of 800 turns (friction 0.6 to 1.0, 15 to 22 N) 797 pass with 0.4, 789 with 0.6, and all
+    # that differ are of 18.9 N or less; with more, on slippery walls, some pass beyond 0.4.
+    weak_beside: Annotated[Part, Unit("pipe radii")] = 0.4
+    """The same where the springs are too weak for a safe orientation."""
     # Such a robot stands in the run. Backing off, it falls into the other half, and out of the tee.
     upright: Annotated[Part, Unit("1")] = 2 / 3
     """Part of the turn out of a branch beyond which a robot that has failed does not back off, but
@@ -86,7 +88,8 @@ class Recovery:
         each = {name: setup.each(f"{self._path}.{name}") for name in RecoveryTable.model_fields}
         own, speed = setup.robot.own_length, setup.settings.cruise_speed
         self._hesitation = own(each["hesitation"]) / speed  # (n,) s
-        self._most_retries, self._beside = each["retries"], each["beside"]
+        self._most_retries = each["retries"]
+        self._beside = np.where(keeps_the_wall(setup), each["beside"], each["weak_beside"])
         self._upright, self._square = each["upright"], each["square"]
         self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
         self._patience = own(each["patience"]) / speed  # (n,) s
@@ -182,8 +185,9 @@ class Recovery:
             self.backing = self.backing | (failed & ~upright)
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
-            squares = self._square & self.settings.align
-            aligner.square(failed & ~upright & squares, observation.time)
+            # One that is about to slide past is in the pipe yet, and has no time to lose.
+            squares = failed & ~upright & ~sliding & self._square & self.settings.align
+            aligner.square(squares, observation.time)
             self.farthest = np.where(upright, location.distance, self.farthest)
             if np.count_nonzero(upright):
                 aligner.align_inside(upright, location.passage, astride=True)

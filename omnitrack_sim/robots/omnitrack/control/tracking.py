@@ -20,9 +20,12 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, lengt
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
+from omnitrack_sim.robots.omnitrack.control.alignment import (
+    keeps_the_wall,
+    orientation_error,
+    preferred_theta5,
+)
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
-from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE
 
 LEADS = 7
@@ -340,7 +343,7 @@ class Sway:
         # Added across a unit vector, a tangent turns it by the angle.
         self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
         self._slip, self._slip_range = each["slip"], each["slip_range"]
-        self._begin_again = np.where(_keeps_the_wall(setup), each["begin_again"], np.inf)
+        self._begin_again = np.where(keeps_the_wall(setup), each["begin_again"], np.inf)
         self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
         self._slipped[rows], self.slides[rows] = 0.0, False
 
@@ -405,12 +408,3 @@ class Sway:
         # Back at 0 before the turn ends: the robot has to leave it in its plane.
         size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
         return Lean(size[:, None] * normal, most, again)
-
-
-def _keeps_the_wall(setup: ControlSetup) -> NDArray[np.bool_]:
-    """Whether the springs of robots (n,) reach far enough to press both outer modules of a turn in
-    a tee against its wall, from the best orientation; leaning needs both of them."""
-    robot = setup.robot
-    radius = robot.nominal_pipe_radius
-    reach = radius + setup.own("preload") / robot.module_stiffness
-    return safe_margin(sector_angle(radius, reach, np.pi / 2)) > 0
