@@ -106,9 +106,10 @@ class JacobianController:
     """Straights, elbows and tees with one law; stops and rolls the modules where theta5 is outside
     the safe margin.
 
-    A robot that makes no headway in a turn backs off to where the turn began, aligns anew and tries
-    again. One whose inner module slips in a turn into a branch sways, and so does one that tries
-    again; where it slips much, the turn is begun again, sooner, before the robot slides past.
+    A robot that makes no headway in a turn rolls its tracks to the wall, backs off to where the
+    turn began, aligns anew and tries again. One whose inner module slips in a turn into a branch
+    sways, and so does one that tries again; where it slips much, the turn is begun again, sooner,
+    before the robot slides past.
     """
 
     phases: ClassVar[tuple[str, ...]] = (
