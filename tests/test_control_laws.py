@@ -475,12 +475,23 @@ def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -
         assert command.resting.tolist() == [off]  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("square", [True, False])
-@pytest.mark.parametrize("roll_deg", [30.0, -100.0])
-def test_tracks_roll_to_the_wall_before_a_robot_backs_off(roll_deg: float, square: bool) -> None:
-    """The short way, on the spot, until they face it; then the belts run backward."""
-    changes = {"control.parameters.recovery.square": square, "control.align": True}
-    bench = Bench(scenario_of("tee_turn", **changes | {"control.retry": True}))
+@pytest.mark.parametrize(
+    ("roll_deg", "changes", "held"),
+    [
+        (30.0, {}, False),
+        (-100.0, {}, False),
+        (30.0, {}, True),
+        (30.0, {"control.parameters.recovery.square": False}, False),
+        (30.0, {"control.align": False}, False),
+    ],
+)
+def test_tracks_roll_to_the_wall_before_a_robot_backs_off(
+    roll_deg: float, changes: dict[str, Any], held: bool
+) -> None:
+    """The short way, on the spot, until they face it, or for a time where friction holds them; then
+    the belts run backward. A robot that is not to align does not roll."""
+    usual = {"control.align": True, "control.retry": True}
+    bench = Bench(scenario_of("tee_turn", **usual | changes))
     controller = bench.controller
     assert isinstance(controller, JacobianController)
     aligner, roll = controller.aligner, np.full((1, 3), np.radians(roll_deg))
@@ -488,20 +499,25 @@ def test_tracks_roll_to_the_wall_before_a_robot_backs_off(roll_deg: float, squar
     aligner.aligned[:] = 1
     observation = bench.observe(bench.inside())
     out = -cross(observation.location.tangent, observation.location.normal)[0]
-    rolled = []
-    for _ in range(120):
-        before = roll
-        command = bench.step(bench.inside(), aside=0.7 * BORE / 2 * out, roll=roll[0])
+    steps, wanted = 0, np.radians(roll_deg)
+    facing = np.pi * np.round(wanted / np.pi)
+    while True:
+        seen = np.full(3, wanted) if held else roll[0]
+        command = bench.step(bench.inside(), aside=0.7 * BORE / 2 * out, roll=seen)
         roll = command.roll
         if np.any(command.belt_speed):
             break
-        rolled.append(float(np.abs(roll - before).max()))
-    facing = np.pi * np.round(np.radians(roll_deg) / np.pi)
-    wanted = facing if square else np.radians(roll_deg)
+        steps += 1
+    if not changes:
+        table = bench.scenario.control_parameters.alignment
+        rolling = abs(facing - wanted) / bench.scenario.robot.roll_rate
+        wait = table.patience if held else 0.0
+        assert steps * PERIOD == pytest.approx(rolling + wait, abs=0.03)
+        wanted = facing
+    else:
+        assert steps == 0
     assert roll == pytest.approx(np.full((1, 3), wanted), abs=0.02)
-    assert sum(rolled) == pytest.approx(abs(facing - np.radians(roll_deg)) * square, abs=0.03)
-    forward = command.belt_speed * np.sign(np.cos(roll))
-    assert forward.mean() < 0
+    assert (command.belt_speed * np.sign(np.cos(roll))).mean() < 0
     assert controller.phases[int(command.phase[0])] == "back_off"
 
 
