@@ -521,6 +521,21 @@ def test_tracks_roll_to_the_wall_before_a_robot_backs_off(
     assert controller.phases[int(command.phase[0])] == "back_off"
 
 
+def test_a_robot_that_is_about_to_slide_past_backs_off_as_it_is() -> None:
+    """It is in the pipe yet, and has no time to roll."""
+    changes = {"control.align": True, "control.retry": True}
+    bench = Bench(scenario_of("tee_turn", **changes))
+    controller, roll = bench.controller, np.full((1, 3), 0.5)
+    assert isinstance(controller, JacobianController)
+    controller.aligner.roll[:] = controller.aligner.roll_target[:] = roll
+    controller.aligner.aligned[:] = 1
+    controller.sway.slides = np.ones(1, bool)
+    command = bench.step(bench.inside(), roll=roll[0])
+    assert [event.cause for event in command.events if isinstance(event, BackedOff)] == ["slips"]
+    assert command.roll == pytest.approx(roll)
+    assert command.belt_speed.mean() < 0
+
+
 @pytest.mark.parametrize("retries", [0, 1, 3])
 def test_a_robot_backs_off_as_often_as_it_may(retries: int) -> None:
     """In a turn in which it hangs for good, whatever it tries."""
