@@ -23,7 +23,7 @@ from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import rate_text
 from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
 
 SIMILAR = 24
@@ -91,11 +91,10 @@ def tasks(trials: int, networks: int, seed: int) -> Iterator[tuple[str, range, i
 def row(kind: str, runs: Sequence[Extremes]) -> str:
     """Line of the table."""
     passed = [run for run in runs if run.passed]
-    low, high = wilson_interval(len(passed), len(runs))
     over = [sum(run.preloads > MOST_PRELOADS for run in group) for group in (passed, runs)]
     cells = [
         kind,
-        f"{len(passed)} of {len(runs)} ({100 * low:.1f} to {100 * high:.1f} %)",
+        rate_text(len(passed), len(runs)),
         f"{max((run.preloads for run in passed), default=0.0):.1f}",
         f"{max(run.preloads for run in runs):.1f}, {max(run.force for run in runs):.0f} N",
         f"{over[0]}, {over[1] - over[0]}",

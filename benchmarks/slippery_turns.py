@@ -10,6 +10,7 @@ in each row.
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from tee_turns import random_tee_turns
 
 from omnitrack_sim import Result, run_batch
 from omnitrack_sim.record.events import BackedOff
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import rate_text
 
 AGAIN = {"control.align": True, "control.retry": True}
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -43,9 +44,7 @@ SEED = 202
 
 def rate(results: list[Result]) -> str:
     """How many passed, and their interval."""
-    passed = sum(result.success for result in results)
-    low, high = wilson_interval(passed, len(results))
-    return f"{passed} of {len(results)} ({100 * low:.1f} to {100 * high:.1f} %)"
+    return rate_text(sum(result.success for result in results), len(results))
 
 
 def row(name: str, results: list[Result]) -> str:
@@ -73,26 +72,22 @@ def main() -> None:
     print("## rates\n")
     heads = ["variant", "passed", *FIGURES]
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
+    slippery = partial(
+        random_tee_turns, given.trials, seed=given.seed, friction=(0.5, 0.8), preload=(20.0, 35.0)
+    )
     for name, changes in VARIANTS.items():
-        scenarios = random_tee_turns(
-            given.trials,
-            seed=given.seed,
-            friction=(0.5, 0.8),
-            preload=(20.0, 35.0),
-            changes=changes,
-        )
-        print(row(name, run_batch(scenarios, no_load=False)), flush=True)
+        print(row(name, run_batch(slippery(changes=changes), no_load=False)), flush=True)
     print("\n## weak\n\n| before backing off | passed | of those that backed off |\n|---|---|---|")
+    weak = partial(
+        random_tee_turns,
+        given.weak,
+        seed=given.seed + 1,
+        friction=(0.6, 0.8),
+        preload=(15.0, 20.0),
+        theta5_deg=60.0,
+    )
     for name, changes in WEAK.items():
-        scenarios = random_tee_turns(
-            given.weak,
-            seed=given.seed + 1,
-            friction=(0.6, 0.8),
-            preload=(15.0, 20.0),
-            theta5_deg=60.0,
-            changes=changes,
-        )
-        print(weak_row(name, run_batch(scenarios, no_load=False)), flush=True)
+        print(weak_row(name, run_batch(weak(changes=changes), no_load=False)), flush=True)
 
 
 if __name__ == "__main__":

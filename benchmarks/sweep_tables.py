@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnitrack_sim as ot
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import rate_text
 from omnitrack_sim.trials.sweep_run import SweepResult, spreads
 
 
@@ -110,9 +110,7 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
     count, total = int((passed & which).sum()), int(which.sum())
     if not total:
         return "-"
-    low, high = wilson_interval(count, total)
-    ends = f" ({100 * low:.1f} to {100 * high:.1f} %)"
-    return f"{count} of {total}{ends if interval else ''}"
+    return rate_text(count, total) if interval else f"{count} of {total}"
 
 
 def table(result: SweepResult, cuts: Sequence[Cut]) -> str:

@@ -501,7 +501,7 @@ def test_tracks_roll_to_the_wall_before_a_robot_backs_off(
     out = -cross(observation.location.tangent, observation.location.normal)[0]
     steps, wanted = 0, np.radians(roll_deg)
     facing = np.pi * np.round(wanted / np.pi)
-    while True:
+    while steps < 400:
         seen = np.full(3, wanted) if held else roll[0]
         command = bench.step(bench.inside(), aside=0.7 * BORE / 2 * out, roll=seen)
         roll = command.roll

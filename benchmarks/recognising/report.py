@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import rate_text
 from recognising.approaches import CASES, TURNED
 
 
@@ -38,8 +38,7 @@ class Found:
 
 def rate(passed: Sequence[bool]) -> str:
     """How many of how many, and the interval of 95 %."""
-    low, high = wilson_interval(sum(passed), len(passed))
-    return f"{sum(passed)} of {len(passed)} ({100 * low:.1f} to {100 * high:.1f} %)"
+    return rate_text(sum(passed), len(passed))
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -23,6 +23,12 @@ def wilson_interval(passed: int, total: int) -> tuple[float, float]:
     return low, high
 
 
+def rate_text(passed: int, total: int) -> str:
+    """Return a rate with Wilson's 95 % interval, as in "9 of 10 (59.6 to 98.2 %)"."""
+    low, high = wilson_interval(passed, total)
+    return f"{passed} of {total} ({100 * low:.1f} to {100 * high:.1f} %)"
+
+
 def paired_rate_interval(gained: int, lost: int, total: int) -> tuple[float, float]:
     """95 % interval of a difference of two rates over the same trials, -1 to 1.
 

@@ -352,7 +352,7 @@ def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
 
 def keeps_the_wall(setup: ControlSetup) -> NDArray[np.bool_]:
     """Whether the springs of robots (n,) reach far enough to press both outer modules of a turn in
-    a tee against its wall, from the best orientation; leaning needs both of them."""
+    a tee against its wall, from the best orientation."""
     robot = setup.robot
     radius = robot.nominal_pipe_radius
     reach = radius + setup.own("preload") / robot.module_stiffness
@@ -571,16 +571,21 @@ class Aligner:
             observation: of this moment.
             room: (n,) m, ``RouteMap.nose_room`` at this moment.
         """
-        settled = np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
-        self.squaring = self.squaring & ~settled & (observation.time <= self._square_by)
-        standing = self._stand(observation, settled, room)
+        if np.count_nonzero(self.squaring):
+            going = ~self._is_settled(observation) & (observation.time <= self._square_by)
+            self.squaring = self.squaring & going
+        standing = self._stand(observation, room)
         missing = self.roll_target - self.roll
         if np.count_nonzero(missing):
             self.roll += np.minimum(np.maximum(missing, -self._step), self._step)
         return standing
 
+    def _is_settled(self, observation: Observation) -> NDArray[np.bool_]:
+        """Robots (n,) whose modules have reached their ``roll_target``."""
+        return np.abs(observation.roll - self.roll_target).max(axis=-1) < self._settled
+
     def _stand(
-        self, observation: Observation, settled: NDArray[np.bool_], room: Array
+        self, observation: Observation, room: Array
     ) -> tuple[NDArray[np.bool_], Sequence[Event]]:
         location, events = observation.location, []
         due = (self.aligned <= location.passage) & (room <= self.robot.standing_room)
@@ -596,7 +601,7 @@ class Aligner:
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
         # With the nose inside, a fitting that goes with any orientation is not worth a stop.
         inside = (room < 0) & self.makes_do[location.passage]
-        decide = due & (settled | (observation.time > self.deadline))
+        decide = due & (self._is_settled(observation) | (observation.time > self.deadline))
         if location.sure is not None:
             decide &= location.sure
         good = (oriented | (inside & ~self._inside)) & off_the_line

@@ -40,9 +40,9 @@ class RecoveryTable(Table):
     """Fall behind the farthest point after which the turn has failed."""
     beside: Annotated[Part, Unit("pipe radii")] = 0.6
     """Offset from the centreline beyond which a robot has gone past the branch."""
-    # A robot that springs no longer press to the wall comes back the more often the sooner it backs
-    # off. Of 800 turns (friction 0.6 to 1.0, 15 to 22 N) 797 pass with 0.4, 789 with 0.6, and all
-    # that differ are of 18.9 N or less; with more, on slippery walls, some pass beyond 0.4.
+    # A robot that its springs hardly press to the wall comes back more often if it backs off
+    # sooner. Of 800 turns (friction 0.6 to 1.0, 15 to 22 N) 797 pass with 0.4, 789 with 0.6, and
+    # all that differ are of 18.9 N or less; with more, on slippery walls, some pass beyond 0.4.
     weak_beside: Annotated[Part, Unit("pipe radii")] = 0.4
     """The same where the springs are too weak for a safe orientation."""
     # Such a robot stands in the run. Backing off, it falls into the other half, and out of the tee.

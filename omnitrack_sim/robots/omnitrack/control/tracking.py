@@ -343,6 +343,7 @@ class Sway:
         # Added across a unit vector, a tangent turns it by the angle.
         self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
         self._slip, self._slip_range = each["slip"], each["slip_range"]
+        # Leaning needs both outer modules at the wall.
         self._begin_again = np.where(keeps_the_wall(setup), each["begin_again"], np.inf)
         self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
         self._slipped[rows], self.slides[rows] = 0.0, False
