@@ -563,7 +563,7 @@ def test_a_robot_that_hangs_straight_over_an_opening_rolls_there(
     assert [event for command in first for event in command.events] == []
     then = [bench.step(at, theta5_deg) for _ in range(20)]
     events = [event for command in then for event in command.events]
-    assert [type(event) for event in events] == [Rolled] * rolls
+    assert [(type(event), event.place) for event in events] == [(Rolled, "in")] * rolls
     assert then[-1].resting.tolist() == [rolls > 0]  # type: ignore[union-attr]
 
 

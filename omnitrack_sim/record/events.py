@@ -181,26 +181,28 @@ class BeyondStop(Event):
 
 @dataclass(frozen=True)
 class Rolled(Event):
-    """A robot plans to roll its modules before a fitting. Angles in degrees."""
+    """A robot plans to roll its modules before a fitting, or "in" it. Angles in degrees."""
 
     fitting: str
     roll_deg: float
     theta5_from_deg: float
     theta5_to_deg: float
+    place: str = "before"
     sentence = (
-        "before {fitting}: rolls the modules by {roll_deg:.1f} deg, theta5 from "
+        "{place} {fitting}: rolls the modules by {roll_deg:.1f} deg, theta5 from "
         "{theta5_from_deg:z.1f} to {theta5_to_deg:z.1f} deg"
     )
 
 
 @dataclass(frozen=True)
 class NotAligned(Event):
-    """No roll helps a robot before a fitting, and it drives on as it is."""
+    """No roll helps a robot before a fitting, or "in" it, and it drives on as it is."""
 
     fitting: str
     theta5_deg: float
     cause: str
-    sentence = "before {fitting}: theta5 {theta5_deg:.1f} deg, not aligned: {cause}"
+    place: str = "before"
+    sentence = "{place} {fitting}: theta5 {theta5_deg:.1f} deg, not aligned: {cause}"
 
 
 @dataclass(frozen=True)

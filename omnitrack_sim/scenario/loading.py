@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -61,6 +62,11 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     place, undo = data, None
     for depth, key in enumerate([*before, last]):
         fault = _fault_at(data, before[:depth], place, key)
+        if fault is not None and depth == 0:
+            every = _paths(_robot_kind(data), _control_kind(data))
+            whole = tuple(one for one in every if one.endswith(f".{path}"))
+            if whole:
+                fault = Fault("", "is the end of a path; give all of it", whole)
         if fault is not None:
             # Tables that were filled in on the way go again.
             if undo is not None:
@@ -93,6 +99,22 @@ def _fault_at(data: Any, before: Sequence[str], place: Any, key: str) -> Fault |
     is_open = get_origin(kind) is dict or tuple(before[:2]) == OPEN_TABLE
     known = keys_of(kind, place)
     return None if is_open or key in known else _nowhere(key, known)
+
+
+@lru_cache(maxsize=8)
+def _paths(robot: str, control: str) -> tuple[str, ...]:
+    """Paths of all keys of a scenario with these kinds of robot and controller, but those in
+    lists."""
+    return tuple(_below({"robot": {"kind": robot}, "control": {"kind": control}}))
+
+
+def _below(data: Mapping[str, Any], *before: str) -> Iterator[str]:
+    place: Any = data
+    for key in before:
+        place = inside(place, key)
+    for key in keys_of(_kind_at(data, before), {} if place is None else place):
+        yield ".".join([*before, key])
+        yield from _below(data, *before, key)
 
 
 def _nowhere(key: str, choices: tuple[str, ...]) -> Fault:
@@ -136,12 +158,16 @@ def _kind_at(data: Any, places: Sequence[str]) -> Any:
 
 def _parameters_of(data: Any) -> Any:
     """Model of ``control.parameters`` of a scenario's data."""
-    kind = inside(inside(data, "control"), "kind")
-    kind = str(ControlTable().kind if kind is None else kind)
     try:
-        return parameters_model(controller_of(kind, _controllers_of(data)))
+        return parameters_model(controller_of(_control_kind(data), _controllers_of(data)))
     except InputError:
         return None  # reported where the controller is read
+
+
+def _control_kind(data: Any) -> str:
+    """``control.kind`` of a scenario's data."""
+    kind = inside(inside(data, "control"), "kind")
+    return str(ControlTable().kind if kind is None else kind)
 
 
 def _forget_digest(data: Any, path: str, place: Any) -> None:

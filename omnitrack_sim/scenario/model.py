@@ -481,7 +481,9 @@ def _missing(scenario: Scenario) -> Iterator[Fault]:
             yield Fault("pipes", "is missing: a list of pipes, or give network and mission")
         return
     if scenario.pipes:
-        yield Fault("pipes", "are given as well as a network; give one of them")
+        other = "mission" if scenario.network is None else "network"
+        yield Fault("pipes", f"are given as well as a {other}; give one of them")
+        return
     if scenario.network is None:
         problem = "is missing: a file, a shipped network or a table"
         yield Fault("network", problem, tuple(shipped_files("networks")))

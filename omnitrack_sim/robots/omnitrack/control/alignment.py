@@ -612,10 +612,12 @@ class Aligner:
         self.deadline = np.where(finished, np.inf, self.deadline)
         again = decide & ~finished
         if again.any():
-            events = self._plan(np.flatnonzero(again), observation)
+            events = self._plan(np.flatnonzero(again), observation, room)
         return due & ~finished, events
 
-    def _plan(self, robots: NDArray[np.intp], observation: Observation) -> list[Event]:
+    def _plan(
+        self, robots: NDArray[np.intp], observation: Observation, room: Array
+    ) -> list[Event]:
         """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
         location = observation.location
         theta5 = location.theta5[robots]
@@ -629,7 +631,7 @@ class Aligner:
         rolling = np.abs(plan.change) / self.robot.roll_rate
         self.deadline[robots] = observation.time[robots] + rolling + self._patience[robots]
         return [
-            self._told(int(robot), plan, i, observation)
+            self._told(int(robot), plan, i, observation, "in" if room[robot] < 0 else "before")
             for i, robot in enumerate(robots)
             if rolls[i] or not plan.exists[i]
         ]
@@ -658,13 +660,15 @@ class Aligner:
         assert plan is not None
         return plan
 
-    def _told(self, robot: int, plan: RollPlan, i: int, observation: Observation) -> Event:
+    def _told(
+        self, robot: int, plan: RollPlan, i: int, observation: Observation, place: str
+    ) -> Event:
         """One plan, or why there is none, as an event."""
         location, time = observation.location, float(observation.time[robot])
         fitting = self.routes.name_of(int(location.passage[robot]))
         theta5_deg = float(np.degrees(location.theta5[robot]))
         if not plan.exists[i]:
             cause = Obstacle(int(plan.obstacle[i])).text
-            return NotAligned(robot, time, fitting, theta5_deg, cause)
+            return NotAligned(robot, time, fitting, theta5_deg, cause, place)
         change, after = float(np.degrees(plan.change[i])), float(np.degrees(plan.theta5[i]))
-        return Rolled(robot, time, fitting, change, theta5_deg, after)
+        return Rolled(robot, time, fitting, change, theta5_deg, after, place)

