@@ -144,7 +144,8 @@ METRICS: tuple[Metric, ...] = (
     _of_modules(
         "normal_force_max_n",
         "N",
-        "largest sum of the normal forces at the module's lugs in a sample",
+        "largest sum of the normal forces at the module's lugs in a sample; it depends on "
+        "`record.period`",
         lambda r: _largest(r.trajectory["normal_force"]),
         title="largest normal force",
         digits=1,
