@@ -117,8 +117,8 @@ def main() -> None:
             runs[kind] += batch
     print("## forces\n")
     print(
-        "| runs | passed, 95 % | largest force of those, preloads | of all, preloads and N | over 20 preloads: "
-        "passed, not | arm beyond its stop, mm |\n|---|---|---|---|---|---|"
+        "| runs | passed, 95 % | largest force of those, preloads | of all, preloads and N | "
+        "over 20 preloads: passed, not | arm beyond its stop, mm |\n|---|---|---|---|---|---|"
     )
     for kind, ended in runs.items():
         if ended:

@@ -161,7 +161,10 @@ def test_messages_are_bounded(omnitrack, arguments):
         ("seed=" + "9" * 50, "seed: is an integer of more than 64 bits"),
         ("a." * 20_000 + "a=1", "there is no 'a' here"),
         ("pipes." + "9" * 5000 + ".length=1", "(choose from: 0)"),
-        ("preload=20", "preload: is the end of a path; give all of it (choose from: robot.preload)"),
+        (
+            "preload=20",
+            "preload: is the end of a path; give all of it (choose from: robot.preload)",
+        ),
         ("recovery.square=false", "(choose from: control.parameters.recovery.square)"),
         ("mission.start=a", "pipes: are given as well as a mission; give one of them"),
         ("pipes.-1.length=1", "pipes.-1.length: there is no '-1' here"),

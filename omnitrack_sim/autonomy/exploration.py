@@ -44,7 +44,9 @@ class Exploration:
         part, port = self.ends[0]
         fitting = network.pipes.parts[part].fitting
         if not fitting.is_plain:
-            problem = f"is in a part of kind {fitting.kind!r}; a robot begins to explore in a straight pipe"
+            problem = (
+                f"is in a part of kind {fitting.kind!r}; a robot explores from a straight pipe"
+            )
             raise NetworkError(Fault("start", problem))
         self.path: tuple[Edge, ...] = tuple(
             (part, port, leave) for leave in fitting.port_names if leave != port

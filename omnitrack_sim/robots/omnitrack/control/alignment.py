@@ -615,9 +615,7 @@ class Aligner:
             events = self._plan(np.flatnonzero(again), observation, room)
         return due & ~finished, events
 
-    def _plan(
-        self, robots: NDArray[np.intp], observation: Observation, room: Array
-    ) -> list[Event]:
+    def _plan(self, robots: NDArray[np.intp], observation: Observation, room: Array) -> list[Event]:
         """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
         location = observation.location
         theta5 = location.theta5[robots]
