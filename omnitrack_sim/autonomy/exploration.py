@@ -44,8 +44,9 @@ class Exploration:
         part, port = self.ends[0]
         fitting = network.pipes.parts[part].fitting
         if not fitting.is_plain:
+            article = "an" if fitting.kind[0] in "aeiou" else "a"
             problem = (
-                f"is in a part of kind {fitting.kind!r}; a robot explores from a straight pipe"
+                f"is in {article} {fitting.kind}; a robot begins to explore in a straight pipe"
             )
             raise NetworkError(Fault("start", problem))
         self.path: tuple[Edge, ...] = tuple(
