@@ -181,7 +181,11 @@ class BeyondStop(Event):
 
 @dataclass(frozen=True)
 class Rolled(Event):
-    """A robot plans to roll its modules before a fitting, or "in" it. Angles in degrees."""
+    """A robot plans to roll its modules for a fitting. Angles in degrees.
+
+    Attributes:
+        place: "before" the fitting, or "in" it where the robot's nose is inside.
+    """
 
     fitting: str
     roll_deg: float
@@ -196,7 +200,7 @@ class Rolled(Event):
 
 @dataclass(frozen=True)
 class NotAligned(Event):
-    """No roll helps a robot before a fitting, or "in" it, and it drives on as it is."""
+    """No roll helps a robot, "before" a fitting or "in" it (``place``); it drives on as it is."""
 
     fitting: str
     theta5_deg: float

@@ -105,16 +105,17 @@ def _fault_at(data: Any, before: Sequence[str], place: Any, key: str) -> Fault |
 def _paths(robot: str, control: str) -> tuple[str, ...]:
     """Paths of all keys of a scenario with these kinds of robot and controller, but those in
     lists."""
-    return tuple(_below({"robot": {"kind": robot}, "control": {"kind": control}}))
+    return tuple(_keys_below({"robot": {"kind": robot}, "control": {"kind": control}}))
 
 
-def _below(data: Mapping[str, Any], *before: str) -> Iterator[str]:
+def _keys_below(data: Mapping[str, Any], *before: str) -> Iterator[str]:
+    """Yield the paths of the keys below a place of a scenario, and of those in their tables."""
     place: Any = data
     for key in before:
         place = inside(place, key)
     for key in keys_of(_kind_at(data, before), {} if place is None else place):
         yield ".".join([*before, key])
-        yield from _below(data, *before, key)
+        yield from _keys_below(data, *before, key)
 
 
 def _nowhere(key: str, choices: tuple[str, ...]) -> Fault:
