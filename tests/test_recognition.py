@@ -239,7 +239,7 @@ def test_any_bend_has_a_form_behind_a_reducer():
     bend = every["elbow"]
     for name, sizes in (("wide", (0.256, 0.3)), ("narrow", (0.08, 0.3))):
         for radius in (bend.sizes[0].low, bend.sizes[0].high):
-            parts, _ = every[name].before(bend, (radius, 1.0)).map(sizes, 0.16)
+            parts, _ = every[name].before(bend).map((*sizes, radius, 1.0), 0.16)
             kinds = [part.fitting.kind for part in parts]
             assert kinds == ["straight", "reducer", "elbow", "straight"]
             assert parts[2].fitting.inner_diameter == sizes[0]

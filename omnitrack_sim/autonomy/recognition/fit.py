@@ -224,7 +224,6 @@ class Fit:
             weights[sought, place] = 2 * np.pi / width**2
         sought = (weights < RECOGNISER.fixed_weight).sum(axis=1)
         known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
-        known += [form.fitted for form in at.forms]
         return at.cost / alike + known - np.log(weights).sum(axis=1)
 
     def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:

@@ -58,8 +58,8 @@ class Sighting:
         return np.sqrt(np.diag(self.covariance))
 
 
-SIZES = 2
-"""Most sizes of a form."""
+OWN, SIZES = 2, 4
+"""Most sizes of a form alone, and of one with another directly behind it."""
 ANGLE = LENGTH = 1
 """Places of the angle in the sizes of an elbow, and of the length in those of a reducer."""
 PIECE = 0
@@ -180,11 +180,10 @@ class Form:
         make: the fitting of given sizes; none: the pipe ends, or goes on.
         closed: a plate closes the pipe.
         ends: the pipe ends.
-        sizes: that are sought.
+        sizes: that are sought, its own before those of ``behind``.
         starts: their values that the search begins with.
         period: rad, turn after which it looks the same; 0 for what is round about the axis.
-        behind: name and sizes of another form that begins at its end; "" where straights do.
-        fitted: cost in the evidence of those sizes, as another fit has found them.
+        behind: another form that begins at its end; None where straights do.
     """
 
     name: str
@@ -196,17 +195,18 @@ class Form:
     sizes: tuple[Size, ...] = ()
     starts: tuple[tuple[float, ...], ...] = ((),)
     period: float = 0.0
-    behind: tuple[str, tuple[float, ...]] = ("", ())
-    fitted: float = 0.0
+    behind: Form | None = None
 
-    def before(self, other: Form, sizes: Sequence[float]) -> Form:
-        """Return this form with another of given sizes directly behind it."""
-        values = tuple(float(size) for size in sizes[: len(other.sizes)])
-        name = f"{self.name} before {other.name} {values}"
-        # The same ratio of expected to known that other sizes pay; a fit tells them to a step.
-        fitted = 2 * sum(math.log(size.spread / size.step) for size in other.sizes)
-        behind = other.name, values
-        return replace(self, name=name, period=other.period, behind=behind, fitted=fitted)
+    def before(self, other: Form) -> Form:
+        """Return this form with another directly behind it."""
+        name, sizes = f"{self.name} before {other.name}", (*self.sizes, *other.sizes)
+        return replace(self, name=name, period=other.period, sizes=sizes, behind=other)
+
+    @property
+    def own_sizes(self) -> tuple[Size, ...]:
+        """Those of ``sizes`` that are not of ``behind``."""
+        further = 0 if self.behind is None else len(self.behind.sizes)
+        return self.sizes[: len(self.sizes) - further]
 
     @property
     def parameters(self) -> int:
@@ -235,7 +235,9 @@ class Form:
         if self.kind == "reducer":
             low, high = self.sizes[LENGTH].low, self.sizes[LENGTH].high
             lengths = np.arange(low, high, RECOGNISER.restart_length * low)
-            return np.stack([np.full(len(lengths), sizes[0]), lengths], axis=1)
+            rows = np.tile(sizes, (len(lengths), 1))
+            rows[:, LENGTH] = lengths
+            return rows
         many = self.period > 0 and len(self.starts) > 1
         return self.padded_starts if many else np.empty((0, SIZES))
 
@@ -248,19 +250,18 @@ class Form:
         lead = _lead(bore)
         if self.make is None:
             return (lead,), (((0, "end"),) if self.closed else ())
-        fitting = self.make(**dict(zip([size.key for size in self.sizes], sizes, strict=True)))
+        keys = [size.key for size in self.own_sizes]
+        fitting = self.make(**dict(zip(keys, sizes[: len(keys)], strict=True)))
         parts, enter = [lead, _joined(lead, "end", fitting, self.enter)], self.enter
-        name, values = self.behind
-        if name:
-            other = next(
-                form for form in forms(2 * fitting.port_radius("end")) if form.name == name
-            )
+        if self.behind is not None:
+            after, name = forms(2 * fitting.port_radius("end")), self.behind.name
+            other = next(form for form in after if form.name == name)
             assert other.make is not None
             # A wider pipe has no bends as sharp as a narrower one.
             fitting = other.make(
                 **{
                     size.key: min(max(value, size.low), size.high)
-                    for size, value in zip(other.sizes, values, strict=True)
+                    for size, value in zip(other.sizes, sizes[len(keys) :], strict=True)
                 }
             )
             enter = other.enter

@@ -28,6 +28,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     CENTRED,
     DISTANCE,
     LENGTH,
+    OWN,
     PIECE,
     PLACES,
     SIZES,
@@ -284,8 +285,10 @@ class Recogniser:
         elif off @ off > RECOGNISER.usual_stand:
             # A bend at the edge of the picture looks like a camera that leans.
             rough = joined([rough, self._searched(last, views.prior.mean)[0]])
-        if self._dim or inside:
-            # Out of a fitting, no straight wall before the cone shows that it widens.
+        seen = rough.forms[int(rough.cost.argmin())].kind == "reducer"
+        if self._dim or inside or seen:
+            # Out of a fitting, no straight wall before the cone shows that it widens. And where it
+            # shows, a fitting that hides its end makes it seem longer or shorter.
             rough = joined([rough, *self._preceded(rough, last)])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
@@ -405,8 +408,11 @@ class Recogniser:
         # The cone of a shallow one hardly shows, but what is behind it does: taken for a fitting in
         # this bore, it explains more pixels than a reducer with straight pipe behind it.
         order = np.argsort(fits.cost, kind="stable").tolist()
-        least = fits.cost[order[0]] + RECOGNISER.follow_cost[2]
-        others = [i for i in order if fits.forms[i].kind != "reducer" and fits.cost[i] < least]
+        if fits.forms[order[0]].kind == "reducer":
+            others = [i for i in order if fits.forms[i].period]
+        else:
+            least = fits.cost[order[0]] + RECOGNISER.follow_cost[2]
+            others = [i for i in order if fits.cost[i] < least and fits.forms[i].kind != "reducer"]
         if not others:
             return []
         form, behind = fits.forms[others[0]], fits.take(others[:1])
@@ -420,14 +426,17 @@ class Recogniser:
             if alone:
                 own = fits.take(alone[:1])
                 own.numbers[:, TURN] = behind.numbers[:, TURN]
+                own.sizes[:, OWN:] = behind.sizes[:, :OWN]
                 starts.append(replace(own, forms=starts[0].forms[:1]))
             rows.append(self._fit.refined(joined(starts), views, self._level(0, 5.0), 4))
         every = joined(rows)
         both = every.take([int(every.cost.argmin())])
-        end, length = both.sizes[0].tolist()
+        end, length = both.sizes[0, :OWN].tolist()
         numbers = both.numbers.copy()
         numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
-        alone = tries([form], numbers, behind.sizes, 1)
+        sizes = np.zeros((1, SIZES))
+        sizes[:, :OWN] = both.sizes[:, OWN:]
+        alone = tries([form], numbers, sizes, 1)
         return [both, self._fit.refined(alone, views, self._level(0, 5.0), 2)]
 
     def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:
@@ -438,12 +447,12 @@ class Recogniser:
         # A picture tells angles: what is wider by a factor is farther by it.
         far = behind.numbers[0, DISTANCE] * start[0] / self._bore
         most = min(self._bore, max(far - nearest, low) + low)
-        chain = reducer.before(behind.forms[0], behind.sizes[0].tolist())
+        chain, further = reducer.before(behind.forms[0]), behind.sizes[0, :OWN]
         rows = []
         for length in np.arange(low, most, RECOGNISER.restart_length * low):
             numbers = behind.numbers.copy()
             numbers[0, DISTANCE] = max(far - length, nearest)
-            rows.append(tries([chain], numbers, np.array([[start[0], length]]), 1))
+            rows.append(tries([chain], numbers, np.array([[start[0], length, *further]]), 1))
         part = self._fit.costs(joined(rows), views, self._level(0, 6.0))
         return part.take(np.argsort(part.cost, kind="stable")[: RECOGNISER.restarts].tolist())
 
@@ -501,8 +510,8 @@ class Recogniser:
         forms = [*first.values()][: RECOGNISER.follow_forms[stage]]
         straight = [i for i in first.values() if fits.forms[i] is self._forms[0]]
         # What is taken for two fittings may be the latter alone.
-        latter = {fits.forms[i].behind[0] for i in (*kept, *forms)}
-        alone = [i for i in first.values() if fits.forms[i].name in latter]
+        latter = [fits.forms[i].behind for i in (*kept, *forms)]
+        alone = [i for i in first.values() if fits.forms[i] in latter]
         return fits.take(list(dict.fromkeys([*kept, *forms, *straight, *alone])))
 
     def _begin(
@@ -671,7 +680,7 @@ def _reported(
     """Return the sighting of a row; ``variance``, m², of the distance of an end."""
     form, numbers = fits.forms[0], fits.numbers[0]
     plain = name[0] == "straight"
-    sizes = () if plain else form.sizes
+    sizes = () if plain else form.own_sizes
     covariance = RECOGNISER.error_scale**2 * alike * np.linalg.inv(fits.normal[0])
     if variance is not None:
         covariance[DISTANCE] = covariance[:, DISTANCE] = 0.0
