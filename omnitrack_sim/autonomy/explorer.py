@@ -229,6 +229,8 @@ class Explorer(MapPilot):
         more = end - self.route().length
         if provisional:
             self._doubt_end(more)
+        if ahead.fitting is not None:
+            more -= self._measure_reducer(more, math.hypot(end_std, look.std))
         path = self._with_free_pipe(more)
         if ahead.kind != ("", "") and self.belief.fitting(path[-1][0]).is_plain:
             self.belief.measured(path[-1][0], length=self._length_std(path[-1][0], look, end_std))
@@ -557,6 +559,23 @@ class Explorer(MapPilot):
         *before, last = self.leg.path
         assumed = self._assumed > 0 and self.belief.fitting(last[0]).is_plain
         return before[-1] if assumed and before else last
+
+    def _measure_reducer(self, more: float, std: float) -> float:
+        """Correct the length of a reducer at the end of the path, directly behind which a fitting
+        has been sighted, ``more`` m beyond its end to ``std`` m: where that begins tells the length
+        better than the far end of a shallow cone. Return by how much longer it is now, m."""
+        part, _, _ = self.leg.path[-1]
+        reducer, name = self.belief.fitting(part), self.belief.part_name(part)
+        known = self.belief.stds.get(name, {}).get("length", 0.0)
+        if not isinstance(reducer, Reducer) or not known or abs(more) > BELIEF.least_straight:
+            return 0.0
+        share = known**2 / (known**2 + std**2)
+        try:
+            self.belief.resize(part, length=reducer.length + share * more)
+        except GeometryError:
+            return 0.0
+        self.belief.measured(part, length=known * math.sqrt(1 - share))
+        return share * more
 
     def _measure_passed(self) -> float:
         """Correct the size of a fitting that has been measured from behind; return by how much
