@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -234,9 +235,9 @@ class Explorer(MapPilot):
         path = self._with_free_pipe(more)
         if ahead.kind != ("", "") and self.belief.fitting(path[-1][0]).is_plain:
             self.belief.measured(path[-1][0], length=self._length_std(path[-1][0], look, end_std))
-        if measured and not ahead.end:
+        if measured and not (ahead.end or isinstance(ahead.fitting, Reducer)):
             # The map has moved under the robot: it relocalises before it measures what is beyond.
-            # An end is kept: soon the lens may be too near to see it.
+            # An end or a reducer is kept: soon the lens may be too near to see it.
             self._go_on(path)
             self.look_at = max(
                 distance, min(distance + EXPLORER.settling, self.leg.end - EXPLORER.look_before)
@@ -377,8 +378,9 @@ class Explorer(MapPilot):
         and the map may have missed a reducer.
 
         Then the pipe is in doubt, and as soon as two looks agree on its bore the map takes that
-        bore, and the robot looks back for the reducer. Where the bore is right, the pipe is no
-        longer in doubt for a shallow reducer.
+        bore, also for the end of a reducer before it; without one, the robot looks back for one
+        that it has missed. Where the bore is right, the pipe is no longer in doubt for a shallow
+        reducer.
         """
         route = self.route()
         here = route.passages[route.index_at(look.distance)]
@@ -405,12 +407,29 @@ class Explorer(MapPilot):
         # Ends of modules that lean hold the arms out by up to 0.9 mm, alike in all pipes. A bore
         # that is 1 mm off makes a shallow reducer 10 mm longer.
         more = float(np.median(self._read_more)) if self._read_more else 0.0
-        self.belief.resize(part, inner_diameter=round(look.bore - more, 3))
-        self._missed = MissedReducer(part, bore, look.distance)
+        true, why = round(look.bore - more, 3), self._doubts[name]
+        self.belief.resize(part, inner_diameter=true)
         self.look_at = look.distance
+        if self._corrects_reducer(route, part, true):
+            del self._doubts[name]
+        else:
+            self._missed = MissedReducer(part, bore, look.distance)
         self._go_on(self.leg.path)
         # The same leg would keep its route, in which the pipe has the other bore.
-        self.leg = replace(self.leg, note=f"{self.leg.note}: {self._doubts[name]}")
+        self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
+        return True
+
+    def _corrects_reducer(self, route: Route, part: int, bore: float) -> bool:
+        """Correct the end of a reducer directly before pipe ``part``, in which the arms find
+        ``bore`` m; return whether there is such a one."""
+        before = [one for one, on in pairwise(route.passages) if on.index == part]
+        if not before or not isinstance(before[0].part.fitting, Reducer):
+            return False
+        key = before[0].part.fitting.bore_key(before[0].leave)
+        try:
+            self.belief.resize(before[0].index, **{key: bore})
+        except GeometryError:
+            return False
         return True
 
     def _look_for_missed(self, look: Look) -> Decision | None:
