@@ -230,9 +230,8 @@ class Explorer(MapPilot):
         more = end - self.route().length
         if provisional:
             self._doubt_end(more)
-        if ahead.fitting is not None:
-            more -= self._measure_reducer(more, math.hypot(end_std, look.std))
-        path = self._with_free_pipe(more)
+        placed = math.inf if ahead.fitting is None else math.hypot(end_std, look.std)
+        path = self._with_free_pipe(more, placed)
         if ahead.kind != ("", "") and self.belief.fitting(path[-1][0]).is_plain:
             self.belief.measured(path[-1][0], length=self._length_std(path[-1][0], look, end_std))
         if measured and not (ahead.end or isinstance(ahead.fitting, Reducer)):
@@ -579,23 +578,6 @@ class Explorer(MapPilot):
         assumed = self._assumed > 0 and self.belief.fitting(last[0]).is_plain
         return before[-1] if assumed and before else last
 
-    def _measure_reducer(self, more: float, std: float) -> float:
-        """Correct the length of a reducer at the end of the path, directly behind which a fitting
-        has been sighted, ``more`` m beyond its end to ``std`` m: where that begins tells the length
-        better than the far end of a shallow cone. Return by how much longer it is now, m."""
-        part, _, _ = self.leg.path[-1]
-        reducer, name = self.belief.fitting(part), self.belief.part_name(part)
-        known = self.belief.stds.get(name, {}).get("length", 0.0)
-        if not isinstance(reducer, Reducer) or not known or abs(more) > BELIEF.least_straight:
-            return 0.0
-        share = known**2 / (known**2 + std**2)
-        try:
-            self.belief.resize(part, length=reducer.length + share * more)
-        except GeometryError:
-            return 0.0
-        self.belief.measured(part, length=known * math.sqrt(1 - share))
-        return share * more
-
     def _measure_passed(self) -> float:
         """Correct the size of a fitting that has been measured from behind; return by how much
         longer it is now, m."""
@@ -616,8 +598,9 @@ class Explorer(MapPilot):
 
     # Extending the map
 
-    def _with_free_pipe(self, more: float) -> tuple[Edge, ...]:
-        """Return the path at hand with ``more`` m of free pipe at its end."""
+    def _with_free_pipe(self, more: float, std: float = math.inf) -> tuple[Edge, ...]:
+        """Return the path at hand with ``more`` m of free pipe at its end; ``std``: m, of where a
+        fitting begins that is sighted there."""
         path, end = self.leg.path, _end_of(self.leg.path)
         if self.belief.fitting(end[0]).is_plain:
             left = self.belief.lengthen(end[0], more)
@@ -625,10 +608,27 @@ class Explorer(MapPilot):
                 return path
             path, more = path[:-1], left
         if more <= BELIEF.least_straight:
+            more -= self._measure_reducer(path[-1][0], more, std)
             if more > BELIEF.error:
                 self._doubt(path[-1][0], f"{1000 * more:.0f} mm of pipe behind it may be none")
             return path
         return (*path, (self.belief.straight_beyond(end, more), "start", "end"))
+
+    def _measure_reducer(self, part: int, more: float, std: float) -> float:
+        """Correct the length of a reducer behind which a fitting directly follows that begins
+        ``more`` m beyond its end, to ``std`` m: that tells the length better than the far end of a
+        shallow cone. Return by how much longer it is now, m."""
+        reducer, stds = self.belief.fitting(part), self.belief.stds
+        known = stds.get(self.belief.part_name(part), {}).get("length", 0.0)
+        if not isinstance(reducer, Reducer) or not known or abs(more) > BELIEF.least_straight:
+            return 0.0
+        share = known**2 / (known**2 + std**2)
+        try:
+            self.belief.resize(part, length=reducer.length + share * more)
+        except GeometryError:
+            return 0.0
+        self.belief.measured(part, length=known * math.sqrt(1 - share))
+        return share * more
 
     def _add_fitting(
         self, fitting: Fitting, ahead: Ahead, path: tuple[Edge, ...], look: Look

@@ -403,22 +403,29 @@ class Recogniser:
         return rows
 
     def _preceded(self, fits: Tries, views: Views) -> list[Tries]:
-        """Return a row of a reducer directly before the best of the fittings, and one of the latter
+        """Return rows of a reducer directly before the best of the fittings, and of the latter
         alone from where it lies then."""
         # The cone of a shallow one hardly shows, but what is behind it does: taken for a fitting in
         # this bore, it explains more pixels than a reducer with straight pipe behind it.
         order = np.argsort(fits.cost, kind="stable").tolist()
+        most = fits.cost[order[0]] + RECOGNISER.follow_cost[2]
         if fits.forms[order[0]].kind == "reducer":
             others = [i for i in order if fits.forms[i].period]
         else:
-            least = fits.cost[order[0]] + RECOGNISER.follow_cost[2]
-            others = [i for i in order if fits.cost[i] < least and fits.forms[i].kind != "reducer"]
-        if not others:
-            return []
-        form, behind = fits.forms[others[0]], fits.take(others[:1])
-        plain = form.make is None or form.kind == "straight"
-        if plain or behind.numbers[0, DISTANCE] < self._blind:
-            return []
+            others = [i for i in order if fits.cost[i] < most and fits.forms[i].kind != "reducer"]
+            if not fits.forms[others[0]].period:
+                return []
+        best: dict[int, int] = {}
+        for i in others:
+            if fits.forms[i].period and fits.numbers[i, DISTANCE] >= self._blind:
+                best.setdefault(id(fits.forms[i]), i)  # of each form
+        few = [*best.values()][: RECOGNISER.preceded]
+        return [part for i in few for part in self._behind_reducer(fits, i, views)]
+
+    def _behind_reducer(self, fits: Tries, row: int, views: Views) -> list[Tries]:
+        """Return a row of a reducer directly before the fitting of a row, and one of the latter
+        alone from where it lies then."""
+        behind, order = fits.take([row]), np.argsort(fits.cost, kind="stable").tolist()
         rows = []
         for reducer in (form for form in self._forms if form.kind == "reducer"):
             starts = [self._before(behind, reducer, views)]
@@ -432,11 +439,10 @@ class Recogniser:
         every = joined(rows)
         both = every.take([int(every.cost.argmin())])
         end, length = both.sizes[0, :OWN].tolist()
-        numbers = both.numbers.copy()
+        numbers, sizes = both.numbers.copy(), np.zeros((1, SIZES))
         numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
-        sizes = np.zeros((1, SIZES))
         sizes[:, :OWN] = both.sizes[:, OWN:]
-        alone = tries([form], numbers, sizes, 1)
+        alone = tries(behind.forms, numbers, sizes, 1)
         return [both, self._fit.refined(alone, views, self._level(0, 5.0), 2)]
 
     def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:

@@ -49,6 +49,8 @@ class RecogniserSettings:
             a cost to a third at most (measured).
         restart_sizes: number of starting sizes from which these searches are followed roughly.
         restarts: number of these searches that are followed.
+        preceded: forms before which a reducer is tried: a fitting of another bore may be taken for
+            another one.
         usual_stand: squared standard deviations of a camera's pose in straight pipe from which on
             all is searched again from the pipe's axis.
         dim_distances: (13,) bores, at which fittings that a lamp lights dimly have a search of
@@ -129,6 +131,7 @@ class RecogniserSettings:
     restart_cost: float = 4.0
     restart_sizes: int = 10
     restarts: int = 3
+    preceded: int = 2
     usual_stand: float = 3.0
     dim_distances: Array = field(default_factory=lambda: np.arange(0.5, 2.35, 0.15))
     dim_turns: int = 16
