@@ -202,6 +202,50 @@ class Belief:
         for key in sizes:
             self.stds.get(name, {}).pop(key, None)
 
+    def put(self, part: int, fitting: Fitting) -> str:
+        """Put another fitting in the place of a part, with the same ports; return its name, which
+        is another one where the kind is."""
+        old, new = self.part_name(part), self.part_name(part)
+        if fitting.kind != self.fitting(part).kind:
+            new = self.next_name(fitting)
+            self._counts[fitting.kind] = self._counts.get(fitting.kind, 0) + 1
+
+        def renamed(port: str) -> str:
+            name, dot, end = port.partition(".")
+            return f"{new if name == old else name}{dot}{end}"
+
+        every = self._fittings.items()
+        self._fittings = {new if name == old else name: one for name, one in every}
+        self._joints = [
+            joint.model_copy(update={"ports": (renamed(joint.ports[0]), renamed(joint.ports[1]))})
+            for joint in self._joints
+        ]
+        self.stds = {new if name == old else name: stds for name, stds in self.stds.items()}
+        self._set(new, fitting)
+        return new
+
+    def hangs_on(self, part: int) -> tuple[End, End] | None:
+        """Return the port that a part was attached to and its own one there; None of the first."""
+        index, name = {name: i for i, name in enumerate(self._fittings)}, self.part_name(part)
+        for joint in self._joints:
+            (one, _, port), (other, _, own) = (end.partition(".") for end in joint.ports)
+            if other == name:
+                return (index[one], port), (part, own)
+        return None
+
+    def beyond(self, end: End) -> set[int]:
+        """Return the parts that a port leads to, on any way but back through its own part; with
+        that part where a loop leads to it."""
+        joined, found, new = self.joined, set[int](), [end]
+        while new:
+            other = joined.get(new.pop())
+            if other is None or other[0] in found:
+                continue
+            found.add(other[0])
+            ports = self.fitting(other[0]).port_names
+            new += [(other[0], port) for port in ports if port != other[1]]
+        return found
+
     def measured(self, part: int, **stds: float) -> None:
         """Note the standard deviations of measured sizes of a part, m and rad, which hold until
         these sizes change."""

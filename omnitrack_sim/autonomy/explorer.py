@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -37,7 +37,17 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
+from omnitrack_sim.pipes import (
+    BORE_TOLERANCE,
+    Arcs,
+    Elbow,
+    Fitting,
+    Reducer,
+    Route,
+    Tee,
+    Wye,
+)
+from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
 from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
@@ -77,6 +87,7 @@ class ExplorerSettings:
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
             bend its far end is hidden, so that the map may have it too short by that much.
         same_side: rad, between the directions of two bends that may be one.
+        overlap: m, by which a plate may seem to be behind the robot's nose, which stands before it.
         steady: part of the bore by which two measurements by the arms in one pipe may differ; in
             the cone of a reducer they differ more.
     """
@@ -94,6 +105,7 @@ class ExplorerSettings:
     touch: float = 0.05
     rest: float = math.radians(35)
     same_side: float = math.radians(20)
+    overlap: float = 0.01
     steady: float = 0.005
 
 
@@ -140,6 +152,7 @@ class Explorer(MapPilot):
         self._assumed = 0.0  # m, of free pipe since the last look that showed something
         self._doubts: dict[str, str] = {}  # names of parts of the map, and why
         self._felt = math.nan  # m, bore by the arms at the last look, where the map has another
+        self._right_bores: set[int] = set()  # pipes in which the arms have found that of the map
         # m, what the arms have read more than the map has, in pipes where they agree with it.
         self._read_more: list[float] = []
         self._missed: MissedReducer | None = None
@@ -209,7 +222,7 @@ class Explorer(MapPilot):
         """Decide after a look ahead from the corrected position."""
         ahead, distance = look.ahead, look.distance
         route = self.route()
-        if ahead is None or ahead.confidence < EXPLORER.confidence:
+        if ahead is None or ahead.confidence < EXPLORER.confidence or self._is_impossible(ahead):
             self.look_at = distance + LOOKS.again
             if not self._closer.too_late(self.look_at, route):
                 return Decision(self.leg, True)
@@ -341,6 +354,11 @@ class Explorer(MapPilot):
             return distance + LOOKS.doubt
         return None
 
+    def _is_impossible(self, ahead: Ahead) -> bool:
+        """Return whether a plate is sighted where the robot's nose is: one that leans in the mouth
+        of a fitting sees the wall before it."""
+        return ahead.end == "closed" and ahead.distance < self._half - EXPLORER.overlap
+
     def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting agrees with the one before; other sightings
         need no confirmation."""
@@ -389,6 +407,7 @@ class Explorer(MapPilot):
         bore, name = 2 * here.part.fitting.port_radius(here.enter), here.part.name
         if abs(look.bore - bore) < LENGTHS / 2 * bore:
             self._read_more.append(look.bore - bore)
+            self._right_bores.add(here.index)
             if self._doubts.get(name) == SHALLOW:
                 del self._doubts[name]
         felt, self._felt = self._felt, math.nan
@@ -436,6 +455,8 @@ class Explorer(MapPilot):
         yet."""
         behind, missed = look.behind, self._missed
         assert missed is not None
+        if missed.shows_other(behind, self._passed(look.distance)):
+            return self._infer_reducer(missed, look)
         reducer = missed.measured(behind, look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
@@ -496,6 +517,64 @@ class Explorer(MapPilot):
             self._doubts[name] = "its sizes hardly show"
         event = FittingFound(self._number, look.time, name, -behind.distance)
         return Decision(self.leg, True, [event], shift)
+
+    def _passed(self, distance: float) -> str:
+        """Return the kind of the fitting that the robot has left behind at arc length ``distance``
+        m; "" for none."""
+        route = self.route()
+        i = route.index_at(distance)
+        return route.passages[i - 1].part.fitting.kind if i else ""
+
+    def _infer_reducer(self, missed: MissedReducer, look: Look) -> Decision | None:
+        """Put a reducer in the place of a pipe of which the arms have not read the bore, where they
+        find another one behind the fittings that follow it; give up and return None where there is
+        no such pipe.
+
+        By a lamp, a fitting behind a reducer looks like one that is as much smaller and nearer.
+        """
+        belief, i = self.belief, self.route().index_at(look.distance)
+        here = self.route().passages[i]
+        found = self._unread_pipe(here.index)
+        if found is None:
+            self._stop_looking_back()
+            return None
+        pipe, enter, leave = found
+        bore, behind = 2 * here.part.fitting.port_radius(here.enter), belief.beyond((pipe, leave))
+        bores = {enter: missed.bore, leave: bore}
+        try:
+            length = belief.fitting(pipe).length_of_axes
+            reducer = Reducer(length, end_diameter=bores["end"], inner_diameter=bores["start"])
+        except GeometryError:
+            self._stop_looking_back()
+            return None
+        self._missed = None
+        name, why = belief.put(pipe, reducer), self._doubts.pop(here.part.name)
+        for part in behind:
+            belief.put(part, _of_bore(belief.fitting(part), bore))
+        self._doubts[name] = "it was felt behind it and not seen"
+        self._go_on(self.leg.path)
+        self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
+        self.look_at = look.distance
+        shift = self.route().passages[i].s_enter - here.s_enter
+        ends = (belief.port(end).position for end in ((pipe, leave), (here.index, here.enter)))
+        away = look.distance - here.s_enter + math.dist(*ends)
+        return Decision(self.leg, True, [FittingFound(self._number, look.time, name, -away)], shift)
+
+    def _unread_pipe(self, part: int) -> Edge | None:
+        """Return the pipe on the way from the start to ``part`` from which only fittings lead there
+        and on, if it is too short for the arms to have read its bore; None where there is none."""
+        belief, joint = self.belief, self.belief.hangs_on(part)
+        while joint is not None and not _has_bore(belief.fitting(joint[0][0])):
+            joint = belief.hangs_on(joint[0][0])
+        before = None if joint is None else belief.hangs_on(joint[0][0])
+        if joint is None or before is None:
+            return None
+        pipe, leave = joint[0]
+        behind, fitting = belief.beyond((pipe, leave)), belief.fitting(pipe)
+        others = any(isinstance(belief.fitting(other), Reducer) for other in behind)
+        read = pipe in self._right_bores or fitting.length_of_axes > self._robot.length
+        unread = fitting.is_plain and not read and not others and pipe not in behind
+        return (pipe, before[1][1], leave) if unread else None
 
     def _stop_looking_back(self) -> None:
         """Give up the search for a missed reducer, and restore the bore of the straight."""
@@ -941,6 +1020,18 @@ def _between(first: Array, side: Array, fitting: Fitting, enter: str) -> tuple[A
         first = -first  # From there a tee looks the same from both sides.
     apart = float(angle_between(first, side))
     return (unit(first + side) if apart < math.pi / 2 else side), apart
+
+
+def _has_bore(fitting: Fitting) -> bool:
+    """Return whether a fitting is a pipe or changes the bore."""
+    return fitting.is_plain or isinstance(fitting, Reducer)
+
+
+def _of_bore(fitting: Fitting, bore: float) -> Fitting:
+    """Return a fitting of another bore, m: what a robot cannot measure is as usual for that."""
+    usual = {row.name: row.default for row in fields(fitting) if isinstance(row.default, Bores)}
+    bores = {fitting.bore_key(port): bore for port in fitting.port_names}
+    return replace(fitting, **{**usual, **bores})  # type: ignore[type-var]
 
 
 def _fitted(fitting: Fitting, enter: str, bore: float) -> Fitting:

@@ -607,6 +607,7 @@ class MissedReducer:
         at: m, arc length on the leg of the next look.
         lengths: m, of the reducer, by the looks so far.
         vain: number of looks since the last that showed a reducer.
+        others: number of looks that showed the fitting before the straight.
     """
 
     part: int
@@ -614,6 +615,14 @@ class MissedReducer:
     at: float
     lengths: list[float] = field(default_factory=list)
     vain: int = 0
+    others: int = 0
+
+    def shows_other(self, behind: Ahead | None, passed: str) -> bool:
+        """Return whether looks back have shown the fitting of kind ``passed`` that is before the
+        straight twice, as the last one does: the reducer is not behind that."""
+        other = passed not in ("", Straight.kind, Reducer.kind)
+        self.others += other and behind is not None and behind.kind[0] == passed
+        return self.others > 1
 
     def measured(self, behind: Ahead | None, distance: float) -> Reducer | None:
         """Return the reducer, of mean length, after one more look back at it, from arc length
