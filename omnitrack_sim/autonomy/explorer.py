@@ -87,7 +87,6 @@ class ExplorerSettings:
         rest: rad, most angle of a bend that may be the rest of the one before it: before a wide
             bend its far end is hidden, so that the map may have it too short by that much.
         same_side: rad, between the directions of two bends that may be one.
-        overlap: m, by which a plate may seem to be behind the robot's nose, which stands before it.
         steady: part of the bore by which two measurements by the arms in one pipe may differ; in
             the cone of a reducer they differ more.
     """
@@ -105,7 +104,6 @@ class ExplorerSettings:
     touch: float = 0.05
     rest: float = math.radians(35)
     same_side: float = math.radians(20)
-    overlap: float = 0.01
     steady: float = 0.005
 
 
@@ -355,9 +353,9 @@ class Explorer(MapPilot):
         return None
 
     def _is_impossible(self, ahead: Ahead) -> bool:
-        """Return whether a plate is sighted where the robot's nose is: one that leans in the mouth
-        of a fitting sees the wall before it."""
-        return ahead.end == "closed" and ahead.distance < self._half - EXPLORER.overlap
+        """Return whether a plate is sighted nearer than a robot comes to one: where it leans in the
+        mouth of a fitting, it sees the wall before it."""
+        return ahead.end == "closed" and ahead.distance < self._half + self._robot.nose_room
 
     def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting agrees with the one before; other sightings
@@ -572,7 +570,9 @@ class Explorer(MapPilot):
         pipe, leave = joint[0]
         behind, fitting = belief.beyond((pipe, leave)), belief.fitting(pipe)
         others = any(isinstance(belief.fitting(other), Reducer) for other in behind)
-        read = pipe in self._right_bores or fitting.length_of_axes > self._robot.length
+        # Arms read a bore where the whole robot is in it, and when it looks.
+        most = self._robot.length + EXPLORER.look_step
+        read = pipe in self._right_bores or fitting.length_of_axes > most
         unread = fitting.is_plain and not read and not others and pipe not in behind
         return (pipe, before[1][1], leave) if unread else None
 
