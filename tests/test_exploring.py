@@ -1323,3 +1323,24 @@ def test_pipe_that_was_taken_back_is_on_no_leg():
         legs = Legs([explorer])
         legs.follow(0, Decision(replace(leg, path=(*leg.path, more))))
         assert legs.begun(0)[-1] == leg
+
+
+@pytest.mark.parametrize("fitting", [elbow("bend"), {"kind": "wye", "name": "bend"}])
+def test_a_bend_that_was_seen_in_a_wrong_direction_is_turned_when_it_has_been_passed(fitting):
+    """By 8 degrees: the pipe behind it shows where it leads to."""
+
+    def off(ahead):
+        seen = isinstance(ahead.fitting, Elbow | Wye) and "start" in ahead.enter
+        return replace(ahead, turn=ahead.turn + np.radians(8)) if seen else ahead
+
+    ports = ("start", "end") if fitting["kind"] == "elbow" else ("run_start", "branch")
+    parts = [straight("foot", 0.6), fitting, straight("on", 0.6)]
+    joints = [joint("foot.end", f"bend.{ports[0]}"), joint(f"bend.{ports[1]}", "on.start")]
+    if fitting["kind"] == "wye":
+        parts.append(straight("run", 0.6))
+        joints.append(joint("bend.run_end", "run.start"))
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=off)
+    ghost.run()
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference

@@ -226,12 +226,26 @@ class Belief:
 
     def hangs_on(self, part: int) -> tuple[End, End] | None:
         """Return the port that a part was attached to and its own one there; None of the first."""
-        index, name = {name: i for i, name in enumerate(self._fittings)}, self.part_name(part)
-        for joint in self._joints:
-            (one, _, port), (other, _, own) = (end.partition(".") for end in joint.ports)
-            if other == name:
-                return (index[one], port), (part, own)
-        return None
+        joint = self._joint_of(part)
+        if joint is None:
+            return None
+        index = {name: i for i, name in enumerate(self._fittings)}
+        (one, _, port), (_, _, own) = (end.partition(".") for end in self._joints[joint].ports)
+        return (index[one], port), (part, own)
+
+    def _joint_of(self, part: int) -> int | None:
+        """Return the number of the joint by which a part was attached; None of the first part."""
+        # What is attached is the second of two; a loop is closed later.
+        names = [joint.ports[1].partition(".")[0] for joint in self._joints]
+        name = self.part_name(part)
+        return names.index(name) if name in names else None
+
+    def turn(self, part: int, more: float) -> None:
+        """Turn a part, and what hangs on it, by ``more`` rad about the pipe that it was attached
+        to, whose axis leads to it."""
+        joint = self._joint_of(part)
+        assert joint is not None
+        self._turn(joint, more)
 
     def beyond(self, end: End) -> set[int]:
         """Return the parts that a port leads to, on any way but back through its own part; with

@@ -78,6 +78,8 @@ class ExplorerSettings:
             look before its nose is in a fitting that follows directly.
         least_bend: rad, least angle of an elbow.
         bend_tolerance: rad, error of an elbow's angle from which on the map is corrected.
+        turn_tolerance: rad, the same of its direction: a look is off by a degree, and so is how the
+            robot takes itself to be turned.
         settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
@@ -97,6 +99,7 @@ class ExplorerSettings:
     look_before: float = 0.02
     least_bend: float = math.radians(5)
     bend_tolerance: float = math.radians(0.5)
+    turn_tolerance: float = math.radians(3)
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
@@ -786,10 +789,11 @@ class Explorer(MapPilot):
 
     def _measure_bend(self, axis: Array, std: float) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe
-        along ``axis`` (3,), world frame, estimate; return whether its angle on the map has
-        changed. ``std``: m, of the robot's arc length, 0 where it knows its pose."""
-        # Before an elbow its far end is hidden, so a picture shows its angle badly. How the robot
-        # is turned it knows better, even where it has come round by other fittings.
+        along ``axis`` (3,), world frame, estimate; return whether its angle or its direction on the
+        map has changed. ``std``: m, of the robot's arc length, 0 where it knows its pose."""
+        # Before an elbow its far end is hidden, so a picture shows its angle badly, and now and
+        # then one is off in direction. How the robot is turned it knows better, even where it has
+        # come round by other fittings.
         path = self.leg.path
         last = len(path) - 1
         if last > 0 and self.belief.fitting(path[last][0]).is_plain:
@@ -800,7 +804,9 @@ class Explorer(MapPilot):
         if part not in self._bends or straight_on or _end_of(path) in self.belief.joined:
             return False
         self._bends.remove(part)
-        angle = float(angle_between(-self.belief.port((part, enter)).rotation[:, 2], axis))
+        before = -self.belief.port((part, enter)).rotation[:, 2]
+        on = self.belief.port((part, leave)).rotation[:, 2]
+        angle, off = float(angle_between(before, axis)), _about(before, on, axis)
         assert isinstance(fitting, Elbow | Wye)
         if isinstance(fitting, Wye) and is_sharp(fitting, enter, leave):
             angle = math.pi - angle
@@ -812,7 +818,11 @@ class Explorer(MapPilot):
         # Within the tolerance the map keeps an angle that may be off by any part of it.
         kept = EXPLORER.bend_tolerance / math.sqrt(3) if right else 0.0
         self.belief.measured(part, angle=math.hypot(BELIEF.angle_std, kept) if std else 0.0)
-        if right:
+        joint = self.belief.hangs_on(part)
+        turned = abs(off) > EXPLORER.turn_tolerance and joint is not None and joint[1][1] == enter
+        if turned:
+            self.belief.turn(part, off)
+        if right and not turned:
             return False
         self.planner = self._through([])
         return True
@@ -1020,6 +1030,13 @@ def _between(first: Array, side: Array, fitting: Fitting, enter: str) -> tuple[A
         first = -first  # From there a tee looks the same from both sides.
     apart = float(angle_between(first, side))
     return (unit(first + side) if apart < math.pi / 2 else side), apart
+
+
+def _about(axis: Array, one: Array, other: Array) -> float:
+    """Return the angle, rad, by which ``one`` (3,) has to turn about ``axis`` (3,) to lie in the
+    half-plane of ``other`` (3,)."""
+    cross = np.cross(axis, one)
+    return math.atan2(float(other @ cross), float(other @ np.cross(cross, axis)))
 
 
 def _has_bore(fitting: Fitting) -> bool:
