@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -1046,7 +1046,8 @@ def _has_bore(fitting: Fitting) -> bool:
 
 def _of_bore(fitting: Fitting, bore: float) -> Fitting:
     """Return a fitting of another bore, m: what a robot cannot measure is as usual for that."""
-    usual = {row.name: row.default for row in fields(fitting) if isinstance(row.default, Bores)}
+    every = vars(type(fitting)).items()
+    usual = {name: size for name, size in every if isinstance(size, Bores)}
     bores = {fitting.bore_key(port): bore for port in fitting.port_names}
     return replace(fitting, **{**usual, **bores})  # type: ignore[type-var]
 

@@ -115,7 +115,7 @@ def _weights(stds: Sequence[float]) -> Array:
     return np.maximum(stds, LOOKS.least_std) ** -2
 
 
-def _without_extremes(values: Sequence[float]) -> NDArray[np.intp]:
+def _without_extremes(values: Array) -> NDArray[np.intp]:
     """Indices of values in ascending order, without the least and the greatest of more than
     ``LOOKS.for_sizes``: one look may be far off."""
     order = np.argsort(values, kind="stable")
