@@ -136,7 +136,8 @@ class Maker:
         missing += [f"## {piece}" for piece in sorted(wanted - set(made))]
         if missing:
             raise Failed(f"{part.name} did not make {', '.join(missing)}")
-        self.records[part.name] = record
+        # Another run may have made other parts in the meantime.
+        self.records = read_records(self.file) | {part.name: record}
         for target, source in part.files.items():
             write_file(self.docs / target, self._made(part, source).read_bytes())
         self.fill({part.name: made})

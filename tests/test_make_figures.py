@@ -23,6 +23,7 @@ from omnitrack_sim.cli import app
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import make_figures  # noqa: E402
 import sweep_tables  # noqa: E402
 from making import pages, parts, probes  # noqa: E402
 
@@ -292,6 +293,24 @@ def test_a_part_that_leaves_a_piece_out_changes_nothing(toy):
     assert (told.returncode, "did not make ## two" in told.stderr) == (1, True)
     assert (toy / "docs" / "page.md").read_text() == PAGE
     assert not (toy / "docs" / "figures.json").exists()
+
+
+def test_two_runs_at_once_keep_the_records_of_each_other(toy):
+    """Each reads them as it begins, and makes another part."""
+    (toy / "out").mkdir()
+    (toy / "out" / "go").touch()
+    more = f"""
+[more]
+about = "another one"
+minutes = 1
+commands = ["{toy}/first.py {{out}}"]
+"""
+    (toy / "figures.toml").write_text(TOY.replace("FOLDER", str(toy)) + more)
+    folders = toy / "figures.toml", toy / "docs", toy / "out" / "figures"
+    one, other = (make_figures.Maker(*folders, workers=1, quick=False) for _ in range(2))
+    one.make("toy")
+    other.make("more")
+    assert set(parts.read_records(toy / "docs" / "figures.json")) == {"toy", "more"}
 
 
 def test_records_are_read_as_they_were_written(tmp_path):
