@@ -37,16 +37,7 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import (
-    BORE_TOLERANCE,
-    Arcs,
-    Elbow,
-    Fitting,
-    Reducer,
-    Route,
-    Tee,
-    Wye,
-)
+from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
 from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
 from omnitrack_sim.pipes.network import End
@@ -540,18 +531,20 @@ class Explorer(MapPilot):
             self._stop_looking_back()
             return None
         pipe, enter, leave = found
-        bore, behind = 2 * here.part.fitting.port_radius(here.enter), belief.beyond((pipe, leave))
+        length = belief.fitting(pipe).length_of_axes
+        bore = 2 * here.part.fitting.port_radius(here.enter)
         bores = {enter: missed.bore, leave: bore}
+        behind = {part: belief.fitting(part) for part in belief.beyond((pipe, leave))}
         try:
-            length = belief.fitting(pipe).length_of_axes
             reducer = Reducer(length, end_diameter=bores["end"], inner_diameter=bores["start"])
+            behind = {part: _of_bore(fitting, bore) for part, fitting in behind.items()}
         except GeometryError:
             self._stop_looking_back()
             return None
         self._missed = None
         name, why = belief.put(pipe, reducer), self._doubts.pop(here.part.name)
-        for part in behind:
-            belief.put(part, _of_bore(belief.fitting(part), bore))
+        for part, fitting in behind.items():
+            belief.put(part, fitting)
         self._doubts[name] = "it was felt behind it and not seen"
         self._go_on(self.leg.path)
         self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
