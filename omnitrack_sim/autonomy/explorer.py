@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -37,7 +36,17 @@ from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
 from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import BORE_TOLERANCE, Arcs, Elbow, Fitting, Reducer, Route, Tee, Wye
+from omnitrack_sim.pipes import (
+    BORE_TOLERANCE,
+    Arcs,
+    Elbow,
+    Fitting,
+    Passage,
+    Reducer,
+    Route,
+    Tee,
+    Wye,
+)
 from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
 from omnitrack_sim.pipes.network import End
@@ -420,7 +429,7 @@ class Explorer(MapPilot):
         true, why = round(look.bore - more, 3), self._doubts[name]
         self.belief.resize(part, inner_diameter=true)
         self.look_at = look.distance
-        if self._corrects_reducer(route, part, true):
+        if self._corrects_reducer(self._passed(look.distance), true):
             del self._doubts[name]
         else:
             self._missed = MissedReducer(part, bore, look.distance)
@@ -429,15 +438,14 @@ class Explorer(MapPilot):
         self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
         return True
 
-    def _corrects_reducer(self, route: Route, part: int, bore: float) -> bool:
-        """Correct the end of a reducer directly before pipe ``part``, in which the arms find
-        ``bore`` m; return whether there is such a one."""
-        before = [one for one, on in pairwise(route.passages) if on.index == part]
-        if not before or not isinstance(before[0].part.fitting, Reducer):
+    def _corrects_reducer(self, passed: Passage | None, bore: float) -> bool:
+        """Correct the end of a reducer that the robot has ``passed`` into pipe in which the arms
+        find ``bore`` m; return whether it is one that may lead to that."""
+        if passed is None or not isinstance(passed.part.fitting, Reducer):
             return False
-        key = before[0].part.fitting.bore_key(before[0].leave)
+        key = passed.part.fitting.bore_key(passed.leave)
         try:
-            self.belief.resize(before[0].index, **{key: bore})
+            self.belief.resize(passed.index, **{key: bore})
         except GeometryError:
             return False
         return True
@@ -447,7 +455,8 @@ class Explorer(MapPilot):
         yet."""
         behind, missed = look.behind, self._missed
         assert missed is not None
-        if missed.shows_other(behind, self._passed(look.distance)):
+        passed = self._passed(look.distance)
+        if missed.shows_other(behind, "" if passed is None else passed.part.fitting.kind):
             return self._infer_reducer(missed, look)
         reducer = missed.measured(behind, look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
@@ -510,12 +519,12 @@ class Explorer(MapPilot):
         event = FittingFound(self._number, look.time, name, -behind.distance)
         return Decision(self.leg, True, [event], shift)
 
-    def _passed(self, distance: float) -> str:
-        """Return the kind of the fitting that the robot has left behind at arc length ``distance``
-        m; "" for none."""
+    def _passed(self, distance: float) -> Passage | None:
+        """Return the passage that the robot has left behind at arc length ``distance`` m; None in
+        the first of its leg."""
         route = self.route()
         i = route.index_at(distance)
-        return route.passages[i - 1].part.fitting.kind if i else ""
+        return route.passages[i - 1] if i else None
 
     def _infer_reducer(self, missed: MissedReducer, look: Look) -> Decision | None:
         """Put a reducer in the place of a pipe of which the arms have not read the bore, where they
