@@ -208,9 +208,9 @@ class Explorer(MapPilot):
                 return decision
         elif self.looks_back(distance):
             distance = self._back.located(self.route(), look)
-            distance += self._measure_passed()
-            if distance != look.distance:
+            if abs(distance - look.distance) > LOOKS.least_slip:
                 self._closer.forget()
+            distance += self._measure_passed()
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), distance - look.distance)
         located = self._closer.located(self.route(), distance, look.ahead)
