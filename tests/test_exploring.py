@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -315,6 +316,26 @@ def test_slip_of_the_belts_does_not_change_a_length(by, where):
     difference = compare_maps(ghost.explorer.belief.network, network)
     assert difference.same
     assert difference.length_error < 1e-3
+
+
+def test_looks_back_that_move_a_robot_by_millimetres_do_not_hide_that_belts_slip():
+    """One goes back when it has seen the far end of the pipe, which is still where it was seen."""
+    errors = cycle([0.001, -0.001])
+
+    def erring(ahead):
+        cone = isinstance(ahead.fitting, Reducer)
+        if ahead.distance > (0.3 if cone else 0.5):
+            return Ahead(distance=0.4, axis=ahead.axis)
+        wrong = next(errors) if cone else 0.0
+        return replace(ahead, distance=ahead.distance + wrong, distance_std=0.002)
+
+    cone = reducer("cone", 0.15, length=0.1)
+    parts = [straight("foot", 0.6), cone, straight("on", 0.6) | {"inner_diameter": 0.15}]
+    joints = [joint("foot.end", "cone.start"), joint("cone.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=erring, slip=(1.05, 0.05))
+    ghost.run()
+    assert compare_maps(ghost.explorer.belief.network, network).length_error < 5e-3
 
 
 def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():
