@@ -551,12 +551,14 @@ class Explorer(MapPilot):
             self._stop_looking_back()
             return None
         self._missed = None
-        name, why = belief.put(pipe, reducer), self._doubts.pop(here.part.name)
+        name, why = belief.put(pipe, reducer), "it was felt behind it and not seen"
         for part, fitting in behind.items():
             belief.put(part, fitting)
-        self._doubts[name] = "it was felt behind it and not seen"
+        # Pictures may have doubted it since, and arms that read the bore that it has by now, not.
+        self._doubts.pop(here.part.name, None)
+        self._doubts[name] = why
         self._go_on(self.leg.path)
-        self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
+        self.leg = replace(self.leg, note=f"{self.leg.note}: {name}, {why}")
         self.look_at = look.distance
         shift = self.route().passages[i].s_enter - here.s_enter
         ends = (belief.port(end).position for end in ((pipe, leave), (here.index, here.enter)))
