@@ -319,7 +319,7 @@ def test_slip_of_the_belts_does_not_change_a_length(by, where):
 
 
 def test_looks_back_that_move_a_robot_by_millimetres_do_not_hide_that_belts_slip():
-    """One goes back when it has seen the far end of the pipe, which is still where it was seen."""
+    """A robot that looks back after it has seen the far end of a pipe still knows where that is."""
     errors = cycle([0.001, -0.001])
 
     def erring(ahead):

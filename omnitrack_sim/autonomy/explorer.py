@@ -208,8 +208,7 @@ class Explorer(MapPilot):
                 return decision
         elif self.looks_back(distance):
             distance = self._back.located(self.route(), look)
-            if abs(distance - look.distance) > LOOKS.least_slip:
-                self._closer.forget()
+            self._closer.moved(distance - look.distance)
             distance += self._measure_passed()
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), distance - look.distance)
@@ -551,14 +550,14 @@ class Explorer(MapPilot):
             self._stop_looking_back()
             return None
         self._missed = None
-        name, why = belief.put(pipe, reducer), "it was felt behind it and not seen"
+        name = belief.put(pipe, reducer)
         for part, fitting in behind.items():
             belief.put(part, fitting)
-        # Pictures may have doubted it since, and arms that read the bore that it has by now, not.
+        # A picture may have replaced the doubt by the arms, and the arms have removed that one.
         self._doubts.pop(here.part.name, None)
-        self._doubts[name] = why
+        self._doubts[name] = "it was felt behind it and not seen"
         self._go_on(self.leg.path)
-        self.leg = replace(self.leg, note=f"{self.leg.note}: {name}, {why}")
+        self.leg = replace(self.leg, note=f"{self.leg.note}: {name} inferred")
         self.look_at = look.distance
         shift = self.route().passages[i].s_enter - here.s_enter
         ends = (belief.port(end).position for end in ((pipe, leave), (here.index, here.enter)))

@@ -564,12 +564,14 @@ class LookingCloser:
         # Until its rear is out of a bend, a robot knows least how far it has come.
         if distance > last.s_enter + self._half:
             return close
-        self.forget()
+        self._far = None
         return max(close - LOOKS.out_of_fitting, distance + LOOKS.again)
 
-    def forget(self) -> None:
-        """Forget where the end was seen, as the robot's estimate was off by then."""
-        self._far = None
+    def moved(self, shift: float) -> None:
+        """Take note that a look back has moved the robot by ``shift`` m: by more than cameras err,
+        its estimate was off when it saw the end from afar, and where that was is forgotten."""
+        if _slipped(shift):
+            self._far = None
 
     def located(self, route: Route, distance: float, ahead: Ahead | None) -> float:
         """Return the arc length of a robot on a route, m, from a look at an end that it has seen
