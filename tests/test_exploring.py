@@ -338,6 +338,35 @@ def test_looks_back_that_move_a_robot_by_millimetres_do_not_hide_that_belts_slip
     assert compare_maps(ghost.explorer.belief.network, network).length_error < 5e-3
 
 
+@pytest.mark.parametrize(
+    "shows",
+    [{"enter": "run_end"}, {"size_stds": {"angle": np.radians(4.9)}}, {"distance_std": 0.012}],
+    ids=["another port", "no angle", "no place"],
+)
+def test_a_look_from_afar_that_hardly_shows_what_it_sees_moves_no_robot(shows):
+    """Where a wye begins goes with the port and the angle that a picture is taken for: the length
+    of the pipe before it is that by the look from close by."""
+
+    def erring(ahead):
+        if not isinstance(ahead.fitting, Wye) or ahead.enter != "run_start":
+            return ahead
+        if ahead.distance < 0.26:
+            return replace(ahead, distance_std=0.001)
+        far = replace(ahead, distance=ahead.distance + 0.05, distance_std=0.003)
+        return replace(far, **shows)
+
+    parts = [straight("foot", 0.7), {"kind": "wye", "name": "wye"}]
+    parts += [straight("on", 0.5), straight("side", 0.5)]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.run_end", "on.start")]
+    joints += [joint("wye.branch", "side.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=erring)
+    ghost.run()
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference
+    assert difference.length_error < 5e-3
+
+
 def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():
     """A bend that is looked at out of a straight is no rest of one, so no two looks have to agree
     in where it begins."""

@@ -70,6 +70,15 @@ def test_robots_on_their_way_are_left_alone() -> None:
     assert [found for at in route for found in look(watching, [at, at])] == []
 
 
+def test_a_correction_of_where_a_robot_is_takes_no_headway_from_it() -> None:
+    """Of two robots whose estimates go back by 150 mm, the one whose estimate has been corrected
+    has not slid back."""
+    watching = monitor()
+    assert look(watching, [0.4, 0.4]) == []
+    watching.moved(0, -0.15)
+    assert [verdict.robot for verdict in look(watching, [0.25, 0.25])] == [1]
+
+
 def test_a_verdict_is_of_one_robot_and_is_given_again() -> None:
     """Of a robot at its goal it is told at every look that it has arrived: the monitor keeps no
     account of whose run is over."""

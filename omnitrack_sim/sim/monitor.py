@@ -84,6 +84,11 @@ class Monitor:
         self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
         self.goes_on(robot, seconds)
 
+    def moved(self, robot: int, shift: float) -> None:
+        """Take note that the estimate of a robot has been moved by ``shift`` m along its leg: where
+        it has been farthest moves with it."""
+        self._farthest[robot] += shift
+
     def goes_on(self, robot: int, seconds: float) -> None:
         """Extend the time limit of a robot whose leg is longer than was known."""
         self._time_limit[robot] += seconds

@@ -270,6 +270,7 @@ class Supervisor:
         length = self._legs.follow(robot, decision)
         if decision.shift:
             self._senses.shift(robot, decision.shift)
+            self._monitor.moved(robot, decision.shift)
         self.events[robot] += decision.events
         scenario = self._scenarios[robot]
         if decision.goes_on:
