@@ -63,7 +63,7 @@ class Ghost:
         self.explorer = exploration.explorer(0, 2)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
-        self.legs, self.travel = 1, 0.0
+        self.legs, self.travel, self.most_shift = 1, 0.0, 0.0
         self.sharp: set[str] = set()
         self.behind: set[int] = set()
         self._line: Any = None
@@ -92,6 +92,7 @@ class Ghost:
                     look = look._replace(bore=2 * reach)
                 decision = explorer.on_look(look)
                 wrong += decision.shift
+                self.most_shift = max(self.most_shift, abs(decision.shift))
             elif arrives:
                 decision = explorer.on_arrival(time, told, self._here(position, frame))
             elif hangs and self._blocked(position, frame):

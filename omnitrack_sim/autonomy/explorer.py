@@ -235,6 +235,8 @@ class Explorer(MapPilot):
             if again is not None:
                 self.look_at = again
                 return Decision(self.leg, True)
+        if ahead.kind == ("", ""):
+            self._close.clear()
         self._assumed = 0.0
         end, end_std = self._close.begin_of(ahead, distance)
         provisional = self._closer.index(route) is not None
@@ -259,8 +261,8 @@ class Explorer(MapPilot):
             return self._add_fitting(ahead.fitting, ahead, path, look)
         if ahead.end == "open" or ahead.end == "closed":
             self.belief.note(_end_of(path), ahead.end)
-        elif ahead.confidence < EXPLORER.sure:
-            self._doubt(_end_of(path)[0], SHALLOW)
+        elif ahead.confidence < EXPLORER.sure and self.belief.fitting(path[-1][0]).is_plain:
+            self._doubt(path[-1][0], SHALLOW)
         self._go_on(path)
         self.look_at = math.inf if ahead.end else distance + EXPLORER.look_step
         if ahead.end:
@@ -336,8 +338,9 @@ class Explorer(MapPilot):
     def looks_back(self, distance: float) -> bool:
         """Return whether a look at arc length ``distance`` m of its leg goes back as well."""
         route = self.route()
-        close = bool(self._closer.index(route)) and distance >= self.look_at
-        return self._missed is not None or close or distance >= self._back.at(route)
+        known = bool(self._closer.index(route)) or self._back.in_sight(route, distance)
+        with_ahead = known and distance >= self.look_at
+        return self._missed is not None or with_ahead or distance >= self._back.at(route)
 
     def _next_look(self, ahead: Ahead, look: Look, route: Route) -> float | None:
         """Return the arc length, m, of the look that is needed before a sighting is believed; None
@@ -627,9 +630,9 @@ class Explorer(MapPilot):
 
     def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
         """Keep a sighting of a reducer or an elbow from close by, with those of the same kind just
-        before it."""
-        sized = self._shows_sizes(ahead, route)
-        if not sized or not self._close.are_of(ahead):
+        before it; now and then one shows free pipe where there is a shallow cone."""
+        sized, free = self._shows_sizes(ahead, route), ahead.kind == ("", "")
+        if not (free or (sized and self._close.are_of(ahead))):
             self._close.clear()
         part, _, leave = self._before(route)
         axis = self.belief.port((part, leave)).rotation[:, 2]
@@ -777,7 +780,7 @@ class Explorer(MapPilot):
             self._doubt(part, "its sizes hardly show")
             # A lamp shows the cone of a reducer no better from behind.
             if isinstance(fitting, Elbow):
-                self._back.measure(part)
+                self._back.measure(part, weight)
         elif name in self.belief.unsure() and isinstance(fitting, Elbow | Reducer):
             self._back.measure(part, weight)
 
