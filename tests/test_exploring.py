@@ -13,7 +13,7 @@ from network_samples import elbow, forked, joint, reducer, straight, tee
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.looking import LOOKS, Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.autonomy.sight import Ahead, Look
 from omnitrack_sim.base.rotations import Pose, angle_between, rotation_about
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -1367,6 +1367,48 @@ def test_a_reducer_directly_behind_a_fitting_is_as_long_as_there_is_room():
     assert next(errors, None) is None
     difference = compare_maps(ghost.explorer.belief.network, network)
     assert difference.same, difference
+
+
+def test_few_looks_back_at_a_missed_reducer_are_enough_where_no_more_show_it():
+    """A lamp does not show a shallow cone from farther off."""
+    behind = []
+
+    def overlooked(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        if ahead.enter == "start":
+            return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
+        behind.extend([ahead] if ghost.explorer._missed is not None else [])
+        return replace(ahead, distance_std=0.001) if len(behind) <= LOOKS.for_sizes + 1 else None
+
+    parts = [straight("foot", 0.5), tee("tee"), straight("side"), reducer("wider", 0.17)]
+    parts.append(straight("on", 0.7, inner_diameter=0.17))
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
+    joints += [joint("tee.run_end", "wider.start"), joint("wider.end", "on.start")]
+    network = validate({"fittings": parts, "joints": joints})
+    ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
+    ghost.run()
+    assert len(behind) > LOOKS.for_sizes + 1
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference
+
+
+def test_a_bend_that_has_been_seen_counts_though_the_lens_is_too_near_to_it_then():
+    """The pipe seemed free up to the bend, so the robot looks at that first from close by."""
+    ghost = Ghost(validate({"fittings": [straight("foot", 0.9)], "joints": []}), "foot.start")
+    explorer, frame, axis = ghost.explorer, np.eye(3), np.array([0.0, 0.0, 1.0])
+
+    def look(distance, ahead):
+        explorer.on_look(Look(0.0, distance, ahead, None, frame))
+
+    look(0.1, Ahead(distance=0.4, axis=axis))
+    at = explorer.looks_at
+    explorer.look_at = explorer.leg.end - 0.011
+    look(explorer.look_at, Ahead(Elbow(0.24), "start", distance=0.1, distance_std=0.001, axis=axis))
+    assert at < explorer.looks_at <= explorer.leg.end
+    look(explorer.looks_at, None)
+    kinds = [part.fitting.kind for part in explorer.belief.network.pipes.parts]
+    assert kinds == ["straight", "elbow"]
 
 
 @pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])

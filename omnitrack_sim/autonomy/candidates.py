@@ -13,7 +13,7 @@ from omnitrack_sim.base.rotations import Array, cross, dot, orthonormal, skew, t
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.senses.optics import Mount
 from omnitrack_sim.senses.settings import FilterTable
-from omnitrack_sim.walls.rays import LIT, NORMALS, RANGE, RayWalls
+from omnitrack_sim.walls.rays import BEYOND, LIT, NORMALS, PART, RANGE, RayWalls
 
 
 @dataclass(frozen=True)
@@ -341,6 +341,7 @@ class Candidates:
             np.tile(places, (1, t, 1)),
             np.repeat(frames, p, axis=1),
             pixels=pixels,
+            shared=True,
         )
         return cost.reshape(m, t, p)
 
@@ -370,6 +371,8 @@ class Candidates:
         frames: Array,
         blur: float = 1.0,
         pixels: NDArray[np.intp] | None = None,
+        *,
+        shared: bool = False,
     ) -> Array:
         """Return half of the squared residuals of candidates (m, c), of picture and gravity.
 
@@ -380,6 +383,9 @@ class Candidates:
             frames: (m, c, 3, 3).
             blur: divides the residuals of pixels, where candidates are far apart.
             pixels: places in ``pixels`` of those compared; None: every other one.
+            shared: pixels count in which all candidates see pipe that has been seen, as its end is
+                no mark: else, where a picture fits badly, the candidate that compares the fewest
+                pixels is the best.
         """
         pixels = self._coarse if pixels is None else pixels
         camera, rays = self._camera, self._rays[pixels]
@@ -398,6 +404,9 @@ class Candidates:
         # Beyond the end of the map every value is as probable: the cost of one standard deviation.
         beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
         loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
+        if shared:
+            unseen = (hits[..., PART] == BEYOND).reshape(m, c, -1).any(axis=1, keepdims=True)
+            loss = np.where(unseen, 0.5, loss)
         picture = self.share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self.held[robots, None]) / self._table.force_std

@@ -224,7 +224,9 @@ class Explorer(MapPilot):
         route = self.route()
         if ahead is None or ahead.confidence < EXPLORER.confidence or self._is_impossible(ahead):
             self.look_at = distance + LOOKS.again
-            if not self._closer.too_late(self.look_at, route):
+            # It may have come too near to what it has seen before.
+            near = self._close.latest is not None and self.look_at > self.leg.end
+            if not (near or self._closer.too_late(self.look_at, route)):
                 return Decision(self.leg, True)
             if self._close.latest is None:
                 self._keep_provisional()
@@ -351,7 +353,7 @@ class Explorer(MapPilot):
         if again is not None:
             return again
         begins = ahead.kind != ("", "") and self._closer.index(route) is None
-        if begins and self._back.once_more(route, distance):
+        if begins and look.behind is None and self._back.once_more(route, distance):
             return distance
         if not self._is_confirmed(ahead, look, route) or self._measures_on(ahead, route, distance):
             return distance + LOOKS.doubt
@@ -461,8 +463,10 @@ class Explorer(MapPilot):
         if missed.shows_other(behind, "" if passed is None else passed.part.fitting.kind):
             return self._infer_reducer(missed, look)
         reducer = missed.measured(behind, look.distance)
+        behind = behind if reducer is None else missed.seen_from(look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
+        look = look._replace(behind=behind)
         self._remove_provisional()
         here = self.route().passages[-1]
         if not (here.part.fitting.is_plain and self.belief.is_last(here.index)):

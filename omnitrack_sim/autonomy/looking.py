@@ -644,6 +644,7 @@ class MissedReducer:
         bore: m, of the pipe before it.
         at: m, arc length on the leg of the next look.
         lengths: m, of the reducer, by the looks so far.
+        latest: the last sighting of it, and the arc length then, m.
         vain: number of looks since the last that showed a reducer.
         others: number of looks that showed the fitting before the straight.
     """
@@ -652,6 +653,7 @@ class MissedReducer:
     bore: float
     at: float
     lengths: list[float] = field(default_factory=list)
+    latest: tuple[Ahead, float] | None = None
     vain: int = 0
     others: int = 0
 
@@ -664,20 +666,31 @@ class MissedReducer:
 
     def measured(self, behind: Ahead | None, distance: float) -> Reducer | None:
         """Return the reducer, of mean length, after one more look back at it, from arc length
-        ``distance`` m; None where that look shows none or is not reliable, or where too few have
-        been made."""
+        ``distance`` m; None where too few looks have been made that are reliable. Fewer are enough
+        where two more have shown none, as from farther off none will."""
         reducer = None if behind is None else behind.fitting
+        enough = LOOKS.for_length
         if behind is None or not isinstance(reducer, Reducer):
             self.at = distance + LOOKS.doubt * 2**self.vain
             self.vain += 1
+            enough = LOOKS.for_sizes if self.vain > 1 else enough
+        else:
+            self.at, self.vain = distance + LOOKS.missed, 0
+            (near,) = {"start", "end"} - {behind.enter}
+            right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
+            if not right or behind.distance_std > LOOKS.most_reducer_std:
+                return None
+            self.lengths.append(reducer.length)
+            self.latest = behind, distance
+        if self.latest is None or len(self.lengths) < enough:
             return None
-        self.at, self.vain = distance + LOOKS.missed, 0
-        (near,) = {"start", "end"} - {behind.enter}
-        right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
-        if not right or behind.distance_std > LOOKS.most_reducer_std:
+        seen, lengths = self.latest[0].fitting, np.array(self.lengths)
+        assert isinstance(seen, Reducer)
+        return replace(seen, length=float(np.mean(lengths[_without_extremes(lengths)])))
+
+    def seen_from(self, distance: float) -> Ahead | None:
+        """Return the last sighting of it as from arc length ``distance`` m; None without one."""
+        if self.latest is None:
             return None
-        self.lengths.append(reducer.length)
-        if len(self.lengths) < LOOKS.for_length:
-            return None
-        lengths = np.array(self.lengths)
-        return replace(reducer, length=float(np.mean(lengths[_without_extremes(lengths)])))
+        behind, at = self.latest
+        return replace(behind, distance=behind.distance + distance - at)

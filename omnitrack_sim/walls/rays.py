@@ -45,10 +45,13 @@ PORT_SIZE, PART_SIZE = 7, 58
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Indices in what a ray has met: distance, m, infinite for nothing, NaN where it leaves through a
 port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
-number of the part, from the first of its map, -1 for nothing; how squarely the lamp shines on it:
+number of the part, from the first of its map, -1 for nothing, ``BEYOND`` in pipe whose end has not
+been seen; how squarely the lamp shines on it:
 cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
 of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
 lamp."""
+BEYOND = -2.0
+"""The number of no part: what a ray meets at or beyond the end of the pipe that has been seen."""
 NORMALS = slice(NORMAL, NORMAL + 3)
 """The normals among all that ``RayWalls.trace`` returns."""
 SHORT = 1e-7
@@ -334,13 +337,15 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
         if parts[q + 6] != PLATE:
             if parts[q + 6] >= UNKNOWN:
                 hits[h + RANGE] = math.nan
+            if parts[q + 6] == UNSEEN:
+                hits[h + PART] = BEYOND
             return False
         hits[h + NORMAL], hits[h + NORMAL + 1] = -parts[q + 3], -parts[q + 4]
         hits[h + NORMAL + 2] = -parts[q + 5]
     else:
         if q != p and parts[q + 6] == UNSEEN:
             if beyond < DIM:
-                hits[h + RANGE] = math.nan
+                hits[h + RANGE], hits[h + PART] = math.nan, BEYOND
                 return False
             beyond = math.inf
         r = p + ROTATION
@@ -581,8 +586,8 @@ class RayWalls:
         Returns:
             (n, k, HIT_SIZE), indices ``RANGE`` to ``GRAIN``: range, m (infinite for nothing, NaN
             beyond a port that nothing is known of); unit normal into the bore (3), world frame;
-            number of the part in its map, -1 for nothing; how squarely the lamp shines there,
-            cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0 of
+            number of the part in its map, -1 for nothing, ``BEYOND`` in pipe whose end has not been
+            seen; how squarely the lamp shines there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0 of
             walls without one.
         """
         n, k = len(position), len(rays)
