@@ -9,9 +9,8 @@ from omnitrack_sim.autonomy.candidates import Candidates, Shot
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Part, Straight
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.senses.settings import camera_of
 from omnitrack_sim.senses.optics import Mount
-from omnitrack_sim.senses.settings import SensingTable
+from omnitrack_sim.senses.settings import SensingTable, camera_of
 from omnitrack_sim.walls.rays import RayWalls
 
 

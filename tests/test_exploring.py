@@ -1411,6 +1411,17 @@ def test_a_bend_that_has_been_seen_counts_though_the_lens_is_too_near_to_it_then
     assert kinds == ["straight", "elbow"]
 
 
+@pytest.mark.parametrize(("lean", "believed"), [(10, True), (45, False)])
+def test_a_robot_that_lies_across_the_pipe_believes_no_look(lean, believed):
+    """It hangs in the fitting before, whose wall may look like an open end."""
+    ghost = Ghost(validate({"fittings": [straight("foot", 0.9)], "joints": []}), "foot.start")
+    frame = rotation_about([1.0, 0.0, 0.0], np.radians(lean))
+    explorer, axis = ghost.explorer, frame.T @ [0.0, 0.0, 1.0]
+    ahead = Ahead(end="open", distance=0.15, distance_std=0.01, axis=axis)
+    explorer.on_look(Look(0.0, explorer.looks_at, ahead, None, frame))
+    assert (explorer.belief.ends == {(0, "end"): "open"}) == believed
+
+
 @pytest.mark.parametrize("before", [[], [{"kind": "tee", "name": "tee"}]], ids=["pipe", "tee"])
 def test_a_bore_that_no_reducer_explains_is_given_up(before):
     """The pipe has its bore again, and is in doubt. The robot looks back for the reducer a few

@@ -20,7 +20,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
-from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation, is_sharp, travel
+from omnitrack_sim.autonomy.leg_planner import (
+    LEG_PLANNER,
+    LegPlanner,
+    PartLocation,
+    is_sharp,
+    travel,
+)
 from omnitrack_sim.autonomy.looking import (
     LOOKS,
     CloseLooks,
@@ -222,7 +228,7 @@ class Explorer(MapPilot):
         """Decide after a look ahead from the corrected position."""
         ahead, distance = look.ahead, look.distance
         route = self.route()
-        if ahead is None or ahead.confidence < EXPLORER.confidence or self._is_impossible(ahead):
+        if ahead is None or ahead.confidence < EXPLORER.confidence or self._is_impossible(look):
             self.look_at = distance + LOOKS.again
             # It may have come too near to what it has seen before.
             near = self._close.latest is not None and self.look_at > self.leg.end
@@ -359,10 +365,18 @@ class Explorer(MapPilot):
             return distance + LOOKS.doubt
         return None
 
-    def _is_impossible(self, ahead: Ahead) -> bool:
+    def _is_impossible(self, look: Look) -> bool:
         """Return whether a plate is sighted nearer than a robot comes to one: where it leans in the
-        mouth of a fitting, it sees the wall before it."""
-        return ahead.end == "closed" and ahead.distance < self._half + self._robot.nose_room
+        mouth of a fitting, it sees the wall before it. No robot lies across a straight either: one
+        that takes itself to has stayed behind in the fitting before that."""
+        ahead, route = look.ahead, self.route()
+        here = route.passages[route.index_at(look.distance)]
+        if here.part.fitting.is_plain:
+            axis = route.centreline.frame(np.array([look.distance]))[0][:, 2]
+            if look.frame[:, 2] @ axis < math.cos(LEG_PLANNER.along):
+                return True
+        near = self._half + self._robot.nose_room
+        return ahead is not None and ahead.end == "closed" and ahead.distance < near
 
     def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting agrees with the one before; other sightings

@@ -157,8 +157,8 @@ class Confirmation:
     """
 
     def __init__(self) -> None:
-        # The sighting to be confirmed, where it is, and from where it was made, m, and the direction
-        # of the fitting.
+        # The sighting to be confirmed, where it is, and from where it was made, m, and the
+        # direction of the fitting.
         self._first: tuple[Ahead, float, float, Array] | None = None
         self.side: Array | None = None
 

@@ -586,9 +586,9 @@ class RayWalls:
         Returns:
             (n, k, HIT_SIZE), indices ``RANGE`` to ``GRAIN``: range, m (infinite for nothing, NaN
             beyond a port that nothing is known of); unit normal into the bore (3), world frame;
-            number of the part in its map, -1 for nothing, ``BEYOND`` in pipe whose end has not been
-            seen; how squarely the lamp shines there, cosine, 0 in the dark; distance from the nearest joint or end, m; grain, -1 to 1, 0 of
-            walls without one.
+            number of the part in its map, -1 for nothing, ``BEYOND`` in pipe whose end has not
+            been seen; how squarely the lamp shines there, cosine, 0 in the dark; distance from the
+            nearest joint or end, m; grain, -1 to 1, 0 of walls without one.
         """
         n, k = len(position), len(rays)
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
