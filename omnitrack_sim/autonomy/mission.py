@@ -75,10 +75,10 @@ class Mission(Table):
         if self.map == "unknown" and self.avoid:
             faults.append(Fault("avoid", "is for a known map: nobody avoids what he does not know"))
         if self.task == "explore" and self.goals:
-            problem = 'are to be found (mission.task = "find"); none to explore'
-            faults.append(Fault("goals", problem))
+            faults.append(Fault("goals", 'are for mission.task = "find"'))
         if self.task != "explore" and not self.goals:
-            faults.append(Fault("goals", "must have at least 1 item, not 0"))
+            task = f' (mission.task = "{self.task}")' if self.task else ""
+            faults.append(Fault("goals", f"must have at least 1 item, not 0{task}"))
         return faults
 
 

@@ -161,9 +161,10 @@ def _map_in_words(difference: ot.MapDifference) -> str:
     }
     lists |= {"missing": [*difference.missing], "not there": [*difference.extra]}
     faults = [f"{head}: {', '.join(names)}" for head, names in lists.items() if names]
-    parts = f"its map has {difference.found} of {difference.parts} parts"
-    lengths = f"errors of all lengths sum to {difference.length_error:.3f} m"
-    return "; ".join([parts, lengths, *faults])
+    verdict = ", and is the same as the network" if difference.same else ""
+    parts = f"its map has {difference.found} of {difference.parts} parts{verdict}"
+    lengths = f"errors of all lengths, also round bends, add up to {1e3 * difference.length_error:.1f}"
+    return "; ".join([parts, f"{lengths} mm", *faults])
 
 
 def _is_mission(result: ot.Result) -> bool:

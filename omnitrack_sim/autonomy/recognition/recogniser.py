@@ -230,6 +230,7 @@ class Recogniser:
         self._fit = Fit(camera, bore, walls, self._scale)
         self._library = Library(camera, bore, self._forms, walls, self._scale)
         rays, count = rays_of(camera.optics), camera.optics.pixels
+        self._pixels = count * count
         grid = np.arange(count * count).reshape(count, count)
         half = np.radians(camera.optics.field_of_view_deg) / 2
         self._blind = bore / 2 / math.tan(half)  # m, from the lens to where it sees the wall
@@ -249,8 +250,9 @@ class Recogniser:
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
     def single(self, picture: Array, prior: PosePrior = CENTRED) -> Sighting:
-        """Return the sighting in one picture (pixels²,); ``prior``: see ``approach``."""
-        return self.approach(picture[None], [STILL], prior)
+        """Return the sighting in one picture (pixels²,) or (pixels, pixels), such as
+        ``result.pictures.picture[i]``; ``prior``: see ``approach``."""
+        return self.approach(picture.reshape(1, -1), [STILL], prior)
 
     def approach(
         self, pictures: Array, motions: Sequence[Pose], prior: PosePrior = CENTRED
@@ -263,7 +265,15 @@ class Recogniser:
             prior: of the camera before the port through which it looks out of a fitting, from a
                 map. By default the camera is in straight pipe: the edge of the picture tells its
                 pose.
+
+        Raises:
+            ValueError: the pictures are not of the recogniser's camera.
         """
+        if pictures.shape != (len(motions), self._pixels):
+            raise ValueError(
+                f"pictures of shape {pictures.shape}, not ({len(motions)}, {self._pixels}): one row "
+                "for each motion, of as many pixels as the recogniser's camera has"
+            )
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             unknown = np.full((2, 2), np.inf)
             none = np.zeros(2)
