@@ -1411,6 +1411,36 @@ def test_a_bend_that_has_been_seen_counts_though_the_lens_is_too_near_to_it_then
     assert kinds == ["straight", "elbow"]
 
 
+@pytest.mark.parametrize("std", [0.0, 0.003], ids=["error-free", "by camera"])
+def test_the_axis_before_a_near_bend_does_not_turn_the_wye_that_it_follows(std):
+    """Of an elbow that follows a wye directly a lamp saw the axis 4.4 degrees off: no straight wall
+    shows how the pipe lies there."""
+    measured = []
+
+    def measure(axis, std):
+        measured.append(axis)
+        return False
+
+    parts = [straight("foot", 0.5), {"kind": "wye", "name": "wye"}, elbow("bend")]
+    parts += [straight("on", 0.5), straight("side", 0.5)]
+    joints = [joint("foot.end", "wye.run_start"), joint("wye.branch", "bend.start", 90)]
+    joints += [joint("wye.run_end", "on.start"), joint("bend.end", "side.start")]
+    ghost = Ghost(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, on_look, near = ghost.explorer, ghost.explorer.on_look, []
+
+    def look(seen):
+        before, bend = len(measured), seen.ahead is not None and seen.ahead.fitting is not None
+        bend = bend and isinstance(seen.ahead.fitting, Elbow) and seen.ahead.distance < 0.14
+        decision = on_look(seen._replace(std=std))
+        near.extend([len(measured) - before] if bend else [])
+        return decision
+
+    explorer.on_look, explorer._measure_bend = look, measure
+    ghost.run()
+    assert near
+    assert any(near) == (std == 0.0)
+
+
 @pytest.mark.parametrize(("lean", "believed"), [(10, True), (45, False)])
 def test_a_robot_that_lies_across_the_pipe_believes_no_look(lean, believed):
     """It hangs in the fitting before, whose wall may look like an open end."""

@@ -118,7 +118,7 @@ def test_a_goal_that_cannot_be_found_is_told():
         ({"mission.task": None}, r"^mission.task: is missing with an unknown map .*explore, find"),
         ({"mission.task": "wander"}, r"^mission.task: .*wander"),
         ({"mission.map": "old"}, r"^mission.map: .*old"),
-        ({"mission.goals": ["bath"]}, r"^mission.goals: are to be found"),
+        ({"mission.goals": ["bath"]}, r'^mission.goals: are for mission.task = "find"'),
         ({"mission.task": "find"}, r"^mission.goals: must have at least 1 item"),
         (
             {"mission.task": "find", "mission.goals": ["attic"]},
@@ -175,6 +175,22 @@ def test_a_robot_that_hangs_across_its_pipe_is_to_right_itself(tilt, called, mon
     supervisor._dispatch([Verdict(0, None)])
     assert names == [called]
     assert supervisor.active[0]
+
+
+@pytest.mark.parametrize("lies", [True, False], ids=["lies in a pipe", "lies in none"])
+def test_a_robot_that_hangs_as_it_rights_itself_goes_on_from_where_it_lies(lies, monkeypatch):
+    """The leg was planned for it as it lay across; where it lies along by now, others lead on."""
+    simulation = Simulation([fork()])
+    supervisor, senses = simulation.supervisor, simulation.senses
+    here = {name: getattr(senses.location, name) for name in ("distance", "distance_std")}
+    senses.location = SimpleNamespace(**here, tilt=np.array([0.2]))
+    pilot = simulation.legs.pilots[0]
+    over = Decision(None, events=[GaveUp(0, 0.0, "no headway as it rights itself in tee_1")])
+    monkeypatch.setattr(pilot, "on_blockage", lambda *told: over)
+    monkeypatch.setattr(pilot, "on_fall", lambda *told: Decision(pilot.leg if lies else None))
+    supervisor._dispatch([Verdict(0, None)])
+    assert supervisor.active[0] == lies
+    assert any(isinstance(event, GaveUp) for event in supervisor.events[0]) != lies
 
 
 def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):

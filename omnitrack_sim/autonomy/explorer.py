@@ -86,6 +86,7 @@ class ExplorerSettings:
         bend_tolerance: rad, error of an elbow's angle from which on the map is corrected.
         turn_tolerance: rad, the same of its direction: a look is off by a degree, and so is how the
             robot takes itself to be turned.
+        blind: m, from the nose to where a lens of 100 degrees sees the wall of a pipe.
         settling: m, travel after such a correction in which a robot relocalises on the map.
         confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
@@ -106,6 +107,7 @@ class ExplorerSettings:
     least_bend: float = math.radians(5)
     bend_tolerance: float = math.radians(0.5)
     turn_tolerance: float = math.radians(3)
+    blind: float = 0.07
     settling: float = 0.05
     confidence: float = 0.5
     sure: float = 0.95
@@ -249,7 +251,8 @@ class Explorer(MapPilot):
         end, end_std = self._close.begin_of(ahead, distance)
         provisional = self._closer.index(route) is not None
         self._remove_provisional()
-        measured = self._measure_bend(look.frame @ ahead.axis, look.std)
+        measured = self._shows_axis(ahead, look.std)
+        measured = measured and self._measure_bend(look.frame @ ahead.axis, look.std)
         more = end - self.route().length
         if provisional:
             self._doubt_end(more)
@@ -810,6 +813,12 @@ class Explorer(MapPilot):
             return math.hypot(end_std, look.std)
         _, at, std = placed
         return math.hypot(end_std, std, LOOKS.travel * (look.distance - at))
+
+    def _shows_axis(self, ahead: Ahead, std: float) -> bool:
+        """Return whether a sighting shows how the pipe lies: where a bend begins nearer than a lens
+        sees the wall, no straight wall does. ``std``: as of ``_measure_bend``."""
+        near = ahead.distance - self._half < EXPLORER.blind
+        return std == 0.0 or not (near and isinstance(ahead.fitting, Elbow))
 
     def _measure_bend(self, axis: Array, std: float) -> bool:
         """Measure the elbow, or the branch of a wye, that the robot has come through into a pipe

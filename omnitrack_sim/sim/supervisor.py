@@ -245,13 +245,20 @@ class Supervisor:
         distance = float(senses.location.distance[robot])
         if outcome is Outcome.REACHED_GOAL:
             return pilot.on_arrival(time, distance, goal)
-        if pilot.rights_itself and senses.location.tilt[robot] > LEG_PLANNER.along:
+        across = bool(senses.location.tilt[robot] > LEG_PLANNER.along)
+        if pilot.rights_itself and across:
             # It lies across, which no other way helps: it is to right itself.
             decision = self._on_fall(robot)
             if decision.leg is not None:
                 return decision
         # Belts that slip before an obstacle push an estimate into it.
-        return pilot.on_blockage(time, distance - 2 * float(senses.distance_std[robot]), goal)
+        hangs_at = distance - 2 * float(senses.distance_std[robot])
+        decision = pilot.on_blockage(time, hangs_at, goal)
+        if decision.leg is None and pilot.rights_itself and not across:
+            # It hangs on a leg that was planned for it as it lay before, such as across.
+            fallen = self._on_fall(robot)
+            decision = decision if fallen.leg is None else fallen
+        return decision
 
     def _look_ahead(self, robots: NDArray[np.bool_]) -> None:
         """Let those of ``robots`` (n,) look ahead that have reached their next viewpoint."""

@@ -271,8 +271,8 @@ class Recogniser:
         """
         if pictures.shape != (len(motions), self._pixels):
             raise ValueError(
-                f"pictures of shape {pictures.shape}, not ({len(motions)}, {self._pixels}): one row "
-                "for each motion, of as many pixels as the recogniser's camera has"
+                f"pictures of shape {pictures.shape}, not ({len(motions)}, {self._pixels}): one "
+                "row for each motion, of as many pixels as the recogniser's camera has"
             )
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             unknown = np.full((2, 2), np.inf)
