@@ -258,7 +258,8 @@ def test_commands_that_pages_show_name_what_there_is(document):
             continue
         assert words[1] in COMMANDS, line
         options = COMMANDS[words[1]].params
-        known = {name for option in options for name in (*option.opts, "--help")}
+        known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
+        known.add("--help")
         assert {w.strip("[]").partition("=")[0] for w in words if w.startswith("--")} <= known, line
         first = next((word for word in words[2:3] if not re.match(r"[-\[.]", word)), None)
         if first is None or words[1] not in NAMED or is_own(first.partition("|")[0].split(".")[0]):
