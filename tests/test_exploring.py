@@ -44,6 +44,15 @@ def with_wye(on: float = 0.4) -> Network:
     return validate({"fittings": [*parts, straight("on", on)], "joints": joints})
 
 
+def wider_behind_a_tee() -> Network:
+    """A reducer to 170 mm directly behind a tee, and pipe beyond it."""
+    parts = [straight("foot", 0.5), tee("tee"), straight("side"), reducer("wider", 0.17)]
+    parts.append(straight("on", 0.7, inner_diameter=0.17))
+    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
+    joints += [joint("tee.run_end", "wider.start"), joint("wider.end", "on.start")]
+    return validate({"fittings": parts, "joints": joints})
+
+
 def of_kind(ghost: Ghost, kind: type) -> list:
     return [event for event in ghost.events if isinstance(event, kind)]
 
@@ -1357,11 +1366,7 @@ def test_a_reducer_directly_behind_a_fitting_is_as_long_as_there_is_room():
         cone = replace(ahead.fitting, length=ahead.fitting.length + next(errors, 0.0))
         return replace(ahead, fitting=cone, distance_std=0.001)
 
-    parts = [straight("foot", 0.5), tee("tee"), straight("side"), reducer("wider", 0.17)]
-    parts.append(straight("on", 0.7, inner_diameter=0.17))
-    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
-    joints += [joint("tee.run_end", "wider.start"), joint("wider.end", "on.start")]
-    network = validate({"fittings": parts, "joints": joints})
+    network = wider_behind_a_tee()
     ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
     ghost.run()
     assert next(errors, None) is None
@@ -1381,11 +1386,7 @@ def test_few_looks_back_at_a_missed_reducer_are_enough_where_no_more_show_it():
         behind.extend([ahead] if ghost.explorer._missed is not None else [])
         return replace(ahead, distance_std=0.001) if len(behind) <= LOOKS.for_sizes + 1 else None
 
-    parts = [straight("foot", 0.5), tee("tee"), straight("side"), reducer("wider", 0.17)]
-    parts.append(straight("on", 0.7, inner_diameter=0.17))
-    joints = [joint("foot.end", "tee.run_start"), joint("tee.branch", "side.start")]
-    joints += [joint("tee.run_end", "wider.start"), joint("wider.end", "on.start")]
-    network = validate({"fittings": parts, "joints": joints})
+    network = wider_behind_a_tee()
     ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
     ghost.run()
     assert len(behind) > LOOKS.for_sizes + 1

@@ -403,10 +403,10 @@ class Candidates:
         size = np.abs(residual)
         # Beyond the end of the map every value is as probable: the cost of one standard deviation.
         beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
-        loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
         if shared:
-            unseen = (hits[..., PART] == BEYOND).reshape(m, c, -1).any(axis=1, keepdims=True)
-            loss = np.where(unseen, 0.5, loss)
+            unseen = (hits[..., PART] == BEYOND).reshape(m, c, -1)
+            beyond |= unseen.any(axis=1, keepdims=True)
+        loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
         picture = self.share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self.held[robots, None]) / self._table.force_std

@@ -246,13 +246,13 @@ class Explorer(MapPilot):
                 self.look_at = again
                 return Decision(self.leg, True)
         if ahead.kind == ("", ""):
-            self._close.clear()
+            self._close.clear()  # So there is no fitting where these looks have shown one.
         self._assumed = 0.0
         end, end_std = self._close.begin_of(ahead, distance)
         provisional = self._closer.index(route) is not None
         self._remove_provisional()
-        measured = self._shows_axis(ahead, look.std)
-        measured = measured and self._measure_bend(look.frame @ ahead.axis, look.std)
+        axis = look.frame @ ahead.axis
+        measured = self._shows_axis(ahead, look.std) and self._measure_bend(axis, look.std)
         more = end - self.route().length
         if provisional:
             self._doubt_end(more)

@@ -163,10 +163,9 @@ def _map_in_words(difference: ot.MapDifference) -> str:
     faults = [f"{head}: {', '.join(names)}" for head, names in lists.items() if names]
     verdict = ", and is the same as the network" if difference.same else ""
     parts = f"its map has {difference.found} of {difference.parts} parts{verdict}"
-    lengths = (
-        f"errors of all lengths, also round bends, add up to {1e3 * difference.length_error:.1f}"
-    )
-    return "; ".join([parts, f"{lengths} mm", *faults])
+    error = 1000 * difference.length_error
+    lengths = f"errors of all lengths, also round bends, add up to {error:.1f} mm"
+    return "; ".join([parts, lengths, *faults])
 
 
 def _is_mission(result: ot.Result) -> bool:

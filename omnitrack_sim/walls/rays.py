@@ -46,10 +46,9 @@ RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Indices in what a ray has met: distance, m, infinite for nothing, NaN where it leaves through a
 port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
 number of the part, from the first of its map, -1 for nothing, ``BEYOND`` in pipe whose end has not
-been seen; how squarely the lamp shines on it:
-cosine of the angle from its normal, 0 in the dark; distance from the nearest port plane, m; grain
-of the surface, -1 to 1, where it has one. The last three are looked for only where there is a
-lamp."""
+been seen; how squarely the lamp shines on it: cosine of the angle from its normal, 0 in the dark;
+distance from the nearest port plane, m; grain of the surface, -1 to 1, where it has one. The last
+three are looked for only where there is a lamp."""
 BEYOND = -2.0
 """The number of no part: what a ray meets at or beyond the end of the pipe that has been seen."""
 NORMALS = slice(NORMAL, NORMAL + 3)

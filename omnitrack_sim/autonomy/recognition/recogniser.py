@@ -251,7 +251,7 @@ class Recogniser:
 
     def single(self, picture: Array, prior: PosePrior = CENTRED) -> Sighting:
         """Return the sighting in one picture (pixels²,) or (pixels, pixels), such as
-        ``result.pictures.picture[i]``; ``prior``: see ``approach``."""
+        ``result.pictures[i]``; ``prior``: see ``approach``."""
         return self.approach(picture.reshape(1, -1), [STILL], prior)
 
     def approach(
