@@ -28,7 +28,7 @@ def hits_in(name, distance, camera):
     at = np.array([distance])
     place, frame = route.centreline.at(at)[0], route.centreline.frame(at)
     rays = rays_of(camera.optics)
-    walls = RayWalls([route.network.parts])
+    walls = RayWalls([route.network.parts], dirty=True)
     hits = walls.trace(ONE, place, frame, rays, camera.optics.far, camera.lamp)
     return walls, place, frame, rays, hits
 

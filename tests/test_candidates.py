@@ -24,12 +24,12 @@ def test_a_picture_that_fits_badly_moves_no_robot_to_the_end_of_the_pipe_seen_so
     the pipe is better than another."""
     table = SensingTable(camera=camera)
     mount = Mount(camera_of(table), Omnitrack())
-    known = RayWalls([pipe(1.0)], unknown=[[(0, "end")]], dirty=False)
+    known = RayWalls([pipe(1.0)], unknown=[[(0, "end")]])
     which, gravity = np.zeros(1, np.intp), np.zeros((1, 3))
     candidates = Candidates(table.filter, mount, known, which, gravity)
     position, rotation, facing = np.array([[0.0, 0.0, 0.8]]), np.eye(3)[None], np.ones(1, int)
     rays = mount.rays[candidates.pixels]
-    there = RayWalls([pipe(3.0)], dirty=False).trace(
+    there = RayWalls([pipe(3.0)]).trace(
         which, *mount.lens(position, rotation, facing), rays, 10.0, mount.camera.lamp
     )
     picture = 0.93 * mount.camera.expected(there, rays)

@@ -649,7 +649,7 @@ def test_a_port_that_it_could_not_reach_is_tried_once_more():
 
     def opened():
         ghost.hidden.clear()
-        replan()
+        return replan()
 
     ghost.explorer._try_again = opened
     ghost.run()
@@ -657,6 +657,20 @@ def test_a_port_that_it_could_not_reach_is_tried_once_more():
     assert of_kind(ghost, ExplorationComplete)
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "inlet")
     assert difference.same, difference
+
+
+def test_every_port_given_up_is_tried_once_more():
+    """One that it has fallen from too, though it has tried again before where it was blocked."""
+    explorer = Ghost(load_network("fig14"), "inlet").explorer
+    fallen, closed = (0, "end"), (1, "branch")
+    explorer._closed.append(closed)
+    assert explorer._try_again()
+    explorer._closed.append(closed)
+    explorer._give_up_port(fallen, "has fallen too often on the way there")
+    assert explorer._try_again()
+    assert list(explorer.belief.unexplored) == [fallen]
+    assert explorer._closed == [closed]
+    assert not explorer._try_again()
 
 
 class Stopped(Exception):
@@ -1390,6 +1404,37 @@ def test_few_looks_back_at_a_missed_reducer_are_enough_where_no_more_show_it():
     ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
     ghost.run()
     assert len(behind) > LOOKS.for_sizes + 1
+    difference = compare_maps(ghost.explorer.belief.network, network)
+    assert difference.same, difference
+
+
+@pytest.mark.parametrize("shown", [LOOKS.for_length, 2], ids=["often", "twice"])
+def test_a_tee_that_shows_through_the_cone_behind_it_does_not_end_the_search(shown):
+    """From nearby a lamp shows the tee alone, as one of the bore at hand. Where few looks have
+    shown the reducer before the pipe ends, they are enough."""
+    through, cones = [], []
+
+    def overlooked(ahead):
+        if not isinstance(ahead.fitting, Reducer):
+            return ahead
+        if ahead.enter == "start":
+            return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
+        if ghost.explorer._missed is None:
+            return ahead
+        if len(through) == 3:
+            cones.append(ahead)
+            longer = replace(ahead.fitting, length=ahead.fitting.length + 0.07)
+            cone = replace(ahead, fitting=longer, distance_std=0.001)
+            return cone if len(cones) <= shown else None
+        through.append(ahead)
+        tee, away = Tee(ahead.fitting.end_diameter), ahead.distance + ahead.fitting.length
+        return replace(ahead, fitting=tee, enter="run_end", distance=away, distance_std=0.001)
+
+    network = wider_behind_a_tee()
+    ghost = Ghost(network, "foot.start", erring=overlooked, arms=True)
+    ghost.run()
+    assert len(through) == 3
+    assert (len(cones) > shown) == (shown == 2)
     difference = compare_maps(ghost.explorer.belief.network, network)
     assert difference.same, difference
 

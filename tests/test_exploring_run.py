@@ -177,20 +177,27 @@ def test_a_robot_that_hangs_across_its_pipe_is_to_right_itself(tilt, called, mon
     assert supervisor.active[0]
 
 
-@pytest.mark.parametrize("lies", [True, False], ids=["lies in a pipe", "lies in none"])
-def test_a_robot_that_hangs_as_it_rights_itself_goes_on_from_where_it_lies(lies, monkeypatch):
-    """The leg was planned for it as it lay across; where it lies along by now, others lead on."""
-    simulation = Simulation([fork()])
+@pytest.mark.parametrize(
+    ("lies", "sensing", "goes_on"),
+    [(True, "truth", True), (False, "truth", False), (False, "onboard", True)],
+    ids=["lies in a pipe", "lies in none", "takes itself to lie in none"],
+)
+def test_a_robot_that_hangs_as_it_rights_itself(lies, sensing, goes_on, monkeypatch):
+    """The leg was planned for it as it lay across; where it lies along by now, others lead on.
+    Where it lies in no pipe by its own estimate, that is wrong: it looks around."""
+    simulation = Simulation([override(fork(), {"sensing.kind": sensing})])
     supervisor, senses = simulation.supervisor, simulation.senses
-    here = {name: getattr(senses.location, name) for name in ("distance", "distance_std")}
-    senses.location = SimpleNamespace(**here, tilt=np.array([0.2]))
+    here = {name: getattr(senses.location, name) for name in ("distance", "distance_std", "tangent")}
+    monkeypatch.setattr(senses, "location", SimpleNamespace(**here, tilt=np.array([0.2])))
     pilot = simulation.legs.pilots[0]
     over = Decision(None, events=[GaveUp(0, 0.0, "no headway as it rights itself in tee_1")])
     monkeypatch.setattr(pilot, "on_blockage", lambda *told: over)
     monkeypatch.setattr(pilot, "on_fall", lambda *told: Decision(pilot.leg if lies else None))
     supervisor._dispatch([Verdict(0, None)])
-    assert supervisor.active[0] == lies
-    assert any(isinstance(event, GaveUp) for event in supervisor.events[0]) != lies
+    assert supervisor.active[0] == goes_on
+    assert any(isinstance(event, GaveUp) for event in supervisor.events[0]) != goes_on
+    if sensing == "onboard":
+        assert senses.localiser.inconsistent[0]
 
 
 def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):

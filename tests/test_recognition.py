@@ -94,7 +94,8 @@ def photographed(camera, seen, numbers):
     parts, closed = seen
     lens, rays = CAMERAS[camera], rays_of(CAMERAS[camera].optics)
     which, pixels = np.zeros(len(numbers), int), np.arange(len(rays))
-    hits = RayWalls([parts], [closed]).trace(which, place, rotation, rays, 1.5, lens.lamp)
+    walls = RayWalls([parts], [closed], dirty=True)
+    hits = walls.trace(which, place, rotation, rays, 1.5, lens.lamp)
     taken = [
         lens.picture(hits[i : i + 1], rays, pixels, keys(["test"]), i) for i in range(len(numbers))
     ]

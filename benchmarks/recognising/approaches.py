@@ -69,7 +69,7 @@ class Approach:
     def pictures(self, camera: Camera) -> Array:
         """What the camera takes (v, pixels²)."""
         rays = rays_of(camera.optics)
-        walls = RayWalls([self.parts], [self.closed])
+        walls = RayWalls([self.parts], [self.closed], dirty=True)
         which = np.zeros(len(self.place), int)
         hits = walls.trace(which, self.place, self.rotation, rays, camera.optics.far, camera.lamp)
         key, pixels = keys([self.number]), np.arange(len(rays))

@@ -166,7 +166,7 @@ class Explorer(MapPilot):
         self._read_more: list[float] = []
         self._missed: MissedReducer | None = None
         self._left: dict[End, str] = {}  # ports that it has given up, and why
-        self._tries_again = True  # the ports given up, once no other is left
+        self._tried_again: set[End] = set()  # ports given up before, each once no other is left
         self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._back.placed = 0, distance, 0.0
@@ -477,9 +477,12 @@ class Explorer(MapPilot):
         behind, missed = look.behind, self._missed
         assert missed is not None
         passed = self._passed(look.distance)
-        if missed.shows_other(behind, "" if passed is None else passed.part.fitting.kind):
-            return self._infer_reducer(missed, look)
-        reducer = missed.measured(behind, look.distance)
+        kind = "" if passed is None else passed.part.fitting.kind
+        if missed.shows_other(behind, kind, self._half):
+            decision = self._infer_reducer(missed, look)
+            if decision is not None:
+                return decision
+        reducer = missed.measured(behind, look.distance, self.leg.end)
         behind = behind if reducer is None else missed.seen_from(look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
@@ -519,7 +522,10 @@ class Explorer(MapPilot):
         if direct:
             path = path[:-1]
             # It begins where the fitting before it ends: where the robot is tells its length too.
-            weights = np.maximum([std, placed], LOOKS.least_std) ** -2
+            # By a lamp the edge of a tee may look like the end of its cone: then the looks are off
+            # by as much as that is in the tee.
+            looks = math.hypot(std, min(gap, 0.0))
+            weights = np.maximum([looks, placed], LOOKS.least_std) ** -2
             length = reducer.length + gap * float(weights[1] / weights.sum())
             length = max(length, reducer.length / 2)  # not a step, however badly it knows its place
             shift = length - reducer.length - gap
@@ -551,8 +557,8 @@ class Explorer(MapPilot):
 
     def _infer_reducer(self, missed: MissedReducer, look: Look) -> Decision | None:
         """Put a reducer in the place of a pipe of which the arms have not read the bore, where they
-        find another one behind the fittings that follow it; give up and return None where there is
-        no such pipe.
+        find another one behind the fittings that follow it; return None where there is no such
+        pipe: then the reducer is in the straight that the robot looks back through.
 
         By a lamp, a fitting behind a reducer looks like one that is as much smaller and nearer.
         """
@@ -560,7 +566,6 @@ class Explorer(MapPilot):
         here = self.route().passages[i]
         found = self._unread_pipe(here.index)
         if found is None:
-            self._stop_looking_back()
             return None
         pipe, enter, leave = found
         length = belief.fitting(pipe).length_of_axes
@@ -571,7 +576,6 @@ class Explorer(MapPilot):
             reducer = Reducer(length, end_diameter=bores["end"], inner_diameter=bores["start"])
             behind = {part: _of_bore(fitting, bore) for part, fitting in behind.items()}
         except GeometryError:
-            self._stop_looking_back()
             return None
         self._missed = None
         name = belief.put(pipe, reducer)
@@ -950,22 +954,23 @@ class Explorer(MapPilot):
         """Go to the unexplored port that asks for the least travel, or else to the start."""
         events = list(events)
         legs = self._least(self.belief.unexplored, plan)
-        if legs is None and self._tries_again and (self._closed or self._left):
-            self._try_again()
+        if legs is None and self._try_again():
             legs = self._least(self.belief.unexplored, plan)
         if legs is None:
             self._leave_the_rest()
             legs = self._least([self.belief.start], plan)
         return self._begin(time, events, legs)
 
-    def _try_again(self) -> None:
-        """Reopen all ports that the robot has given up: it comes there from elsewhere now, and
-        often it was a fall that stopped it."""
-        self._tries_again = False
-        self._closed.clear()
-        for end in self._left:
-            self.belief.reopen(end)
-        self._left.clear()
+    def _try_again(self) -> bool:
+        """Reopen each port that the robot has given up and not tried again yet; return whether
+        there is one. It comes there from elsewhere now, and often it was a fall that stopped it."""
+        again = [end for end in [*self._closed, *self._left] if end not in self._tried_again]
+        self._tried_again.update(again)
+        self._closed = [end for end in self._closed if end not in again]
+        for end in again:
+            if self._left.pop(end, ""):
+                self.belief.reopen(end)
+        return bool(again)
 
     def _leave_the_rest(self) -> None:
         """Give up the unexplored ports, none of which can be reached."""

@@ -54,6 +54,8 @@ class LookSettings:
         again: m, travel to the next look where one was ambiguous.
         doubt: m, travel to the next look where two contradict each other.
         missed: m, travel to the next look back at a reducer that the map has missed.
+        through_cone: m, from its rear to a fitting behind it up to which a robot may look through
+            the cone of a reducer directly behind that, and not see it.
         least_std: m, standard deviation of a distance below which one look counts no more than
             another.
         most_off: rad, between the axis of a pipe on the map and in a picture, from which on sizes
@@ -92,6 +94,7 @@ class LookSettings:
     again: float = 0.003
     doubt: float = 0.01
     missed: float = 0.005
+    through_cone: float = 0.2
     least_std: float = 1e-4
     most_off: float = math.radians(1.5)
     most_size_std: float = 0.005
@@ -657,17 +660,22 @@ class MissedReducer:
     vain: int = 0
     others: int = 0
 
-    def shows_other(self, behind: Ahead | None, passed: str) -> bool:
+    def shows_other(self, behind: Ahead | None, passed: str, half: float) -> bool:
         """Return whether looks back have shown the fitting of kind ``passed`` that is before the
-        straight twice, as the last one does: the reducer is not behind that."""
-        other = passed not in ("", Straight.kind, Reducer.kind)
-        self.others += other and behind is not None and behind.kind[0] == passed
-        return self.others > 1
+        straight twice, as the last one does, and more often than a reducer: that is not behind it.
+        From nearby they look through the cone; ``half``: m, from the robot's centre to its ends."""
+        if behind is None or behind.distance < half + LOOKS.through_cone:
+            return False
+        if passed in ("", Straight.kind, Reducer.kind) or behind.kind[0] != passed:
+            return False
+        self.others += 1
+        return self.others > max(len(self.lengths), 1)
 
-    def measured(self, behind: Ahead | None, distance: float) -> Reducer | None:
+    def measured(self, behind: Ahead | None, distance: float, end: float) -> Reducer | None:
         """Return the reducer, of mean length, after one more look back at it, from arc length
         ``distance`` m; None where too few looks have been made that are reliable. Fewer are enough
-        where two more have shown none, as from farther off none will."""
+        where two more have shown none, as from farther off none will, and one where the next would
+        be beyond the ``end`` of the leg, m."""
         reducer = None if behind is None else behind.fitting
         enough = LOOKS.for_length
         if behind is None or not isinstance(reducer, Reducer):
@@ -678,10 +686,10 @@ class MissedReducer:
             self.at, self.vain = distance + LOOKS.missed, 0
             (near,) = {"start", "end"} - {behind.enter}
             right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
-            if not right or behind.distance_std > LOOKS.most_reducer_std:
-                return None
-            self.lengths.append(reducer.length)
-            self.latest = behind, distance
+            if right and behind.distance_std < LOOKS.most_reducer_std:
+                self.lengths.append(reducer.length)
+                self.latest = behind, distance
+        enough = 1 if self.at > end else enough
         if self.latest is None or len(self.lengths) < enough:
             return None
         seen, lengths = self.latest[0].fitting, np.array(self.lengths)

@@ -109,7 +109,7 @@ class Onboard:
         self._album = Album(coding_of(self.camera), n) if self._records else None
         exploration, pipes = first.exploration, (first.route.network.parts, first.plates)
         parts, plates = pipes if exploration is None else exploration.in_sight()
-        self.eyes = Eyes(mount, RayWalls([parts], [plates]), n)
+        self.eyes = Eyes(mount, RayWalls([parts], [plates], dirty=True), n)
         self._proprioception = Proprioception(table, robot, period, lug_pitch(robot), n)
         beliefs = [pilot.belief for pilot in legs.pilots]
         self._networks = [None if belief is None else belief.network for belief in beliefs]
@@ -119,7 +119,7 @@ class Onboard:
         if any(self._networks):
             maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
             which = np.arange(n)
-        self._walls = RayWalls(*zip(*maps, strict=True), dirty=False)
+        self._walls = RayWalls(*zip(*maps, strict=True))
         self.localiser = Localiser(table, robot, mount, self._walls, which, period)
         self._sight = CameraSight(self.eyes, table)
         self._true_sights = [scenario.sight for scenario in scenarios]

@@ -218,25 +218,27 @@ class Supervisor:
             if robot in sent or not self.active[robot]:
                 continue
             decision = self._decision(robot, outcome)
+            if decision is None:
+                continue
             if decision.leg is not None:
                 sent.append(robot)
                 self._follow(robot, decision)
                 continue
-            # A robot that may be elsewhere than estimated looks around before it gives up. One that
-            # explores, and has fallen too often, is where it takes itself to be: it has been there.
-            explores = self._legs.pilots[robot].belief is not None
-            fell = outcome is Outcome.LEFT_PIPE and not (explores and decision.events)
-            if not fell or not self._senses.doubt(robot):
-                self.events[robot] += decision.events
-                self._end(robot, outcome or self._monitor.cause(robot, self.location))
+            self.events[robot] += decision.events
+            self._end(robot, outcome or self._monitor.cause(robot, self.location))
         self._locate_again(sent)
 
-    def _decision(self, robot: int, outcome: Outcome | None) -> Decision:
-        """Return the decision of a robot's pilot on a verdict."""
+    def _decision(self, robot: int, outcome: Outcome | None) -> Decision | None:
+        """Return the decision of a robot's pilot on a verdict; None where the robot may be elsewhere
+        than it takes itself to be, and looks for itself first."""
         pilot, senses = self._legs.pilots[robot], self._senses
         time = float(self._readings["time"][robot])
         if outcome is Outcome.LEFT_PIPE:
-            return self._on_fall(robot)
+            decision = self._on_fall(robot)
+            # One that explores, and has fallen too often, is where it takes itself to be: it has
+            # been there.
+            knows = decision.leg is not None or (pilot.belief is not None and decision.events)
+            return decision if knows or not senses.doubt(robot) else None
         if outcome not in (None, Outcome.REACHED_GOAL):
             return Decision(None)
         scenario, (position, axis) = self._scenarios[robot], self._pose(robot)
@@ -255,8 +257,12 @@ class Supervisor:
         hangs_at = distance - 2 * float(senses.distance_std[robot])
         decision = pilot.on_blockage(time, hangs_at, goal)
         if decision.leg is None and pilot.rights_itself and not across:
-            # It hangs on a leg that was planned for it as it lay before, such as across.
+            # It hangs on a leg that was planned for it as it lay before, such as across; or it is
+            # elsewhere, where it takes itself to lie in no pipe.
             fallen = self._on_fall(robot)
+            nowhere = fallen.leg is None and not fallen.events
+            if nowhere and senses.doubt(robot):
+                return None
             decision = decision if fallen.leg is None else fallen
         return decision
 

@@ -516,7 +516,7 @@ class RayWalls:
         maps: parts of each map.
         closed: (part index, port) that a plate closes, of each map.
         unknown: (part index, port), of each map, that nothing is known of what is beyond.
-        dirty: whether the walls have a grain.
+        dirty: whether the walls have a grain, as those of a map have not.
 
     Raises:
         GeometryError: a kind of fitting has a wall that does not compile.
@@ -528,7 +528,7 @@ class RayWalls:
         closed: Sequence[Collection[Port]] | None = None,
         unknown: Sequence[Collection[Port]] | None = None,
         *,
-        dirty: bool = True,
+        dirty: bool = False,
     ) -> None:
         self._dirty = dirty
         plates = [()] * len(maps) if closed is None else closed
