@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from ctypes import CFUNCTYPE
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Part
+from omnitrack_sim.pipes import Fitting, Part
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import (
     INTEGER,
@@ -534,7 +535,7 @@ class RayWalls:
         plates = [()] * len(maps) if closed is None else closed
         dark = [()] * len(maps) if unknown is None else unknown
         self._maps = [_records(*each) for each in zip(maps, plates, dark, strict=True)]
-        self._join()
+        self._all: tuple[Array, Array, int] | None = None
 
     @classmethod
     def joined(cls, several: Sequence[RayWalls]) -> RayWalls:
@@ -542,7 +543,7 @@ class RayWalls:
         first."""
         walls = cls.__new__(cls)
         walls._dirty, walls._maps = several[0]._dirty, [m for each in several for m in each._maps]
-        walls._join()
+        walls._all = None
         return walls
 
     def replace(
@@ -554,14 +555,18 @@ class RayWalls:
     ) -> None:
         """Put another map in the place of one; arguments as of the class."""
         self._maps[number] = _records(parts, closed, unknown)
-        self._join()
+        self._all = None
 
-    def _join(self) -> None:
-        # One array for all maps; cameras name theirs by the span of its rows.
-        self._parts = np.concatenate(self._maps)
-        ends = np.cumsum([0, *(len(records) for records in self._maps)])
-        self._work = _WORK + max(map(len, self._maps), default=0)
-        self._spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
+    def _together(self) -> tuple[Array, Array, int]:
+        """Return the records of all maps in one array, the span (maps, 2) of each one's rows, by
+        which cameras name theirs, and the room that a ray needs; made when first asked for, as most
+        walls are only joined to others."""
+        if self._all is None:
+            ends = np.cumsum([0, *(len(records) for records in self._maps)])
+            spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
+            room = _WORK + max(map(len, self._maps), default=0)
+            self._all = np.concatenate(self._maps), spans, room
+        return self._all
 
     def trace(
         self,
@@ -593,15 +598,16 @@ class RayWalls:
         poses = np.concatenate([position, rotation.reshape(n, 9)], axis=1)
         light = np.zeros(5) if lamp is None else np.array([*lamp, 1.0, self._dirty])
         hits = np.empty((n, k, HIT_SIZE))
+        parts, spans, room = self._together()
         c_function(trace, _TRACE).ctypes(
-            *pointers(self._parts, self._spans[which], poses),
+            *pointers(parts, spans[which], poses),
             n,
             *pointers(np.ascontiguousarray(rays, float)),
             k,
             *pointers(light),
             far,
             # A buffer for each call, so that calls share no state.
-            *pointers(np.zeros(self._work), hits),
+            *pointers(np.zeros(room), hits),
         )
         return hits
 
@@ -618,8 +624,9 @@ class RayWalls:
         """
         n, k = points.shape[:2]
         rows = np.empty((n, k, 5))
+        parts, spans, _ = self._together()
         c_function(nearest, _NEAREST).ctypes(
-            *pointers(self._parts, self._spans[which], np.ascontiguousarray(points)),
+            *pointers(parts, spans[which], np.ascontiguousarray(points)),
             n,
             k,
             *pointers(np.zeros(16), rows),
@@ -645,22 +652,37 @@ def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[st
         unknown: its ports behind which the map ends.
     """
     fitting, pose = part.fitting, part.pose
-    record = np.zeros(PART_SIZE)
-    low, high = fitting.bounds
+    unplaced, points, directions = _unplaced(fitting)
+    record = unplaced.copy()
+    points = pose.apply(points)
+    record[CENTRE : CENTRE + 3] = points[0]
+    record[POSITION : POSITION + 3] = pose.position
+    record[ROTATION : ROTATION + 9] = pose.rotation.ravel()
+    ports = record[PLANES : PLANES + PORT_SIZE * len(directions)].reshape(-1, PORT_SIZE)
+    ports[:, :3], ports[:, 3:6] = points[1:], directions @ pose.rotation.T
+    if closed or unknown:
+        dark = UNSEEN if fitting.is_plain else UNKNOWN
+        ports[:, 6] = [
+            PLATE if name in closed else dark if name in unknown else OPEN
+            for name in fitting.port_names
+        ]
+    return record
+
+
+# Many parts of the forms that a recogniser tries are equal straights.
+@lru_cache(maxsize=4096)
+def _unplaced(fitting: Fitting) -> tuple[Array, Array, Array]:
+    """Return what records of a fitting have in common, with open ports; the middle of the ball
+    around it and the places of its ports (1 + ports, 3) m, and their directions (ports, 3), in its
+    frame."""
+    record, (low, high), ports = np.zeros(PART_SIZE), fitting.bounds, fitting.ports
     record[SURFACE] = fitting.wall_address("surface")
     record[SPAN] = fitting.wall_address("span")
     record[CLEAR] = fitting.wall_address("clear")
-    record[CENTRE : CENTRE + 3] = pose.apply((low + high) / 2)
     # Points that are measured a little outside the wall still belong to it.
     record[REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
-    record[POSITION : POSITION + 3] = pose.position
-    record[ROTATION : ROTATION + 9] = pose.rotation.ravel()
     record[PORTS] = len(fitting.port_names)
-    for i, name in enumerate(fitting.port_names):
-        port, place = part.port(name), PLANES + PORT_SIZE * i
-        record[place : place + 3] = port.position
-        record[place + 3 : place + 6] = port.rotation[:, 2]
-        dark = UNSEEN if fitting.is_plain else UNKNOWN
-        record[place + 6] = PLATE if name in closed else dark if name in unknown else OPEN
     record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
-    return record
+    placed = [ports[name] for name in fitting.port_names]
+    points = np.array([(low + high) / 2, *(port.position for port in placed)])
+    return record, points, np.array([port.rotation[:, 2] for port in placed])

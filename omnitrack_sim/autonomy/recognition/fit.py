@@ -130,6 +130,11 @@ class Tries:
             *(getattr(self, name)[rows] for name in _COLUMNS),
         )
 
+    def split(self, counts: Sequence[int]) -> list[Tries]:
+        """The first rows, the next ones and so on, as many as the ``counts``."""
+        ends = np.cumsum(counts).tolist()
+        return [self.take(range(end - k, end)) for end, k in zip(ends, counts, strict=True)]
+
 
 def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tries:
     """Rows to begin with."""
@@ -174,11 +179,10 @@ class Fit:
             side = -1.0 if number % 2 else 1.0  # edges may be on either side
             normal, gradient = self._equations(best, views, level, side)
             best = replace(best, normal=normal)
-            rows = [
-                best,
-                *(_stepped(best, gradient, damping, views) for damping in RECOGNISER.dampings),
-            ]
-            tried = [self.costs(row, views, level) for row in rows[1:]]
+            stepped = [_stepped(best, gradient, each, views) for each in RECOGNISER.dampings]
+            # All together: calls for a few rows take most of their time for themselves.
+            tried = self.costs(joined(stepped), views, level)
+            tried = tried.split([len(best.forms)] * len(stepped))
             least = np.argmin([best.cost, *(row.cost for row in tried)], axis=0)
             for i, row in enumerate(tried, 1):
                 best = merged(least == i, row, best)
@@ -247,9 +251,13 @@ class Fit:
         for i, image in moved.items():
             rows = [form.sought[i] for form in at.forms]
             slopes[rows, ..., i] = (image - expected)[rows] / RECOGNISER.nudge[i]
-        for column, rows, changed, by in self._changed(at, level, side):
-            image = self._image(self._met(changed, views, level)[0], level)
-            slopes[rows, ..., column] = (image - expected[rows]) / by[:, None, None]
+        changes = [*self._changed(at, level, side)]
+        if changes:
+            together = joined([changed for _, _, changed, _ in changes])
+            images = self._image(self._met(together, views, level)[0], level)
+            ends = np.cumsum([len(rows) for _, rows, _, _ in changes])[:-1]
+            for (column, rows, _, by), image in zip(changes, np.split(images, ends), strict=True):
+                slopes[rows, ..., column] = (image - expected[rows]) / by[:, None, None]
         gained = expected * at.gains[..., None]
         pictures = views.pictures[None, :, level.pixels]
         residual = pictures - self._scale.of(gained)

@@ -373,7 +373,7 @@ class Recogniser:
         distances."""
         # A search that errs in one of several numbers that are nearly confounded does not come out
         # of it.
-        rows, most = [], RECOGNISER.restart_cost * fits.cost.min()
+        begin, most = [], RECOGNISER.restart_cost * fits.cost.min()
         for row, form in enumerate(fits.forms):
             sizes = form.restarts(fits.sizes[row])
             if not len(sizes) or fits.cost[row] > most:
@@ -392,10 +392,9 @@ class Recogniser:
             each = part.cost.reshape(len(sizes), -1).argmin(axis=1)
             each += np.arange(len(sizes)) * (len(part.forms) // len(sizes))
             each = each[np.argsort(part.cost[each], kind="stable")[: RECOGNISER.restart_sizes]]
-            best = self._fit.refined(part.take(each.tolist()), views, self._level(0, 5.0), 2)
-            best = best.take(np.argsort(best.cost, kind="stable")[: RECOGNISER.restarts].tolist())
-            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
-        return rows
+            begin.append(part.take(each.tolist()))
+        best = [_best(part) for part in self._refined(begin, views, 2)]
+        return self._refined(best, views, 2)
 
     def _pieces(self, fits: Tries, views: Views) -> list[Tries]:
         """Return the best reducer of each form as a piece of straight pipe between its joints."""
@@ -408,9 +407,8 @@ class Recogniser:
         for i in best.values():
             sizes = np.zeros((1, SIZES))
             sizes[0, PIECE] = fits.sizes[i, LENGTH]
-            piece = tries([self._joint], fits.numbers[[i]], sizes, 1)
-            rows.append(self._fit.refined(piece, views, self._level(0, 5.0), 2))
-        return rows
+            rows.append(tries([self._joint], fits.numbers[[i]], sizes, 1))
+        return self._refined(rows, views, 2)
 
     def _preceded(self, fits: Tries, views: Views) -> list[Tries]:
         """Return rows of a reducer directly before the best of the fittings, and of the latter
@@ -429,31 +427,38 @@ class Recogniser:
         for i in others:
             if fits.forms[i].period and fits.numbers[i, DISTANCE] >= self._blind:
                 best.setdefault(id(fits.forms[i]), i)  # of each form
-        few = [*best.values()][: RECOGNISER.preceded]
-        return [part for i in few for part in self._behind_reducer(fits, i, views)]
+        few = [fits.take([i]) for i in [*best.values()][: RECOGNISER.preceded]]
+        begin = [self._from_before(fits, behind, views) for behind in few]
+        both = [
+            part.take([int(part.cost.argmin())])
+            for part in self._refined([joined(rows) for rows in begin], views, 4)
+        ]
+        alone = [self._latter(chain, behind) for chain, behind in zip(both, few, strict=True)]
+        alone = self._refined(alone, views, 2)
+        return [part for pair in zip(both, alone, strict=True) for part in pair]
 
-    def _behind_reducer(self, fits: Tries, row: int, views: Views) -> list[Tries]:
-        """Return a row of a reducer directly before the fitting of a row, and one of the latter
-        alone from where it lies then."""
-        behind, order = fits.take([row]), np.argsort(fits.cost, kind="stable").tolist()
-        rows = []
+    def _from_before(self, fits: Tries, behind: Tries, views: Views) -> list[Tries]:
+        """Return rows of every reducer directly before the fitting of the only row of ``behind``,
+        from which a search begins."""
+        order, starts = np.argsort(fits.cost, kind="stable").tolist(), []
         for reducer in (form for form in self._forms if form.kind == "reducer"):
-            starts = [self._before(behind, reducer, views)]
+            starts.append(self._before(behind, reducer, views))
             alone = [i for i in order if fits.forms[i] is reducer]
             if alone:
                 own = fits.take(alone[:1])
                 own.numbers[:, TURN] = behind.numbers[:, TURN]
                 own.sizes[:, OWN:] = behind.sizes[:, :OWN]
-                starts.append(replace(own, forms=starts[0].forms[:1]))
-            rows.append(self._fit.refined(joined(starts), views, self._level(0, 5.0), 4))
-        every = joined(rows)
-        both = every.take([int(every.cost.argmin())])
+                starts.append(replace(own, forms=starts[-1].forms[:1]))
+        return starts
+
+    def _latter(self, both: Tries, behind: Tries) -> Tries:
+        """Return a row of the fitting of ``behind`` alone, from where it lies by a row of ``both``,
+        that and a reducer."""
         end, length = both.sizes[0, :OWN].tolist()
         numbers, sizes = both.numbers.copy(), np.zeros((1, SIZES))
         numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
         sizes[:, :OWN] = both.sizes[:, OWN:]
-        alone = tries(behind.forms, numbers, sizes, 1)
-        return [both, self._fit.refined(alone, views, self._level(0, 5.0), 2)]
+        return tries(behind.forms, numbers, sizes, 1)
 
     def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:
         """Return the best rows of a reducer of several lengths before the only row of ``behind``,
@@ -469,8 +474,14 @@ class Recogniser:
             numbers = behind.numbers.copy()
             numbers[0, DISTANCE] = max(far - length, nearest)
             rows.append(tries([chain], numbers, np.array([[start[0], length, *further]]), 1))
-        part = self._fit.costs(joined(rows), views, self._level(0, 6.0))
-        return part.take(np.argsort(part.cost, kind="stable")[: RECOGNISER.restarts].tolist())
+        return _best(self._fit.costs(joined(rows), views, self._level(0, 6.0)))
+
+    def _refined(self, rows: Sequence[Tries], views: Views, steps: int) -> list[Tries]:
+        """Return several rows after steps of the search, made for all together."""
+        if not rows:
+            return []
+        every = self._fit.refined(joined(rows), views, self._level(0, 5.0), steps)
+        return every.split([len(row.forms) for row in rows])
 
     def _near_ones(
         self, near: NDArray[np.intp], pose: Array, joints: Sequence[float], views: Views
@@ -502,9 +513,8 @@ class Recogniser:
                 stands=[pose[:DISTANCE]],
             )
             part = self._fit.costs(part, views, self._level(0, 6.0))
-            best = part.take([int(part.cost.argmin())])
-            rows.append(self._fit.refined(best, views, self._level(0, 5.0), 2))
-        return rows
+            rows.append(part.take([int(part.cost.argmin())]))
+        return self._refined(rows, views, 2)
 
     def _pose(self, views: Views) -> Array:
         """Return the numbers (6,) of the camera in the pipe, from the edge of its picture, which
@@ -666,6 +676,11 @@ class Recogniser:
         """Return the kind and port of a form: beyond the horizon a pipe is straight."""
         straight = form.kind == "straight" or numbers[DISTANCE] > RECOGNISER.horizon * self._bore
         return ("straight", "") if straight else (form.kind, form.enter)
+
+
+def _best(fits: Tries) -> Tries:
+    """Return the best rows, as many as are followed."""
+    return fits.take(np.argsort(fits.cost, kind="stable")[: RECOGNISER.restarts].tolist())
 
 
 def _combined(
