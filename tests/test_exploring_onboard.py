@@ -200,6 +200,16 @@ def test_a_lens_before_a_wall_sees_no_plate():
     assert ahead_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
 
 
+@pytest.mark.parametrize(("length", "told"), [(0.034, False), (0.1, True)])
+def test_a_reducer_as_short_as_can_be_is_none(length, told):
+    """Out of a wye, a lens that leant saw one of 32 to 35 mm twice, and another one behind it."""
+    sizes = {"end_diameter": 0.17, "length": length}
+    seen = Sighting(
+        "reducer", "start", sizes, 0.1, 0.0, 1e-6 * np.eye(4), 1.0, np.zeros(2), np.zeros(2)
+    )
+    assert (ahead_of(seen, 0.16, 0.07, 0.024) is not None) == told
+
+
 @pytest.mark.parametrize(
     ("seen", "in_pipe", "angle", "confidence"),
     [

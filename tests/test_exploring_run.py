@@ -187,7 +187,8 @@ def test_a_robot_that_hangs_as_it_rights_itself(lies, sensing, goes_on, monkeypa
     Where it lies in no pipe by its own estimate, that is wrong: it looks around."""
     simulation = Simulation([override(fork(), {"sensing.kind": sensing})])
     supervisor, senses = simulation.supervisor, simulation.senses
-    here = {name: getattr(senses.location, name) for name in ("distance", "distance_std", "tangent")}
+    names = "distance", "distance_std", "tangent"
+    here = {name: getattr(senses.location, name) for name in names}
     monkeypatch.setattr(senses, "location", SimpleNamespace(**here, tilt=np.array([0.2])))
     pilot = simulation.legs.pilots[0]
     over = Decision(None, events=[GaveUp(0, 0.0, "no headway as it rights itself in tee_1")])

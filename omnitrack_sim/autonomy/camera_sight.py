@@ -41,6 +41,8 @@ class CameraSightSettings:
             to which the recogniser was right in 100 of 100 trials with the depth camera.
         nearest: bores, from the lens up to which a fitting or an end is ignored: a lens within a
             bend takes the bend to begin where the lens is, and one before a wall sees a plate.
+        shortest: bores, length of a reducer up to which it is none: the search has ended at its
+            bound, so the picture shows something else. Those that are sold have half a bore.
         bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
         least_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
             tell anything.
@@ -71,6 +73,7 @@ class CameraSightSettings:
     nearest: float = 0.15
     least_free: float = 0.25
     past: float = 0.6
+    shortest: float = 0.24
     bore_step: float = 1e-3
     by_lamp: float = 0.9
     angles: tuple[float, ...] = (math.radians(45), math.radians(90))
@@ -192,6 +195,8 @@ def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ah
     try:
         fitting = form.make(**sighting.sizes)
     except GeometryError:
+        return None
+    if isinstance(fitting, Reducer) and fitting.length < CAMERA_SIGHT.shortest * bore:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)

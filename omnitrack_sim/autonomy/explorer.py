@@ -50,6 +50,7 @@ from omnitrack_sim.pipes import (
     Passage,
     Reducer,
     Route,
+    Straight,
     Tee,
     Wye,
 )
@@ -220,7 +221,8 @@ class Explorer(MapPilot):
             distance += self._measure_passed()
         if look.distance < self.look_at:
             return Decision(self.leg, True, (), distance - look.distance)
-        located = self._closer.located(self.route(), distance, look.ahead)
+        ahead = look.ahead if self._shows_pipe(look) else None
+        located = self._closer.located(self.route(), distance, ahead)
         self._doubt_end(located - distance)
         self._back.slipped(located - distance)
         distance, shift = located, located - look.distance
@@ -393,7 +395,12 @@ class Explorer(MapPilot):
         at, last = distance + ahead.distance, route.passages[-1]
         # What begins before the middle of the last fitting is that fitting itself.
         itself = last.index == out_of[0] and at < (last.s_enter + last.s_leave) / 2
-        if itself or self._is_rest(ahead, look, out_of):
+        # Two cones in a row, and one whose ends do not show, are something else, such as the rest
+        # of the fitting seen by a lens that leans.
+        cone = isinstance(ahead.fitting, Reducer)
+        unclear = cone and ahead.distance_std > LOOKS.most_reducer_std
+        unclear |= cone and isinstance(self.belief.fitting(out_of[0]), Reducer)
+        if itself or unclear or self._is_rest(ahead, look, out_of):
             return False
         side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])
         return self._confirmation.confirms(ahead, distance, side)
@@ -450,7 +457,7 @@ class Explorer(MapPilot):
         true, why = round(look.bore - more, 3), self._doubts[name]
         self.belief.resize(part, inner_diameter=true)
         self.look_at = look.distance
-        if self._corrects_reducer(self._passed(look.distance), true):
+        if self._corrects_reducer(self._passed(look.distance), part, true):
             del self._doubts[name]
         else:
             self._missed = MissedReducer(part, bore, look.distance)
@@ -459,11 +466,19 @@ class Explorer(MapPilot):
         self.leg = replace(self.leg, note=f"{self.leg.note}: {why}")
         return True
 
-    def _corrects_reducer(self, passed: Passage | None, bore: float) -> bool:
-        """Correct the end of a reducer that the robot has ``passed`` into pipe in which the arms
-        find ``bore`` m; return whether it is one that may lead to that."""
+    def _corrects_reducer(self, passed: Passage | None, pipe: int, bore: float) -> bool:
+        """Correct the end of a reducer that the robot has ``passed`` into a ``pipe`` in which the
+        arms find ``bore`` m; return whether it is one that may lead to that. One that leads to the
+        bore from which it comes is none."""
         if passed is None or not isinstance(passed.part.fitting, Reducer):
             return False
+        before = 2 * passed.part.fitting.port_radius(passed.enter)
+        if abs(bore - before) < LENGTHS / 2 * before:
+            self._doubts.pop(passed.part.name, None)
+            self._back.forget(passed.index)
+            self.belief.put(passed.index, Straight(passed.part.fitting.length, before))
+            self.belief.resize(pipe, inner_diameter=before)
+            return True
         key = passed.part.fitting.bore_key(passed.leave)
         try:
             self.belief.resize(passed.index, **{key: bore})
@@ -659,11 +674,16 @@ class Explorer(MapPilot):
         sized, free = self._shows_sizes(ahead, route), ahead.kind == ("", "")
         if not (free or (sized and self._close.are_of(ahead))):
             self._close.clear()
-        part, _, leave = self._before(route)
-        axis = self.belief.port((part, leave)).rotation[:, 2]
-        in_pipe = self.belief.fitting(part).is_plain
-        if sized and (is_along(ahead, look.frame, axis) or not in_pipe):
+        in_pipe = self.belief.fitting(self._before(route)[0]).is_plain
+        if sized and (self._shows_pipe(look) or not in_pipe):
             self._close.add(ahead, look.distance)
+
+    def _shows_pipe(self, look: Look) -> bool:
+        """Return whether a look ahead has the axis of the pipe that it leads out of where the map
+        has it; see ``is_along``."""
+        part, _, leave = self._before(self.route())
+        axis = self.belief.port((part, leave)).rotation[:, 2]
+        return look.ahead is not None and is_along(look.ahead, look.frame, axis)
 
     def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""

@@ -629,13 +629,13 @@ class LookingCloser:
 
 def _is_alike(far: Ahead, near: Ahead) -> bool:
     """Return whether a look from afar places an end as one from nearby does: it shows the same,
-    from the same port, and its angle. The distance goes with what a picture is taken for: wyes
-    whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off."""
+    from the same port, and of a wye its angle. The distance goes with what a picture is taken for:
+    wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off, elbows up to 1."""
     placed = far.distance_std < LOOKS.most_std and far.kind == near.kind
     if not placed or far.fitting is None:
         return placed
-    shown = BELIEF.certain * far.size_stds.get("angle", 0.0) < ANGLES
-    return shown and far.enter == near.enter
+    told = far.size_stds.get("angle", 0.0) if isinstance(far.fitting, Wye) else 0.0
+    return BELIEF.certain * told < ANGLES and far.enter == near.enter
 
 
 @dataclass

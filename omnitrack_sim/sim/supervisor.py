@@ -229,8 +229,8 @@ class Supervisor:
         self._locate_again(sent)
 
     def _decision(self, robot: int, outcome: Outcome | None) -> Decision | None:
-        """Return the decision of a robot's pilot on a verdict; None where the robot may be elsewhere
-        than it takes itself to be, and looks for itself first."""
+        """Return the decision of a robot's pilot on a verdict; None where the robot may not be
+        where it takes itself to be, and looks for itself first."""
         pilot, senses = self._legs.pilots[robot], self._senses
         time = float(self._readings["time"][robot])
         if outcome is Outcome.LEFT_PIPE:
