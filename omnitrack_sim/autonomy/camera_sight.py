@@ -41,8 +41,8 @@ class CameraSightSettings:
             to which the recogniser was right in 100 of 100 trials with the depth camera.
         nearest: bores, from the lens up to which a fitting or an end is ignored: a lens within a
             bend takes the bend to begin where the lens is, and one before a wall sees a plate.
-        shortest: bores, length of a reducer up to which it is none: the search has ended at its
-            bound, so the picture shows something else. Those that are sold have half a bore.
+        shortest: bores, length of a reducer up to which it is none: the search has ended near its
+            bound of 0.2, so the picture shows something else.
         bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
         least_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
             tell anything.

@@ -167,7 +167,7 @@ class Explorer(MapPilot):
         self._read_more: list[float] = []
         self._missed: MissedReducer | None = None
         self._left: dict[End, str] = {}  # ports that it has given up, and why
-        self._tried_again: set[End] = set()  # ports given up before, each once no other is left
+        self._tried_again: set[End] = set()  # ports given up that it has reopened once
         self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._back.placed = 0, distance, 0.0
@@ -398,8 +398,8 @@ class Explorer(MapPilot):
         # Two cones in a row, and one whose ends do not show, are something else, such as the rest
         # of the fitting seen by a lens that leans.
         cone = isinstance(ahead.fitting, Reducer)
-        unclear = cone and ahead.distance_std > LOOKS.most_reducer_std
-        unclear |= cone and isinstance(self.belief.fitting(out_of[0]), Reducer)
+        chain = isinstance(self.belief.fitting(out_of[0]), Reducer)
+        unclear = cone and (chain or ahead.distance_std > LOOKS.most_reducer_std)
         if itself or unclear or self._is_rest(ahead, look, out_of):
             return False
         side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])

@@ -630,7 +630,7 @@ class LookingCloser:
 def _is_alike(far: Ahead, near: Ahead) -> bool:
     """Return whether a look from afar places an end as one from nearby does: it shows the same,
     from the same port, and of a wye its angle. The distance goes with what a picture is taken for:
-    wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off, elbows up to 1."""
+    wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off, 8 elbows up to 1."""
     placed = far.distance_std < LOOKS.most_std and far.kind == near.kind
     if not placed or far.fitting is None:
         return placed
@@ -649,7 +649,7 @@ class MissedReducer:
         lengths: m, of the reducer, by the looks so far.
         latest: the last sighting of it, and the arc length then, m.
         vain: number of looks since the last that showed a reducer.
-        others: number of looks that showed the fitting before the straight.
+        others: number of looks from beyond its cone that showed the fitting before the straight.
     """
 
     part: int
