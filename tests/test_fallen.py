@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from network_samples import branched, straight
+from network_samples import branched, joint, straight
 from runs import same_result
 
 import omnitrack_sim as ot
@@ -160,6 +160,29 @@ def test_the_gear_is_that_in_which_it_has_to_travel_less() -> None:
     )
     opening = plan.route(on.path).passages[1].s_bend_start
     assert on.begin == pytest.approx(opening - LENGTH / 2 - Omnitrack().standing_room)
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_robot_does_not_turn_in_a_tee_that_it_cannot_stand_before(driven: bool) -> None:
+    """Out of a wye, its tail just before the tee that follows: it leaves the way it has come, to
+    where it can roll for the turn. Where it has come out of the tee, it backs through that turn as
+    it is, which is the shorter way."""
+    pipes = [straight("a"), straight("b"), straight("c"), straight("d", 0.5)]
+    fittings = [*pipes, {"kind": "wye", "name": "w"}, {"kind": "tee", "name": "t"}]
+    joints = [
+        joint("a.end", "w.run_start"),
+        joint("w.branch", "d.start"),
+        joint("w.run_end", "t.branch", 90.0),
+        joint("t.run_start", "b.start"),
+        joint("t.run_end", "c.start"),
+    ]
+    network = validate({"fittings": fittings, "joints": joints})
+    plan = MissionPlanner(network, Mission(start="a.start", goals=("b.end",)), Omnitrack(), 0.1)
+    lies = PartLocation(4, "run_end", "run_start", 0.08, 0.36)
+    first, *_ = plan.replan_from(lies, 0, (), [(5, "run_end", "branch")] if driven else ()) or ()
+    assert first.gear == (-1 if driven else 1)
+    turn = (5, "branch", "run_end")
+    assert (turn in first.path) is driven
 
 
 @pytest.mark.parametrize(("ahead", "gear"), [("run_end", -1), ("run_start", 1)])

@@ -217,30 +217,62 @@ class LegPlanner:
             closed: ports and edges that are not passed.
         """
         closed = tuple(closed)
-        if leg.gear < 0:
-            return self.replan_from(self.location(leg, distance), goal, closed)
         driven = self._driven(leg, distance)
+        if leg.gear < 0:
+            return self.replan_from(self.location(leg, distance), goal, closed, driven.path)
         if self.ends[goal + 1] == leg.path[0][:2]:
             return [self._back_out(driven, self.robot.length / 2 + self.robot.nose_room, goal)]
         plan = self._turn_off(driven, goal, closed)
         return None if plan is None else plan[1]
 
     def replan_from(
-        self, location: PartLocation, goal: int, closed: Iterable[End | Edge]
+        self,
+        location: PartLocation,
+        goal: int,
+        closed: Iterable[End | Edge],
+        driven: Collection[Edge] = (),
     ) -> list[Leg] | None:
         """Plan the legs to a goal for a robot anywhere in the network, in the gear that asks for
-        less travel; None where there is no path. Arguments as in ``replan``."""
+        less travel; None where there is no path.
+
+        Args:
+            location: of the robot.
+            goal: number of the goal.
+            closed: ports and edges that are not passed.
+            driven: passages by which the robot is known to have come: the way back through them
+                needs no preparation.
+        """
         closed = tuple(closed)
-        first, driven = list[Leg](), list[Leg]()
+        first, up_to = list[Leg](), list[Leg]()
         if location.across:
             realign = self._realign(location, closed)
-            first, driven = [realign], [self._driven(realign, realign.end)]
+            first, up_to = [realign], [self._driven(realign, realign.end)]
             location = self.location(realign, realign.end)
-        driven += self._legs_up_to(location, closed)
-        plans = [plan for leg in driven if (plan := self._turn_off(leg, goal, closed))]
-        # Sums that differ by rounding alone count as equal: then the earlier one is taken.
-        best = min(plans, key=lambda plan: round(plan[0], 6), default=None)
+        up_to += self._legs_up_to(location, closed)
+        plans = [plan for leg in up_to if (plan := self._turn_off(leg, goal, closed))]
+
+        def cost(plan: tuple[float, list[Leg]]) -> float:
+            # Sums that differ by rounding alone count as equal: then the earlier one is taken.
+            travel, legs = plan
+            return round(travel, 6) + LEG_PLANNER.detour * self._unprepared(legs[0], driven)
+
+        best = min(plans, key=cost, default=None)
         return None if best is None else [*first, *best[1]]
+
+    def _unprepared(self, leg: Leg, driven: Collection[Edge]) -> int:
+        """The number of turns on a leg that begins too close before them for the robot to stand and
+        roll, without those back through passages that it has ``driven``."""
+        route = self.route(leg.path)
+        nose = leg.begin + self.robot.length / 2
+        return sum(
+            here.manoeuvre == "tee_turn"
+            and nose < here.span[0] < leg.end + self.robot.length / 2
+            and leg.begin > self.latest_stand(leg.path, index)
+            and (part, leave, enter) not in driven
+            for index, ((part, enter, leave), here) in enumerate(
+                zip(leg.path, route.passages, strict=True)
+            )
+        )
 
     def _driven(self, leg: Leg, distance: float) -> Leg:
         """A leg up to arc length ``distance`` m, without the passages ahead."""
