@@ -210,6 +210,30 @@ def test_what_a_plate_hides_is_not_asked_for():
     assert compare_maps(found, true, closed=["t.branch"]).same
     with pytest.raises(NetworkError, match=r"closed.0: there is no port 't.up'"):
         compare_maps(found, true, closed=["t.up"])
+    with pytest.raises(NetworkError, match=r"start: there is no port 'start'.*: a.start"):
+        compare_maps(found, true, "start")
+
+
+def test_an_open_end_that_the_map_calls_closed_is_told():
+    """And the reverse, a cap or a plate; a port without such a name says nothing."""
+    data = branched()
+    data["fittings"][3] = {"kind": "cap", "name": "c", "length": 0.5}
+    data["joints"][2] = joint("t.branch", "c.start")
+    true = validate(data)
+
+    def of(closed=(), **ports):
+        found = validate(data | {"ports": ports})
+        return compare_maps(found, true, "a.start", closed)
+
+    assert of(open_1="b.end", closed_1="c.end").same
+    assert of(bath="b.end", impassable_1="c.end").same
+    wrong = of(closed_1="b.end", open_1="c.end")
+    assert wrong.ends == (("b.end", "b.end"), ("c.end", "c.end"))
+    assert wrong.complete
+    assert not wrong.consistent
+    assert wrong.figures()["map_faults"] == 2
+    assert "other end: b.end/b.end, c.end/c.end" in str(wrong)
+    assert of(closed_1="b.end", closed=["b.end"]).same
 
 
 def test_a_map_says_how_sure_it_is_of_each_size():

@@ -76,8 +76,8 @@ class Tour:
 
     @property
     def home(self) -> bool:
-        """Whether it is back at the start."""
-        return self.outcome == "reached_goal"
+        """Whether it is back at the start, whatever its map."""
+        return self.outcome in ("reached_goal", "wrong_map")
 
 
 def random_exploration(seed: int, sense: str) -> Scenario:
@@ -217,9 +217,8 @@ def runs(
 def table(tours: Sequence[Tour]) -> str:
     """One row for each sense."""
     rows = [
-        "| sensing | home, map right | 95 % interval | home | map complete | wrong, of those that "
-        "the robot calls complete | error of all lengths: median, 90 % | lost on the way | "
-        "processor time |",
+        "| sensing | home, map right | 95 % interval | home | nothing missing | called complete, "
+        "wrong | error of all lengths: median, 90 % | lost | processor time |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for sense in dict.fromkeys(run.sense for run in tours):
@@ -237,7 +236,7 @@ def table(tours: Sequence[Tour]) -> str:
             f"{sum(run.complete and not run.map.same for run in own)} of "
             f"{sum(run.complete for run in own)}",
             f"{middle:.0f}, {most:.0f} mm",
-            f"{sum(run.lost > 0 for run in own)} runs",
+            f"{sum(run.lost > 0 for run in own)}",
             f"{np.median([run.cpu_s for run in own]):.0f} s",
         ]
         rows.append(f"| {' | '.join(cells)} |")

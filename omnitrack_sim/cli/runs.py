@@ -142,7 +142,7 @@ def print_result(result: ot.Result, target: Path) -> None:
 
 def _size_table(difference: ot.MapDifference) -> Table:
     """Table of how sure an explorer is of the sizes on its map."""
-    table = plain_table("its map", "true part", "size", "unit", "value", "std", "error")
+    table = plain_table("its map", "true part", "size", "unit", "value", "std", "error", gap=1)
     for size in difference.sizes:
         table.add_row(plain(size.part), plain(size.true) or "-", size.key, *size.cells)
     return table
@@ -154,6 +154,7 @@ def _map_in_words(difference: ot.MapDifference) -> str:
         "kind": difference.kinds,
         "size": difference.wrong_sizes,
         "direction": difference.angles,
+        "end": difference.ends,
         "joint": difference.loose,
     }
     lists = {

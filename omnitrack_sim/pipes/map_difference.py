@@ -1,13 +1,15 @@
 """Differences between a map that a robot has made and the true network.
 
-Both are walked together from where the map begins. Kinds, lengths of axes, bores and directions of
-ports are compared; names, the order of parts, and which of two like ports is called what, do not
-count. Straights that follow each other are one: a robot sees no joint.
+Both are walked together from where the map begins. Kinds, lengths of axes, bores, directions of
+ports, and whether an end is open or closed are compared; names, the order of parts, and which of
+two like ports is called what, do not count. Straights that follow each other are one: a robot sees
+no joint.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -26,6 +28,8 @@ LEAST_LENGTH = 0.01
 """Difference of two lengths that are the same whatever the true one is, m."""
 ANGLES = math.radians(5)
 """Difference of two directions that are the same, rad."""
+CLAIM = re.compile("(open|closed)_[0-9]+")
+"""Names that a robot gives the ends of its map which it has inspected."""
 
 
 SHOWN = {
@@ -88,12 +92,15 @@ class MapDifference:
         found: number of them that the map has, with the right kind.
         missing: those that it has not. extra: parts of the map that the network has not.
         kinds, wrong_sizes, angles: parts of the map and the true ones that differ in kind, in a
-            length or bore by more than 3 % (and 10 mm), in a direction by more than 5 degrees.
+            bore by more than 3 %, in a length by more than 3 % and 10 mm, in the direction of a
+            port's axis by more than 5 degrees.
         loose: ports of the network that are joined there and not in the map, though it has both
             parts.
         length: m, of all axes of the network that are in the map. length_error: m, of what is wrong
             in them, sizes added up.
         sizes: of the parts of the map, in its order, with how sure the robot is of them.
+        ends: ports of the map that are named ``open_1`` and so on and are closed, or the reverse,
+            and those of the network.
 
     Example:
         >>> import omnitrack_sim as ot
@@ -114,6 +121,7 @@ class MapDifference:
     length: float
     length_error: float
     sizes: tuple[MapSize, ...] = ()
+    ends: tuple[tuple[str, str], ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -128,9 +136,9 @@ class MapDifference:
     @property
     def consistent(self) -> bool:
         """True if nothing that the map has is wrong, whatever it lacks: it has no other kinds,
-        sizes, directions and joints than the network."""
-        wrong = self.kinds or self.wrong_sizes or self.loose or self.extra or self.angles
-        return not wrong
+        sizes, directions, ends and joints than the network."""
+        wrong = self.kinds, self.wrong_sizes, self.angles, self.ends, self.loose, self.extra
+        return not any(wrong)
 
     def __str__(self) -> str:
         names = {
@@ -139,9 +147,11 @@ class MapDifference:
             "other kind": ["/".join(pair) for pair in self.kinds],
             "other size": ["/".join(pair) for pair in self.wrong_sizes],
             "other direction": ["/".join(pair) for pair in self.angles],
+            "other end": ["/".join(pair) for pair in self.ends],
             "not joined": ["/".join(pair) for pair in self.loose],
         }
         faults = [f"{what}: {', '.join(parts)}" for what, parts in names.items() if parts]
+        faults = faults or ["the same as the network"]
         count = f"{self.found} of {self.parts} parts are in the map"
         return "; ".join([count, f"lengths off by {self.length_error:.3f} m", *faults])
 
@@ -152,7 +162,7 @@ class MapDifference:
             "map_complete": float(self.complete),
             "map_length_error_m": self.length_error,
             "map_faults": float(
-                len(self.kinds) + len(self.wrong_sizes) + len(self.angles) + len(self.extra)
+                sum(map(len, (self.kinds, self.wrong_sizes, self.angles, self.ends, self.extra)))
             ),
         }
 
@@ -239,7 +249,9 @@ class _Graph:
 
     Attributes:
         nodes: the parts. place: of each port of the network that is one of a node, the node and the
-            name of its port. joined: of each port of a node the one that it is joined to.
+            name of its port. names: of ports of nodes, as ``part.port``. joined: of each port of a
+            node the one that it is joined to. closed: ports of nodes with a flat wall. claims: of
+            ports of nodes that a robot has inspected, whether it is "open" or "closed".
     """
 
     def __init__(self, network: Network, plates: Collection[End]) -> None:
@@ -255,6 +267,13 @@ class _Graph:
                 taken |= self._add(index)
         self.joined = {
             self.place[a]: self.place[b] for a, b in self._joined.items() if a in self.place
+        }
+        self.names = {at: network.port_name(end) for end, at in self.place.items()}
+        flat = {*plates, *self._pipes.closed_ends}
+        self.closed = {self.place[end] for end in flat if end in self.place}
+        ends = {network.port(port): CLAIM.fullmatch(name) for name, port in network.ports.items()}
+        self.claims = {
+            self.place[end]: claim[1] for end, claim in ends.items() if claim and end in self.place
         }
 
     def _add(self, index: int) -> set[int]:
@@ -300,7 +319,7 @@ class _Walk:
         self._mine, self._true, self._stds = mine, true, stds
         self._partner: dict[int, int] = {}  # of each node of the true network, that of the map
         self._ports: dict[End, End] = {}  # likewise of ports
-        self._kinds, self._sizes, self._angles = ({} for _ in range(3))
+        self._kinds, self._sizes, self._angles, self._ends = ({} for _ in range(4))
         self._length, self._error = 0.0, 0.0
 
     def difference(self, mine: End, true: End) -> MapDifference:
@@ -334,6 +353,7 @@ class _Walk:
             length=self._length,
             length_error=self._error,
             sizes=tuple(self._all_sizes(matched)),
+            ends=tuple(self._ends.values()),
         )
 
     def _all_sizes(self, matched: Mapping[int, int]) -> Iterator[MapSize]:
@@ -379,6 +399,9 @@ class _Walk:
             if abs(bores[0] - bores[1]) > LENGTHS * bores[1]:
                 self._sizes[there[0]] = names
             following = self._mine.joined.get(ends), self._true.joined.get(ways)
+            claim, closed = self._mine.claims.get(ends), ways in self._true.closed
+            if claim and following[1] is None and closed != (claim == "closed"):
+                self._ends[ways] = self._mine.names[ends], self._true.names[ways]
             if following[0] is not None and following[1] is not None:
                 sides = (
                     _side_beyond(node, came, port_left, side)
@@ -402,8 +425,7 @@ class _Walk:
         for a, b in self._true.joined.items():
             both = a[0] in matched and b[0] in matched
             if both and a < b and self._mine.joined.get(self._ports[a]) != self._ports[b]:
-                pair = [f"{self._true.nodes[node].name}.{port}" for node, port in (a, b)]
-                loose.append((pair[0], pair[1]))
+                loose.append((self._true.names[a], self._true.names[b]))
         return loose
 
 

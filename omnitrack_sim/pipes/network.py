@@ -468,9 +468,12 @@ class Network(Table):
             NetworkError: no such port; ``where`` names what asked for it.
         """
         name = self.ports.get(port, port)
-        if name not in self._ends:
+        if name in self._ends:
+            return self._ends[name]
+        if "." in port:
             raise NetworkError(self._unknown_port(where, port))
-        return self._ends[name]
+        ends = (*self.ports, *self.open_ends)
+        raise NetworkError(Fault(where, f"there is no port {port!r}", ends, given=port))
 
     def port_name(self, port: End) -> str:
         """``part.port`` of a port given as part index and port name."""

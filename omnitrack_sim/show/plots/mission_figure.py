@@ -24,7 +24,13 @@ from omnitrack_sim.record.timeline import (
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.landmarks import SHADES, stays
-from omnitrack_sim.show.plots.network_figure import draw_names, draw_pipes, extent, frame_view
+from omnitrack_sim.show.plots.network_figure import (
+    PIPE,
+    draw_names,
+    draw_pipes,
+    extent,
+    frame_view,
+)
 from omnitrack_sim.show.plots.style import (
     ALARM,
     DPI,
@@ -304,14 +310,20 @@ class _Mission:
         def line(**look: Any) -> Line2D:
             return Line2D([], [], **look)
 
-        rows: list[tuple[str, Any]] = [("start", line(**_START)), ("goal", line(**_GOAL))]
+        def band(colour: str) -> Line2D:
+            return line(color=colour, linewidth=6.0, solid_capstyle="butt")
+
+        exploration = self.result.scenario.exploration
+        comes_home = exploration is not None and exploration.mission.task == "explore"
+        goal = "home" if comes_home else "goal"
+        rows: list[tuple[str, Any]] = [("start", line(**_START)), (goal, line(**_GOAL))]
         if any(leg.tail_first for leg in self.travel):
             core = line(color="white", lw=0.7, ls=(0, (2, 2)))
             rows.append(("tail first", (line(color=INK, lw=3.0, solid_capstyle="butt"), core)))
         if len(self.result.plate_rims()):
-            rows.append(("closed by a plate", line(color=ALARM, linewidth=_PLATE["linewidth"])))
+            rows.append(("closed end", line(color=ALARM, linewidth=_PLATE["linewidth"])))
         if self.result.map is not None:
-            rows.append(("in its map", line(color=EXPLORED, linewidth=6.0, solid_capstyle="butt")))
+            rows += [("in its map", band(EXPLORED)), ("not in its map", band(PIPE))]
         rows += [(m.text, tuple(line(**look) for look in m.looks())) for m in self.marks]
         texts, handles = zip(*rows, strict=True)
         look: dict[str, Any] = {"ncols": len(texts), "columnspacing": 1.8, "handletextpad": 0.4}
