@@ -269,7 +269,13 @@ class _Graph:
             self.place[a]: self.place[b] for a, b in self._joined.items() if a in self.place
         }
         self.names = {at: network.port_name(end) for end, at in self.place.items()}
-        flat = {*plates, *self._pipes.closed_ends}
+        # A plate closes both pipes that meet there.
+        beyond = both_ways(self._pipes.joints)
+        flat = {
+            *plates,
+            *(beyond[end] for end in plates if end in beyond),
+            *self._pipes.closed_ends,
+        }
         self.closed = {self.place[end] for end in flat if end in self.place}
         ends = {network.port(port): CLAIM.fullmatch(name) for name, port in network.ports.items()}
         self.claims = {
