@@ -55,7 +55,8 @@ class LegPlannerSettings:
             pipe's axis.
         sharp: rad, turn in a fitting from which on a robot falls about every second time, such as
             that from a wye's branch back along its run.
-        detour: m, travel that a robot prefers to a sharp turn.
+        detour: m, travel that a robot prefers to a sharp turn, or to one that it has no room to
+            stand and roll before.
         reversals: most reversals by which it goes round sharp turns on its way to a goal.
     """
 
@@ -261,7 +262,7 @@ class LegPlanner:
 
     def _unprepared(self, leg: Leg, driven: Collection[Edge]) -> int:
         """The number of turns on a leg that begins too close before them for the robot to stand and
-        roll, without those back through passages that it has ``driven``."""
+        roll; turns back through passages that it has ``driven`` do not count."""
         route = self.route(leg.path)
         nose = leg.begin + self.robot.length / 2
         return sum(

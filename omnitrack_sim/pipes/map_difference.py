@@ -256,9 +256,10 @@ class _Graph:
 
     def __init__(self, network: Network, plates: Collection[End]) -> None:
         self._pipes = network.pipes
-        # A plate closes the way: what is behind it cannot be in the robot's map.
-        joints = [j for j in self._pipes.joints if not set(j) & set(plates)]
-        self._joined = both_ways(joints)
+        # A plate closes both pipes that meet there: what is behind it cannot be in the robot's map.
+        every = both_ways(self._pipes.joints)
+        shut = {*plates, *(every[end] for end in plates if end in every)}
+        self._joined = {end: other for end, other in every.items() if end not in shut}
         self.nodes: list[_Node] = []
         self.place: dict[End, End] = {}
         taken: set[int] = set()
@@ -269,13 +270,7 @@ class _Graph:
             self.place[a]: self.place[b] for a, b in self._joined.items() if a in self.place
         }
         self.names = {at: network.port_name(end) for end, at in self.place.items()}
-        # A plate closes both pipes that meet there.
-        beyond = both_ways(self._pipes.joints)
-        flat = {
-            *plates,
-            *(beyond[end] for end in plates if end in beyond),
-            *self._pipes.closed_ends,
-        }
+        flat = shut.union(self._pipes.closed_ends)
         self.closed = {self.place[end] for end in flat if end in self.place}
         ends = {network.port(port): CLAIM.fullmatch(name) for name, port in network.ports.items()}
         self.claims = {

@@ -470,10 +470,9 @@ class Network(Table):
         name = self.ports.get(port, port)
         if name in self._ends:
             return self._ends[name]
-        if "." in port:
-            raise NetworkError(self._unknown_port(where, port))
-        ends = (*self.ports, *self.open_ends)
-        raise NetworkError(Fault(where, f"there is no port {port!r}", ends, given=port))
+        if "." not in port:
+            return self.end(where, port)  # Raises: it was meant for the name of an end.
+        raise NetworkError(self._unknown_port(where, port))
 
     def port_name(self, port: End) -> str:
         """``part.port`` of a port given as part index and port name."""
