@@ -11,7 +11,7 @@ from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.camera_sight import CameraSight, sighting_of, by_depth, by_lamp
+from omnitrack_sim.autonomy.camera_sight import CameraSight, by_depth, by_lamp, sighting_of
 from omnitrack_sim.autonomy.looking import common_std
 from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.sight import Sighting
