@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.autonomy.recognition import Sighting
+from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
@@ -87,14 +87,14 @@ class Approach:
             [camera.picture(hits[i : i + 1], rays, pixels, key, i) for i in range(len(self.place))]
         )
 
-    def is_right(self, sighting: Sighting) -> bool:
+    def is_right(self, detection: Detection) -> bool:
         """Whether kind and port are right."""
-        return (sighting.kind, sighting.enter) == CASES[self.case]
+        return (detection.kind, detection.enter) == CASES[self.case]
 
-    def turn_error(self, sighting: Sighting) -> float:
+    def turn_error(self, detection: Detection) -> float:
         """Error of the direction, rad; from the branch of a tee two are the same."""
         period = math.pi if self.case == "tee by its branch" else 2 * math.pi
-        return abs((sighting.turn - self.turn + period / 2) % period - period / 2)
+        return abs((detection.turn - self.turn + period / 2) % period - period / 2)
 
 
 def approach(seed: int, index: int, close: float = 0.0) -> Approach:

@@ -39,7 +39,7 @@ from omnitrack_sim.autonomy.looking import (
     size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
-from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
+from omnitrack_sim.autonomy.sight import Look, Sighting, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
 from omnitrack_sim.pipes import (
@@ -355,7 +355,7 @@ class Explorer(MapPilot):
         with_ahead = known and distance >= self.look_at
         return self._missed is not None or with_ahead or distance >= self._back.at(route)
 
-    def _next_look(self, ahead: Ahead, look: Look, route: Route) -> float | None:
+    def _next_look(self, ahead: Sighting, look: Look, route: Route) -> float | None:
         """Return the arc length, m, of the look that is needed before a sighting is believed; None
         where none is."""
         distance = look.distance
@@ -383,7 +383,7 @@ class Explorer(MapPilot):
         near = self._half + self._robot.nose_room
         return ahead is not None and ahead.end == "closed" and ahead.distance < near
 
-    def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
+    def _is_confirmed(self, ahead: Sighting, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting agrees with the one before; other sightings
         need no confirmation."""
         out_of, distance = self._before(route), look.distance
@@ -405,7 +405,7 @@ class Explorer(MapPilot):
         side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])
         return self._confirmation.confirms(ahead, distance, side)
 
-    def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
+    def _is_rest(self, ahead: Sighting, look: Look, out_of: Edge) -> bool:
         """Return whether a bend sighted out of another bend may be the far end of that one."""
         part, enter, leave = out_of
         bend = self.belief.fitting(part)
@@ -644,7 +644,7 @@ class Explorer(MapPilot):
         observed = _end_of(self.leg.path) in belief.ends
         self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
 
-    def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
+    def _look_closer(self, ahead: Sighting, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, if the robot is far from it."""
         close = self._closer.begin(ahead, self.planner.route(path), distance)
         self.look_at = self.look_at if close is None else close
@@ -668,7 +668,7 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
-    def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
+    def _measure_sizes(self, ahead: Sighting, look: Look, route: Route) -> None:
         """Keep a sighting of a reducer or an elbow from close by, with those of the same kind just
         before it; now and then one shows free pipe where there is a shallow cone."""
         sized, free = self._shows_sizes(ahead, route), ahead.kind == ("", "")
@@ -685,13 +685,13 @@ class Explorer(MapPilot):
         axis = self.belief.port((part, leave)).rotation[:, 2]
         return look.ahead is not None and is_along(look.ahead, look.frame, axis)
 
-    def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
+    def _shows_sizes(self, ahead: Sighting, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
         near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
         close = near or self._closer.index(route) is not None
         return isinstance(ahead.fitting, Reducer | Elbow) and close
 
-    def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
+    def _measures_on(self, ahead: Sighting, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
@@ -764,7 +764,7 @@ class Explorer(MapPilot):
         return share * more
 
     def _add_fitting(
-        self, fitting: Fitting, ahead: Ahead, path: tuple[Edge, ...], look: Look
+        self, fitting: Fitting, ahead: Sighting, path: tuple[Edge, ...], look: Look
     ) -> Decision:
         """Add a fitting sighted at the end of a path to the map, and extend the leg into it."""
         belief, end, time, distance = self.belief, _end_of(path), look.time, look.distance
@@ -813,7 +813,7 @@ class Explorer(MapPilot):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
 
-    def _measure_later(self, part: int, ahead: Ahead, weight: float) -> None:
+    def _measure_later(self, part: int, ahead: Sighting, weight: float) -> None:
         """Have a new fitting measured when the robot has come through it: the angle of a bend, and
         sizes that are in doubt; ``weight``: of those that the map has, see ``CloseLooks``."""
         fitting, name = self.belief.fitting(part), self.belief.part_name(part)
@@ -838,7 +838,7 @@ class Explorer(MapPilot):
         _, at, std = placed
         return math.hypot(end_std, std, LOOKS.travel * (look.distance - at))
 
-    def _shows_axis(self, ahead: Ahead, std: float) -> bool:
+    def _shows_axis(self, ahead: Sighting, std: float) -> bool:
         """Return whether a sighting shows how the pipe lies: where a bend begins nearer than a lens
         sees the wall, no straight wall does. ``std``: as of ``_measure_bend``."""
         near = ahead.distance - self._half < EXPLORER.blind
@@ -1075,7 +1075,7 @@ def _end_of(path: Sequence[Edge]) -> Port:
     return part, leave
 
 
-def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
+def _side(ahead: Sighting, look: Look, axis: Array) -> Array:
     """Return the x axis (3,) of the port that is seen ahead, through a port with z along ``axis``
     (3,), world frame."""
     side = side_of(look.frame, axis)
