@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import (
     CarriedCamera,
@@ -32,7 +32,7 @@ LOOKS_AHEAD = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
 def looks(
-    network: Assembly, robot: Robot, plates: Sequence[tuple[int, str]] = (), coarse: bool = True
+    network: Assembly, robot: Robot, plates: Sequence[Port] = (), coarse: bool = True
 ) -> mujoco.MjSpec:
     """Return a robot, and the plates that close ports of a network, as they are seen.
 

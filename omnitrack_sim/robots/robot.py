@@ -20,7 +20,7 @@ from omnitrack_sim.base.naming import name_of, named
 from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.events import Event, Outcome
@@ -97,7 +97,7 @@ class SceneOptions:
         looks: for pictures.
     """
 
-    plates: Sequence[tuple[int, str]]
+    plates: Sequence[Port]
     timestep: float
     wall_tolerance: float
     staves: int | None

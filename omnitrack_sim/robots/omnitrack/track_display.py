@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.record.display import (
@@ -39,7 +39,7 @@ FULL_BAR = 0.2
 def looks(
     network: Assembly,
     robot: Omnitrack,
-    plates: Sequence[tuple[int, str]] = (),
+    plates: Sequence[Port] = (),
     coarse: bool = True,
 ) -> mujoco.MjSpec:
     """The robot, and the plates that close ports of a network, as they are seen: without walls.

@@ -26,7 +26,7 @@ from omnitrack_sim.record.metrics import KNOWN
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import Stay
+from omnitrack_sim.show.landmarks import PassageSpan
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -580,7 +580,7 @@ def plot_recording(
     network: Assembly,
     time: Array,
     curves: Mapping[str, Curve],
-    stays: Sequence[Stay],
+    spans: Sequence[PassageSpan],
 ) -> Figure:
     """Draw the figure of ``Recording.plot``.
 
@@ -590,7 +590,7 @@ def plot_recording(
         network: the pipes.
         time: (T,) s.
         curves: by name; ``position`` (T, 3) m is drawn into the pipes, too.
-        stays: of the body in the parts.
+        spans: of the body in the parts.
     """
 
     def draw() -> Figure:
@@ -617,7 +617,7 @@ def plot_recording(
         for number, curve in enumerate(curves.values()):
             last = number + COLUMNS >= len(curves)
             axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
-            _draw_curve(axis, time, curve, stays)
+            _draw_curve(axis, time, curve, spans)
         duration = f"{len(time)} samples, {time[-1] - time[0]:.2f} s"
         headline(grid.figure, title, duration, LEFT)
         return grid.figure
@@ -625,11 +625,11 @@ def plot_recording(
     return page(draw, path, None)
 
 
-def _draw_curve(axis: Axes, time: Array, curve: Curve, stays: Sequence[Stay]) -> None:
+def _draw_curve(axis: Axes, time: Array, curve: Curve, spans: Sequence[PassageSpan]) -> None:
     """Draw one panel, with the parts as bands behind it."""
     display = curve.display
-    for stay in stays:
-        axis.axvspan(time[stay.first], time[stay.last], color=stay.colour, lw=0, zorder=0)
+    for span in spans:
+        axis.axvspan(time[span.first], time[span.last], color=span.colour, lw=0, zorder=0)
     shown = display.scale * curve.values
     for column, values in enumerate(shown.T):
         look: dict[str, Any] = {"color": INK}

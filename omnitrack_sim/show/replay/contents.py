@@ -24,7 +24,7 @@ from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
-from omnitrack_sim.show.landmarks import Landmarks, Stay
+from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
@@ -195,21 +195,21 @@ def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
 
 
 def fittings_table(
-    stays: Iterable[Stay], playback: Playback, leg: Array | None
+    passages: Iterable[PassageSpan], playback: Playback, leg: Array | None
 ) -> list[dict[str, Any]]:
     """The fittings that the robot's centre was in, in order, with times in s; ``leg`` (T,) is the
     index of the leg where there are several."""
     return [
         {
-            "name": stay.part.name,
-            "manoeuvre": stay.words,
-            "colour": stay.colour,
-            "leg": None if leg is None else int(leg[stay.first]) + 1,
-            "tail": bool(playback.backward[stay.first]),
-            "start": float(playback.time[stay.first]),
-            "end": float(playback.time[stay.last]),
+            "name": passage.part.name,
+            "manoeuvre": passage.words,
+            "colour": passage.colour,
+            "leg": None if leg is None else int(leg[passage.first]) + 1,
+            "tail": bool(playback.backward[passage.first]),
+            "start": float(playback.time[passage.first]),
+            "end": float(playback.time[passage.last]),
         }
-        for stay in stays
+        for passage in passages
     ]
 
 

@@ -20,7 +20,7 @@ from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import Landmarks, stays
+from omnitrack_sim.show.landmarks import Landmarks, passage_spans
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
@@ -189,7 +189,7 @@ def _page_run(result: Result) -> contents.PageRun:
         curves=contents.curves_of(trajectory, display),
         phases=contents.phases_table(trajectory),
         fittings=contents.fittings_table(
-            stays(result, trajectory),
+            passage_spans(result, trajectory),
             playback,
             trajectory["leg"] if len(result.routes()) > 1 else None,
         ),
