@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from omnitrack_sim.robots.display import RobotDisplay
+    from omnitrack_sim.robots.odometry import Odometry
 
 STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
@@ -65,7 +66,6 @@ stated."""
 SPECIAL: Mapping[str, Any] = {
     "physics.collider": "exact",
     "start.roll_deg": 0.0,
-    "sensing.kind": "truth",
 }
 """Keys of a scenario that mean something to some robots alone, with what they are for all
 others."""
@@ -402,6 +402,11 @@ class Robot(QuantityModel):
         return RobotDisplay(self)
 
     # What is measured, and how it is judged
+
+    def odometry(self) -> Odometry | None:
+        """Return what its body measures of its motion, for runs by its own sensors
+        (``sensing.kind = "onboard"``); None: nothing is known of that."""
+        return None
 
     @property
     def channels(self) -> Mapping[str, Channel]:
