@@ -33,7 +33,6 @@ from omnitrack_sim.base.table import Table, symbol_of
 from omnitrack_sim.pipes import Port, Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.omnitrack import Omnitrack
@@ -191,11 +190,6 @@ class Scenario(Table):
             looks=looks,
         )
         return self.robot.to_spec(self.route.network, options)
-
-    @property
-    def display(self) -> RobotDisplay:
-        """Looks of the robot in films and on pages."""
-        return self.robot.display
 
     @cached_property
     def bores(self) -> dict[Port, float]:
