@@ -2,7 +2,7 @@
 
 from .autonomy.pilots import Decision as Decision
 from .autonomy.pilots import Pilot as Pilot
-from .autonomy.sight import Ahead as Ahead
+from .autonomy.sight import Sighting as Sighting
 from .base.errors import GeometryError as GeometryError
 from .base.errors import InputError as InputError
 from .base.errors import NetworkError as NetworkError
@@ -41,7 +41,7 @@ from .record.events import Event as Event
 from .record.events import Outcome as Outcome
 from .record.events import Remark as Remark
 from .record.metrics import Metric as Metric
-from .record.timeline import Visit as Visit
+from .record.timeline import PassageRecord as PassageRecord
 from .record.trajectory import Trajectory as Trajectory
 from .results.comparison import Comparison as Comparison
 from .results.comparison import compare as compare

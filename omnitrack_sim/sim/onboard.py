@@ -13,7 +13,7 @@ from omnitrack_sim.autonomy.camera_sight import CameraSight, behind_lens
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.pose_filter import PLACE, POSE, TURN
 from omnitrack_sim.autonomy.relocalisation import Search
-from omnitrack_sim.autonomy.sight import Ahead, Look, is_right
+from omnitrack_sim.autonomy.sight import Look, Sighting, is_right
 from omnitrack_sim.base.rotations import (
     Array,
     Pose,
@@ -346,7 +346,7 @@ class Onboard:
         off = float(np.ptp(slide)) > MOST_SPREAD * radius
         return np.nan if off else 2 * (radius + float(slide.mean()))
 
-    def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Ahead | None:
+    def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Sighting | None:
         """Return a robot's view ahead; the recognition rate compares it with the truth."""
         position = self._state["position"][robot]
         frame = frame_ahead(self._state["rotation"][robot], gear)
