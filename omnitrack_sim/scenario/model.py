@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -498,7 +499,7 @@ def _meaningless(scenario: Scenario) -> Iterator[Fault]:
     """Keys that mean nothing to the robot of the scenario."""
     robot = scenario.robot
     for path, value in SPECIAL.items():
-        given = reduce(getattr, path.split("."), scenario)
+        given = attrgetter(path)(scenario)
         if path not in robot.understands and given != value:
             problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
             yield Fault(path, f"{problem}; leave it at {value!r}")
