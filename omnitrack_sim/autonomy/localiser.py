@@ -282,7 +282,7 @@ class Localiser:
         if np.count_nonzero(self.unknown):
             self._seek_turn(shot, rested)
         # Whole pictures first: gradients converge only from close to the truth.
-        self._narrow_down(shot, rested)
+        self._narrow_down(self.shot, rested)
         self._compare(self.shot, np.flatnonzero(active))
         return True
 
@@ -464,12 +464,20 @@ class Localiser:
         """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
         have moved on. The variances (m,) rad² and m² are those about and along the axis."""
         pose = self.filter
-        turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
-        since = pose.position[robots] - shot.position[robots]
-        position = place + (turn @ since[..., None])[..., 0]
-        rotation = orthonormal(turn @ pose.rotation[robots])
+        turn, before = frame @ np.swapaxes(shot.rotation[robots], 1, 2), shot.position[robots]
+
+        def moved(position: Array, rotation: Array) -> tuple[Array, Array]:
+            since = (turn @ (position[robots] - before)[..., None])[..., 0]
+            return place + since, orthonormal(turn @ rotation[robots])
+
+        position, rotation = moved(pose.position, pose.rotation)
         covariance = standing_covariance(rotation[:, :, 2], step_variance, turn_variance)
         pose.put(robots, position, rotation, covariance)
+        # What this picture and those on their way tell from now on, they tell of the new pose.
+        self.shot = _moved(shot, robots, place, frame)
+        for i, (due, later) in enumerate(self._arriving):
+            new = _moved(later, robots, *moved(later.position, later.rotation))
+            self._arriving[i] = due, new
         self.unknown = with_rows(self.unknown, robots, False)
         self._mismatch = with_rows(self._mismatch, robots, 0.0)
         self._evidence[robots] = 0.0
@@ -492,6 +500,12 @@ def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:
     informative = variance < LOCALISER.variance_drop * before
     gain = np.where(informative, 1 / variance - 1 / before, 0.0)
     return gain, np.where(informative, mean / variance, 0.0)
+
+
+def _moved(shot: Shot, robots: NDArray[np.intp], position: Array, rotation: Array) -> Shot:
+    """A picture with new poses (m, 3) m, (m, 3, 3) of ``robots`` (m,) at its exposure."""
+    position = with_rows(shot.position, robots, position)
+    return shot._replace(position=position, rotation=with_rows(shot.rotation, robots, rotation))
 
 
 def _without(shot: Shot, rows: NDArray[np.intp]) -> Shot:
