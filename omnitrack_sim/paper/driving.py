@@ -185,7 +185,7 @@ _REGION: dict[str, Any] = {"how": "omnitrack singularity", "figures": ("fig9_sec
     expected=ClaimVerdict.CALIBRATED,
     **_REGION,
 )
-def singularity_sector(runs: Runs) -> Measurement:
+def singularity_sector(_runs: Runs) -> Measurement:
     """Compare the singular sector, of which the reach was inferred."""
     return _as_printed(np.degrees(TurnCase().sector), _SECTOR, "degrees")
 
@@ -198,7 +198,7 @@ def singularity_sector(runs: Runs) -> Measurement:
     why=f"A sector of {_SECTOR} of 120 degrees leaves {(120 - _SECTOR) / 2:.2f} on either side.",
     **_REGION,
 )
-def singularity_margin(runs: Runs) -> Measurement:
+def singularity_margin(_runs: Runs) -> Measurement:
     """Compare the safe margin, and what the printed sector leaves."""
     margin = np.degrees(TurnCase().margin)
     return _as_printed(margin, _MARGIN, "degrees", other=(120 - _SECTOR) / 2)
@@ -211,7 +211,7 @@ def singularity_margin(runs: Runs) -> Measurement:
     expected=ClaimVerdict.CALIBRATED,
     **_REGION,
 )
-def singularity_failure_rate(runs: Runs) -> Measurement:
+def singularity_failure_rate(_runs: Runs) -> Measurement:
     """Compare the part of the orientations that is singular."""
     return _as_printed(100 * np.degrees(TurnCase().sector) / 120, _FAILURE, "%")
 
@@ -223,7 +223,7 @@ def singularity_failure_rate(runs: Runs) -> Measurement:
     expected=ClaimVerdict.CALIBRATED,
     **_REGION,
 )
-def singularity_success_rate(runs: Runs) -> Measurement:
+def singularity_success_rate(_runs: Runs) -> Measurement:
     """Compare the part of the orientations that is not."""
     return _as_printed(100 - 100 * np.degrees(TurnCase().sector) / 120, _SUCCESS, "%")
 

@@ -261,7 +261,7 @@ def tee_worse_towards_60(runs: Runs, half_way: float) -> Measurement:
     return Measurement(
         f"{100 * near:.0f} % within 30 degrees, {100 * far:.0f} % beyond; at 60 degrees "
         f"{'passes' if passed[off == 60].any() else 'fails'}",
-        near > far and not passed[off == 60].any(),
+        bool(near > far and not passed[off == 60].any()),
         uncertainty=f"{len(results)} orientations",
     )
 

@@ -123,7 +123,7 @@ def no_slip_driving_down(quick: bool) -> Measurement:
     limits={"off": 0.1},
     how="climber, belt_speed",
 )
-def bend_speeds(quick: bool, off: float) -> Measurement:
+def bend_speeds(_quick: bool, off: float) -> Measurement:
     """Speeds of the tracks in the middle of the bend."""
     results = _elbow(True, "differential", UP)
     laws, speeds = [], []
@@ -150,7 +150,7 @@ def bend_speeds(quick: bool, off: float) -> Measurement:
     limits={"percent": 5},
     how="climber, straight, friction 0.8",
 )
-def climbs(quick: bool, percent: float) -> Measurement:
+def climbs(_quick: bool, percent: float) -> Measurement:
     """The climb."""
     (result,) = _runs({"kind": "straight", "length": 0.3}, [{}])
     speed, asked = largest(result, "mean_speed_m_s"), result.scenario.control.cruise_speed

@@ -124,7 +124,7 @@ def helix_smooth_speed(quick: bool, percent: float) -> Measurement:
     limits={"percent": 80},
     how="a riser of 160 mm",
 )
-def helix_climb(quick: bool, percent: float) -> Measurement:
+def helix_climb(_quick: bool, percent: float) -> Measurement:
     """Compare the speed upwards with that downwards."""
     up, down = _speeds(alone(ELBOW, (_straight(0.16, way) for way in (UP, [0.0, 0.0, -1.0]))))
     return Measurement(

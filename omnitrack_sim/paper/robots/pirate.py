@@ -49,7 +49,7 @@ def _between(*fitting: dict[str, Any], bore: float = 0.1) -> dict[str, Any]:
     limits={"percent": 1},
     how="a level straight of 100 mm",
 )
-def pirate_speed(quick: bool, percent: float) -> Measurement:
+def pirate_speed(_quick: bool, percent: float) -> Measurement:
     """The speed without load."""
     straight = {"pipes": [_straight(1.5)], "start.axis": LEVEL, "run.time_limit": 3.0}
     (run,) = runs_of(ELBOW, [straight])
@@ -132,7 +132,7 @@ def _held(run: Result) -> float:
 
 
 @cache  # claims share the run
-def _pulls(quick: bool) -> float:
+def _pulls(_quick: bool) -> float:
     """Return the pull in a level straight, N, of a force that grows by 1 N/s."""
     straight = {"pipes": [_straight(1.5)], "start.axis": LEVEL}
     (run,) = runs_of(ELBOW, [{**straight, "pull.force": 10.0, "pull.rate": 1.0}])

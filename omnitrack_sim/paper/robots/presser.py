@@ -49,7 +49,7 @@ def _up(**changes: Any) -> dict[str, Any]:
     statement="at 5 % more friction than that it climbs, at 5 % less it slides down",
     how="friction of the walls over weight / (3 preload) from 0.9 to 1.1 in a riser",
 )
-def presser_climb_limit(quick: bool) -> Measurement:
+def presser_climb_limit(_quick: bool) -> Measurement:
     """The weight that three springs hold."""
     robot = Presser()
     weight, grip = robot.mass * GRAVITY, 3 * robot.preload
@@ -75,7 +75,7 @@ def presser_climb_limit(quick: bool) -> Measurement:
     limits={"percent": 1},
     how="a riser of 160 mm",
 )
-def presser_motor_droop(quick: bool, percent: float) -> Measurement:
+def presser_motor_droop(_quick: bool, percent: float) -> Measurement:
     """The speed of climbing under its own weight."""
     robot = Presser()
     (run,) = runs_of(ELBOW, [_up()])

@@ -74,7 +74,7 @@ def _unloaded(lead: float) -> float:
     limits={"percent": 0.1},
     how="plain MuJoCo, walls of solimp 0.99",
 )
-def speed_without_load(quick: bool, percent: float) -> Measurement:
+def speed_without_load(_quick: bool, percent: float) -> Measurement:
     """The speed without load."""
     leads = (0.1, 0.175, 0.35)
     errors = [_unloaded(lead) - 1 for lead in leads]
@@ -95,7 +95,7 @@ def speed_without_load(quick: bool, percent: float) -> Measurement:
     limits={"percent": 1},
     how="screw in a straight",
 )
-def speed_under_weight(quick: bool, percent: float) -> Measurement:
+def speed_under_weight(_quick: bool, percent: float) -> Measurement:
     """The speed up, level and down, of which the motor gives way."""
     axes = {"up": (0, 0, 1), "level": (1, 0, 0), "down": (0, 0, -1)}
     runs = _runs([STRAIGHT], *({"start.axis": a, "run.time_limit": 4.0} for a in axes.values()))
@@ -118,7 +118,7 @@ def speed_under_weight(quick: bool, percent: float) -> Measurement:
     limits={"percent": 2},
     how="screw in a straight without weight, pull.force",
 )
-def torque_of_a_pull(quick: bool, percent: float) -> Measurement:
+def torque_of_a_pull(_quick: bool, percent: float) -> Measurement:
     """The torque that a pull asks for."""
     pulls = (5.0, 15.0, 25.0)
     cases = ({**WEIGHTLESS, "pull.force": pull, "run.time_limit": 4.0} for pull in pulls)
@@ -139,7 +139,7 @@ def torque_of_a_pull(quick: bool, percent: float) -> Measurement:
     limits={"percent": 5},
     how="screw in a straight without weight, pull.rate",
 )
-def slip_limit(quick: bool, percent: float) -> Measurement:
+def slip_limit(_quick: bool, percent: float) -> Measurement:
     """The pull from which on the rotor slips."""
     frictions = (0.2, 0.4)
     cases = ({**WEIGHTLESS, "world.friction": mu, "pull.rate": 4.0} for mu in frictions)
@@ -160,7 +160,7 @@ def slip_limit(quick: bool, percent: float) -> Measurement:
     limits={"still": 5, "turned": 45},
     how="screw, stator_preload 2 N, lead 0.35 rad, 2 s without weight",
 )
-def stator_limit(quick: bool, still: float, turned: float) -> Measurement:
+def stator_limit(_quick: bool, still: float, turned: float) -> Measurement:
     """The pull from which on the stator turns instead of the rotor."""
     robot = Screw(stator_preload=2.0, lead=0.35)
     least = ARMS * robot.stator_preload * 0.8 / math.tan(robot.lead)
