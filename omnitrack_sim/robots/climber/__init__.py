@@ -37,7 +37,6 @@ class Climber(Omnitrack):
 
     understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
     controllers: ClassVar[Mapping[str, str]] = {"steady": "omnitrack_sim.robots.climber:Steady"}
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.climber:MEASURES"
 
     drive: str = quantity(
         "differential",

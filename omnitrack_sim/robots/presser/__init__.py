@@ -80,7 +80,6 @@ class Presser(Robot):
         "bend": "omnitrack_sim.robots.presser:BendSpeeds",
         **Robot.controllers,
     }
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.presser:MEASURES"
 
     @property
     def nominal_speed(self) -> float:
