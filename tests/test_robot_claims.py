@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from typing import ClassVar
 
 import pytest
 from claim_samples import sample_claim
@@ -15,19 +14,20 @@ from test_robots import Ball
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample
 from omnitrack_sim.paper.reproduce import claims_of, reproduce
-from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
+from omnitrack_sim.paper.robots import measures_of
+from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
 from omnitrack_sim.scenario import override
 from omnitrack_sim.sim.run import run_batch
 
-MEASURED = sorted(
-    kind for kind in set(ROBOTS) - {STANDARD} if kind != "mjcf" and robot_class(kind).claims
-)
+MEASURED = sorted(kind for kind in set(ROBOTS) - {DEFAULT} if measures_of(robot_class(kind)))
 
 
 class Roller(Ball):
     """A robot of somebody's own, of which two things are claimed."""
 
-    claims: ClassVar[str] = "test_robot_claims:ROLLER"
+    @classmethod
+    def claims(cls):
+        return (_rolls, _stops)
 
 
 def _rolls(quick: bool) -> Claim:
@@ -38,7 +38,6 @@ def _stops(quick: bool) -> list[Claim]:
     return [sample_claim(ClaimVerdict.FAILS, ClaimVerdict.HOLDS, id="stops")]
 
 
-ROLLER = (_rolls, _stops)
 KIND = "test_robot_claims:Roller"
 
 
@@ -63,11 +62,11 @@ def test_a_robot_brings_its_claims_by_its_class(tmp_path):
 
 def test_a_robot_without_claims_is_refused(tmp_path):
     """Nothing is written, and the command says why."""
-    with pytest.raises(InputError, match="names no claims"):
+    with pytest.raises(InputError, match="has no claims"):
         reproduce(tmp_path / "a", robot="test_robots:Ball")
     done = omnitrack("reproduce", "mjcf", "--out", str(tmp_path / "b"))
     assert done.returncode == 2
-    assert "names no claims" in done.stderr
+    assert "has no claims" in done.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -152,8 +152,7 @@ class Claim:
 
 
 ClaimMeasure = Callable[[bool], Claim | list[Claim]]
-"""Function that measures claims about a robot; True asks for the quick form. ``Robot.claims`` names
-a tuple of them."""
+"""Function that measures claims about a robot; True asks for the quick form."""
 
 
 def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:

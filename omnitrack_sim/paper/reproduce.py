@@ -19,10 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, turns
-from omnitrack_sim.paper.claim import Claim, ClaimMeasure, ClaimVerdict, tally
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, tally
 from omnitrack_sim.paper.claim_figures import (
     along_figure,
     angular_velocity_figure,
@@ -32,9 +31,10 @@ from omnitrack_sim.paper.claim_figures import (
 )
 from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.region import plot_singularity
+from omnitrack_sim.paper.robots import measures_of
 from omnitrack_sim.results.provenance import environment, provenance_of
+from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 from omnitrack_sim.sim.simulation import Progress
@@ -105,7 +105,7 @@ DRIVES = {
 def reproduce(
     directory: str | Path,
     *,
-    robot: str = STANDARD,
+    robot: str = DEFAULT,
     quick: bool = False,
     format: str = "svg",
     progress: Progress | None = None,
@@ -130,7 +130,7 @@ def reproduce(
     """
     # Before the runs, which take long: a folder that may not be replaced is refused at once.
     check_folder(directory, CLAIMS_FILE)
-    standard = robot == STANDARD
+    standard = robot == DEFAULT
     if standard:
         runs = run_all(scenarios(quick), progress)
         claims, title = measure(runs, quick), TITLE
@@ -161,7 +161,7 @@ def measure(runs: Runs, quick: bool) -> list[Claim]:
 
 
 def claims_of(robot: str, quick: bool = False, progress: Progress | None = None) -> list[Claim]:
-    """Measure the claims that a robot other than the omnidirectional one names by its class.
+    """Measure the claims about a robot other than the omnidirectional one.
 
     Args:
         robot: its kind.
@@ -171,10 +171,9 @@ def claims_of(robot: str, quick: bool = False, progress: Progress | None = None)
     Raises:
         InputError: there is no such robot, or it has no claims.
     """
-    kind = robot_class(robot)
-    if not kind.claims:
-        raise InputError(Fault("ROBOT", f"{robot!r} names no claims: its class has no `claims`"))
-    measures: tuple[ClaimMeasure, ...] = named(kind.claims, "claims", {})
+    measures = measures_of(robot_class(robot))
+    if not measures:
+        raise InputError(Fault("ROBOT", f"{robot!r} has no claims: its class has no `claims`"))
     claims: list[Claim] = []
     for i, function in enumerate(measures):
         if progress is not None:

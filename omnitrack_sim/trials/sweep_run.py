@@ -19,8 +19,8 @@ from omnitrack_sim.base.rotations import Array, direction_of
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.robots.kinds import DEFAULT
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.robots.robot import STANDARD
 from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.show.plots.style import chart, figure_bytes, page
 from omnitrack_sim.show.plots.success import (
@@ -349,7 +349,7 @@ def turn_case(sweep: Sweep) -> TurnCase | None:
     """Return robot and tee of the first base; None if its route does not turn in a tee, or the
     robot has no modules that turn it."""
     scenario = next(iter(sweep.bases.values()))
-    if scenario.robot.kind != STANDARD:
+    if scenario.robot.kind != DEFAULT:
         return None
     # Missions are left out: they may turn in several tees.
     for passage in scenario.route.passages if scenario.pipes else ():

@@ -13,7 +13,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive
-from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
+from omnitrack_sim.robots.control import Actuation, Controller, ControlSetup, Observation
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
@@ -77,11 +77,12 @@ class Presser(Robot):
         4e-4, "kg m²", "assumed", "of a wheel with its motor behind the gears"
     )
 
-    controllers: ClassVar[Mapping[str, str]] = {
-        "bend": "omnitrack_sim.robots.presser:BendSpeeds",
-        **Robot.controllers,
-    }
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.presser:MEASURES"
+    kind: ClassVar[str] = "presser"
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """See ``Robot``."""
+        return {"bend": BendSpeeds, **super().controllers()}
 
     @property
     def nominal_speed(self) -> float:
