@@ -2,7 +2,7 @@
 
 from .autonomy.pilots import Decision as Decision
 from .autonomy.pilots import Pilot as Pilot
-from .autonomy.sight import Ahead as Ahead
+from .autonomy.sight import Sighting as Sighting
 from .base.errors import GeometryError as GeometryError
 from .base.errors import InputError as InputError
 from .base.errors import NetworkError as NetworkError
@@ -41,7 +41,7 @@ from .record.events import Event as Event
 from .record.events import Outcome as Outcome
 from .record.events import Remark as Remark
 from .record.metrics import Metric as Metric
-from .record.timeline import Visit as Visit
+from .record.timeline import PassageRecord as PassageRecord
 from .record.trajectory import Trajectory as Trajectory
 from .results.comparison import Comparison as Comparison
 from .results.comparison import compare as compare
@@ -53,6 +53,11 @@ from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
 from .robots.feature import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
+from .robots.odometry import BodyReadings as BodyReadings
+from .robots.odometry import Limbs as Limbs
+from .robots.odometry import LookAround as LookAround
+from .robots.odometry import Motion as Motion
+from .robots.odometry import Odometry as Odometry
 from .robots.omnitrack.control.command import Command as Command
 from .robots.omnitrack.drive import DRIVES as DRIVES
 from .robots.omnitrack.drive import Drive as Drive

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.mission import Mission
-from omnitrack_sim.autonomy.sight import Ahead, Look, TrueSight
+from omnitrack_sim.autonomy.sight import Look, Sighting, TrueSight
 from omnitrack_sim.base.rotations import TURNED, rotation_about
 from omnitrack_sim.pipes import ARCS
 from omnitrack_sim.pipes.network import Network
@@ -43,7 +43,7 @@ class Ghost:
         goals: Collection[str] = (),
         seen: Collection[str] = (),
         hidden: Collection[str] = (),
-        erring: Callable[[Ahead], Ahead | None] = lambda ahead: ahead,
+        erring: Callable[[Sighting], Sighting | None] = lambda ahead: ahead,
         lag: float = 0.0,
         slip: tuple[float, float] = (np.inf, 0.0),
         arms: bool = False,
@@ -126,7 +126,7 @@ class Ghost:
         self.behind |= new
         return len(new)
 
-    def _look(self, position, frame) -> Ahead | None:
+    def _look(self, position, frame) -> Sighting | None:
         ahead = self.sight.look(0, position, frame)
         return None if ahead is None else self.erring(ahead)
 

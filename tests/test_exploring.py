@@ -13,7 +13,7 @@ from network_samples import elbow, forked, joint, reducer, straight, tee
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.looking import LOOKS, Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import Ahead, Look
+from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.base.rotations import Pose, angle_between, rotation_about
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -134,7 +134,7 @@ def test_a_bend_is_confirmed_though_the_first_sighting_was_off(ends, last):
     confirmation, bend = Confirmation(), Elbow(0.24)
     for i, end in enumerate(ends):
         distance = 2.164 + 0.01 * i
-        ahead = Ahead(bend, "start", distance=end - distance)
+        ahead = Sighting(bend, "start", distance=end - distance)
         confirmed = confirmation.confirms(ahead, distance, np.array([1.0, 0.0, 0.0]))
         assert confirmed == (last and i == len(ends) - 1)
 
@@ -144,7 +144,7 @@ def test_cones_to_different_bores_do_not_confirm_each_other():
     2 mm apart."""
     confirmation, side = Confirmation(), np.array([1.0, 0.0, 0.0])
     cones = [Reducer(0.1, bore, 0.16) for bore in (0.152, 0.171, 0.17)]
-    looks = [Ahead(cone, "start", distance=0.06) for cone in cones]
+    looks = [Sighting(cone, "start", distance=0.06) for cone in cones]
     assert [confirmation.confirms(look, 0.95, side) for look in looks] == [False, False, True]
 
 
@@ -320,7 +320,7 @@ def test_slip_of_the_belts_does_not_change_a_length(by, where):
     between them."""
 
     def near(ahead):
-        far = Ahead(distance=0.4, axis=ahead.axis)
+        far = Sighting(distance=0.4, axis=ahead.axis)
         return ahead if ahead.distance < 0.4 else far
 
     parts = [straight("foot", 0.6), elbow("bend"), straight("on", 0.7)]
@@ -345,7 +345,7 @@ def test_a_look_from_afar_places_an_elbow_whose_angle_hardly_shows():
         if not isinstance(ahead.fitting, Elbow) or ahead.enter != "start":
             return ahead
         if ahead.distance > 0.4:
-            return Ahead(distance=0.4, axis=ahead.axis)
+            return Sighting(distance=0.4, axis=ahead.axis)
         return replace(ahead, distance_std=0.002, size_stds={"angle": 0.15, "mean_radius": 0.02})
 
     parts = [straight("foot", 0.7), elbow("bend"), straight("on", 0.5)]
@@ -389,7 +389,7 @@ def test_looks_back_that_move_a_robot_by_millimetres_do_not_hide_that_belts_slip
     def erring(ahead):
         cone = isinstance(ahead.fitting, Reducer)
         if ahead.distance > (0.3 if cone else 0.5):
-            return Ahead(distance=0.4, axis=ahead.axis)
+            return Sighting(distance=0.4, axis=ahead.axis)
         wrong = next(errors) if cone else 0.0
         return replace(ahead, distance=ahead.distance + wrong, distance_std=0.002)
 
@@ -446,7 +446,7 @@ def test_looks_from_close_by_count_though_later_ones_show_no_cone(then: str):
         near.append(ahead)
         if len(near) < 3:
             return replace(ahead, distance_std=0.001, size_stds={"length": 0.003})
-        once = Ahead(distance=0.2, axis=ahead.axis)
+        once = Sighting(distance=0.2, axis=ahead.axis)
         return once if then == "free" and len(near) == 3 else None
 
     cone = reducer("cone", 0.15, length=0.1)
@@ -486,7 +486,7 @@ def test_a_robot_whose_belts_slip_looks_back_as_long_as_it_sees_what_is_behind()
 
     def erring(ahead):
         if ahead.distance > 0.4:
-            return Ahead(distance=0.4, axis=ahead.axis)
+            return Sighting(distance=0.4, axis=ahead.axis)
         return replace(ahead, distance_std=0.001)
 
     parts = [straight("foot", 0.4), elbow("bend"), straight("on", 0.9)]
@@ -1075,7 +1075,7 @@ def measured_from_behind(off) -> tuple[float, float]:
     return elbow.mean_radius, on.length_of_axes
 
 
-def longer(ahead: Ahead, by: float, std: float = 0.001) -> Ahead:
+def longer(ahead: Sighting, by: float, std: float = 0.001) -> Sighting:
     """A sighting of a bend of a radius that is longer by ``by`` m, from close to within 6 mm."""
     assert isinstance(ahead.fitting, Elbow)
     bend = replace(ahead.fitting, mean_radius=ahead.fitting.mean_radius + by)
@@ -1115,7 +1115,7 @@ def test_a_pipe_with_looks_at_its_end_that_differ_is_in_doubt(where):
 
     def off(ahead):
         if ahead.distance > 0.4:
-            return Ahead(distance=0.4, axis=ahead.axis)
+            return Sighting(distance=0.4, axis=ahead.axis)
         far = ahead.end == "open" and ahead.distance > 0.3
         wrong = 0.035 if far and where == np.inf else 0.0
         return replace(ahead, distance=ahead.distance + wrong, distance_std=0.003)
@@ -1297,7 +1297,7 @@ def test_a_reducer_that_only_arms_find_behind_a_fitting_is_put_before_that(confi
 
     def doubted(ahead):
         free = ahead.fitting is None and ahead.distance > 0.4
-        return Ahead(distance=0.4, axis=ahead.axis, confidence=confidence) if free else ahead
+        return Sighting(distance=0.4, axis=ahead.axis, confidence=confidence) if free else ahead
 
     ghost = Ghost(behind_a_reducer(0.17), "foot.start", arms=True, erring=doubted)
     ghost.sight = Dim(ghost.sight, Ghost(behind_a_reducer(0.16), "foot.start").sight)
@@ -1336,7 +1336,7 @@ def test_no_plate_is_where_the_robots_nose_is():
         if isinstance(ahead.fitting, Tee) or ahead.end or ahead.distance > 0.3 or len(looks) > 1:
             return ahead
         looks.append(ahead)
-        return Ahead(end="closed", distance=0.075)
+        return Sighting(end="closed", distance=0.075)
 
     ghost = explored("house_sewer", "sewer", erring=wall)
     difference = compare_maps(ghost.explorer.belief.network, ghost.network, "sewer")
@@ -1422,7 +1422,7 @@ def test_a_reducer_out_of_a_fitting_whose_ends_do_not_show_is_none():
         if ahead.end != "open" or ahead.distance < 0.73:
             return ahead
         unsure.append(ahead)
-        cone = Ahead(Reducer(0.1, 0.2), "start", distance=0.09 + 0.001 * len(unsure))
+        cone = Sighting(Reducer(0.1, 0.2), "start", distance=0.09 + 0.001 * len(unsure))
         return replace(cone, distance_std=0.035, axis=ahead.axis)
 
     parts = [straight("foot", 0.5), tee("tee"), straight("side", 0.4), straight("on", 0.7)]
@@ -1537,10 +1537,13 @@ def test_a_bend_that_has_been_seen_counts_though_the_lens_is_too_near_to_it_then
     def look(distance, ahead):
         explorer.on_look(Look(0.0, distance, ahead, None, frame))
 
-    look(0.1, Ahead(distance=0.4, axis=axis))
+    look(0.1, Sighting(distance=0.4, axis=axis))
     at = explorer.looks_at
     explorer.look_at = explorer.leg.end - 0.011
-    look(explorer.look_at, Ahead(Elbow(0.24), "start", distance=0.1, distance_std=0.001, axis=axis))
+    look(
+        explorer.look_at,
+        Sighting(Elbow(0.24), "start", distance=0.1, distance_std=0.001, axis=axis),
+    )
     assert at < explorer.looks_at <= explorer.leg.end
     look(explorer.looks_at, None)
     kinds = [part.fitting.kind for part in explorer.belief.network.pipes.parts]
@@ -1583,7 +1586,7 @@ def test_a_robot_that_lies_across_the_pipe_believes_no_look(lean, believed):
     ghost = Ghost(validate({"fittings": [straight("foot", 0.9)], "joints": []}), "foot.start")
     frame = rotation_about([1.0, 0.0, 0.0], np.radians(lean))
     explorer, axis = ghost.explorer, frame.T @ [0.0, 0.0, 1.0]
-    ahead = Ahead(end="open", distance=0.15, distance_std=0.01, axis=axis)
+    ahead = Sighting(end="open", distance=0.15, distance_std=0.01, axis=axis)
     explorer.on_look(Look(0.0, explorer.looks_at, ahead, None, frame))
     assert (explorer.belief.ends == {(0, "end"): "open"}) == believed
 

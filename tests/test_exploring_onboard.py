@@ -11,10 +11,10 @@ from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.camera_sight import CameraSight, ahead_of, by_depth, by_lamp
+from omnitrack_sim.autonomy.camera_sight import CameraSight, by_depth, by_lamp, sighting_of
 from omnitrack_sim.autonomy.looking import common_std
-from omnitrack_sim.autonomy.recognition import Sighting
-from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.autonomy.recognition import Detection
+from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.cli.runs import print_result
 from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Straight, Tee, Wye
@@ -193,21 +193,21 @@ def test_what_follows_a_bend_directly_is_seen_by_a_lens_that_has_passed_the_port
 
 def test_a_lens_before_a_wall_sees_no_plate():
     """A flat wall at the lens is no end of the pipe: the robot lies across it."""
-    plate = Sighting(
+    plate = Detection(
         "closed end", "", {}, 0.01, 0.0, 1e-6 * np.eye(2), 1.0, np.zeros(2), np.zeros(2)
     )
-    assert ahead_of(plate, 0.16, 0.07, 0.024) is None
-    assert ahead_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
+    assert sighting_of(plate, 0.16, 0.07, 0.024) is None
+    assert sighting_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
 
 
 @pytest.mark.parametrize(("length", "told"), [(0.034, False), (0.1, True)])
 def test_a_reducer_as_short_as_can_be_is_none(length, told):
     """Out of a wye, a lens that leant saw one of 32 to 35 mm twice, and another one behind it."""
     sizes = {"end_diameter": 0.17, "length": length}
-    seen = Sighting(
+    seen = Detection(
         "reducer", "start", sizes, 0.1, 0.0, 1e-6 * np.eye(4), 1.0, np.zeros(2), np.zeros(2)
     )
-    assert (ahead_of(seen, 0.16, 0.07, 0.024) is not None) == told
+    assert (sighting_of(seen, 0.16, 0.07, 0.024) is not None) == told
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_a_reducer_as_short_as_can_be_is_none(length, told):
 def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, confidence):
     """An elbow that seems to bend farther than one that is sold has its angle, and the radius that
     was seen; cones and free pipe hardly show."""
-    told = by_lamp(Ahead(fitting=seen), in_pipe)
+    told = by_lamp(Sighting(fitting=seen), in_pipe)
     assert told.confidence == confidence
     if angle is not None:
         assert isinstance(told.fitting, Elbow)
@@ -235,7 +235,7 @@ def test_what_a_lamp_shows_badly_is_not_taken_for_sure(seen, in_pipe, angle, con
 def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
     """Whatever a single look tells."""
     stds = {"mean_radius": 0.002, "angle": 0.1}
-    told = by_lamp(Ahead(fitting=Elbow(0.24), size_stds=stds), True)
+    told = by_lamp(Sighting(fitting=Elbow(0.24), size_stds=stds), True)
     assert told.size_stds == {"mean_radius": pytest.approx(0.006), "angle": 0.1}
 
 
@@ -250,7 +250,7 @@ def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
 )
 def test_by_depth_a_fitting_is_better_known_than_a_picture_tells(seen, told, std):
     """Its sizes and its position are confounded there, and agree better than they tell."""
-    known = by_depth(Ahead(fitting=seen, distance_std=told)).distance_std
+    known = by_depth(Sighting(fitting=seen, distance_std=told)).distance_std
     assert known == pytest.approx(std, abs=5e-5)
 
 

@@ -122,9 +122,9 @@ def test_rolling_wheels_hardly_slip_and_carry_the_preload(run):
 
 def test_the_timeline_is_of_what_touches(run):
     """Mean and least force of a straight are those of the wheels, not of bodies in the air."""
-    (visit,) = run.timeline()
-    assert visit.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
-    assert visit.normal_force_min_n > 10.0
+    (passage,) = run.timeline()
+    assert passage.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
+    assert passage.normal_force_min_n > 10.0
 
 
 def test_a_run_reads_back_as_it_was_saved(run, tmp_path):
@@ -175,7 +175,7 @@ def test_a_robot_that_does_not_fit_is_refused():
         ({"robot": {"kind": "presser", "prelaod": 3}}, "robot.prelaod", "preload"),
         ({"robot": "gone.xml"}, "robot.file", "cannot be read"),
         ({"robot": "presser", "physics": {"collider": "primitives"}}, "physics.collider", "kind"),
-        ({"robot": "presser", "sensing": {"kind": "onboard"}}, "sensing.kind", "kind"),
+        ({"robot": "snake", "sensing": {"kind": "onboard"}}, "sensing.kind", "odometry"),
         ({"robot": "presser", "start": {"roll_deg": 20}}, "start.roll_deg", "kind"),
         ({"robot": "presser", "control": {"kind": "jacobian"}}, "control.kind", "own"),
     ],

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
-from omnitrack_sim.autonomy.recognition import Recogniser, Sighting
+from omnitrack_sim.autonomy.recognition import Detection, Recogniser
 from omnitrack_sim.autonomy.recognition.forms import (
     CENTRED,
     DISTANCE,
@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     numbers_at,
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
-from omnitrack_sim.autonomy.sight import Ahead
+from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Passage, Reducer, Route, Wye
@@ -110,7 +110,7 @@ class CameraSight:
 
     def look(
         self, robot: int, truth: Pose, passage: Passage, estimate: Pose | None = None
-    ) -> Ahead | None:
+    ) -> Sighting | None:
         """Return the sighting of one robot; see ``TrueSight.look``. As by error-free sight, a robot
         in a fitting sees on when it lies along the pipe beyond.
 
@@ -141,7 +141,7 @@ class CameraSight:
         pose = truth.position[None], truth.rotation[None], nose
         picture = self._eyes.take(np.array([robot]), *pose, number, every)[0]
         recogniser = _recogniser(self._table.model_dump_json(), bore)
-        ahead = ahead_of(recogniser.single(picture, prior), bore, lens, nearest)
+        ahead = sighting_of(recogniser.single(picture, prior), bore, lens, nearest)
         if ahead is None:
             return None
         lamp = self._eyes.mount.camera.lamp
@@ -158,54 +158,54 @@ def behind_lens(route: Route, lens: float) -> Passage:
     return route.passages[index - 1] if new and lens - here.s_enter < past else here
 
 
-def ahead_of(sighting: Sighting, bore: float, lens: float, nearest: float) -> Ahead | None:
+def sighting_of(detection: Detection, bore: float, lens: float, nearest: float) -> Sighting | None:
     """Return a sighting as seen from the robot's centre; None where it is ambiguous.
 
     Args:
-        sighting: from the lens.
+        detection: as seen from the lens.
         bore: m, of the pipe.
         lens: m, from the robot's centre to the lens.
         nearest: m, from the lens up to which a fitting or an end is ignored.
     """
-    if sighting.confidence < RECOGNISER.confidence:
+    if detection.confidence < RECOGNISER.confidence:
         return None
     numbers = np.zeros((1, PLACES))
-    numbers[0, :DISTANCE] = *sighting.aside, *sighting.tilt
-    numbers[0, TURN] = sighting.turn
+    numbers[0, :DISTANCE] = *detection.aside, *detection.tilt
+    numbers[0, TURN] = detection.turn
     # The robot's frame in that of the port plane, z on into the fitting and x as of the port.
     frame = cameras(numbers, [STILL])[1][0, 0]
     centre, reach = lens * float(frame[2, 2]), CAMERA_SIGHT.reach * bore
-    ahead = Ahead(
-        distance=centre + min(sighting.distance, reach),
-        confidence=sighting.confidence,
+    ahead = Sighting(
+        distance=centre + min(detection.distance, reach),
+        confidence=detection.confidence,
         axis=frame[2],
     )
-    if sighting.kind == "straight" and sighting.distance < CAMERA_SIGHT.least_free * bore:
+    if detection.kind == "straight" and detection.distance < CAMERA_SIGHT.least_free * bore:
         return None
-    if sighting.kind == "straight" or sighting.distance > reach:
+    if detection.kind == "straight" or detection.distance > reach:
         return ahead
-    if sighting.distance < nearest:
+    if detection.distance < nearest:
         return None
-    along, about, *spread = sighting.stds.tolist()
-    if sighting.kind in ENDS:
-        return replace(ahead, end=ENDS[sighting.kind], distance_std=along)
-    names = sighting.kind, sighting.enter
+    along, about, *spread = detection.stds.tolist()
+    if detection.kind in ENDS:
+        return replace(ahead, end=ENDS[detection.kind], distance_std=along)
+    names = detection.kind, detection.enter
     form = next(form for form in forms(bore) if (form.kind, form.enter) == names)
     assert form.make is not None
     try:
-        fitting = form.make(**sighting.sizes)
+        fitting = form.make(**detection.sizes)
     except GeometryError:
         return None
     if isinstance(fitting, Reducer) and fitting.length < CAMERA_SIGHT.shortest * bore:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)
-    stds = dict(zip(sighting.sizes, spread, strict=True))
-    both = np.delete(np.delete(sighting.covariance, 1, 0), 1, 1)  # less the turn
-    return replace(located, fitting=fitting, enter=sighting.enter, size_stds=stds, covariance=both)
+    stds = dict(zip(detection.sizes, spread, strict=True))
+    both = np.delete(np.delete(detection.covariance, 1, 0), 1, 1)  # less the turn
+    return replace(located, fitting=fitting, enter=detection.enter, size_stds=stds, covariance=both)
 
 
-def by_depth(ahead: Ahead) -> Ahead:
+def by_depth(ahead: Sighting) -> Sighting:
     """Return a sighting by the depth camera with standard deviations of its distance as looks
     scatter."""
     std = ahead.distance_std
@@ -219,7 +219,7 @@ def by_depth(ahead: Ahead) -> Ahead:
     return replace(ahead, distance_std=std, covariance=covariance)
 
 
-def by_lamp(ahead: Ahead, in_pipe: bool) -> Ahead:
+def by_lamp(ahead: Sighting, in_pipe: bool) -> Sighting:
     """Return a sighting by a lamp with what a lamp shows badly, out of a pipe or of a fitting."""
     seen = ahead.fitting
     # Its sizes are off by more than they scatter, and would move the distance with them.

@@ -39,7 +39,7 @@ from omnitrack_sim.autonomy.looking import (
     size_stds,
 )
 from omnitrack_sim.autonomy.pilots import Decision, MapPilot, Replan
-from omnitrack_sim.autonomy.sight import Ahead, Look, side_of
+from omnitrack_sim.autonomy.sight import Look, Sighting, side_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
 from omnitrack_sim.pipes import (
@@ -48,6 +48,7 @@ from omnitrack_sim.pipes import (
     Elbow,
     Fitting,
     Passage,
+    Port,
     Reducer,
     Route,
     Straight,
@@ -56,7 +57,6 @@ from omnitrack_sim.pipes import (
 )
 from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
-from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
@@ -166,8 +166,8 @@ class Explorer(MapPilot):
         # m, what the arms have read more than the map has, in pipes where they agree with it.
         self._read_more: list[float] = []
         self._missed: MissedReducer | None = None
-        self._left: dict[End, str] = {}  # ports that it has given up, and why
-        self._tried_again: set[End] = set()  # ports given up that it has reopened once
+        self._left: dict[Port, str] = {}  # ports that it has given up, and why
+        self._tried_again: set[Port] = set()  # ports given up that it has reopened once
         self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._back.placed = 0, distance, 0.0
@@ -355,7 +355,7 @@ class Explorer(MapPilot):
         with_ahead = known and distance >= self.look_at
         return self._missed is not None or with_ahead or distance >= self._back.at(route)
 
-    def _next_look(self, ahead: Ahead, look: Look, route: Route) -> float | None:
+    def _next_look(self, ahead: Sighting, look: Look, route: Route) -> float | None:
         """Return the arc length, m, of the look that is needed before a sighting is believed; None
         where none is."""
         distance = look.distance
@@ -383,7 +383,7 @@ class Explorer(MapPilot):
         near = self._half + self._robot.nose_room
         return ahead is not None and ahead.end == "closed" and ahead.distance < near
 
-    def _is_confirmed(self, ahead: Ahead, look: Look, route: Route) -> bool:
+    def _is_confirmed(self, ahead: Sighting, look: Look, route: Route) -> bool:
         """Return whether a sighting out of a fitting agrees with the one before; other sightings
         need no confirmation."""
         out_of, distance = self._before(route), look.distance
@@ -405,7 +405,7 @@ class Explorer(MapPilot):
         side = _side(ahead, look, self.belief.port((out_of[0], out_of[2])).rotation[:, 2])
         return self._confirmation.confirms(ahead, distance, side)
 
-    def _is_rest(self, ahead: Ahead, look: Look, out_of: Edge) -> bool:
+    def _is_rest(self, ahead: Sighting, look: Look, out_of: Edge) -> bool:
         """Return whether a bend sighted out of another bend may be the far end of that one."""
         part, enter, leave = out_of
         bend = self.belief.fitting(part)
@@ -644,7 +644,7 @@ class Explorer(MapPilot):
         observed = _end_of(self.leg.path) in belief.ends
         self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
 
-    def _look_closer(self, ahead: Ahead, path: tuple[Edge, ...], distance: float) -> None:
+    def _look_closer(self, ahead: Sighting, path: tuple[Edge, ...], distance: float) -> None:
         """Plan another look at the end of a path from close by, if the robot is far from it."""
         close = self._closer.begin(ahead, self.planner.route(path), distance)
         self.look_at = self.look_at if close is None else close
@@ -668,7 +668,7 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
-    def _measure_sizes(self, ahead: Ahead, look: Look, route: Route) -> None:
+    def _measure_sizes(self, ahead: Sighting, look: Look, route: Route) -> None:
         """Keep a sighting of a reducer or an elbow from close by, with those of the same kind just
         before it; now and then one shows free pipe where there is a shallow cone."""
         sized, free = self._shows_sizes(ahead, route), ahead.kind == ("", "")
@@ -685,13 +685,13 @@ class Explorer(MapPilot):
         axis = self.belief.port((part, leave)).rotation[:, 2]
         return look.ahead is not None and is_along(look.ahead, look.frame, axis)
 
-    def _shows_sizes(self, ahead: Ahead, route: Route) -> bool:
+    def _shows_sizes(self, ahead: Sighting, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
         near = ahead.distance - self._half < LOOKS.close + LOOKS.doubt
         close = near or self._closer.index(route) is not None
         return isinstance(ahead.fitting, Reducer | Elbow) and close
 
-    def _measures_on(self, ahead: Ahead, route: Route, distance: float) -> bool:
+    def _measures_on(self, ahead: Sighting, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
         again = distance + LOOKS.doubt
         late = again > self.leg.end or self._closer.too_late(again, route)
@@ -764,7 +764,7 @@ class Explorer(MapPilot):
         return share * more
 
     def _add_fitting(
-        self, fitting: Fitting, ahead: Ahead, path: tuple[Edge, ...], look: Look
+        self, fitting: Fitting, ahead: Sighting, path: tuple[Edge, ...], look: Look
     ) -> Decision:
         """Add a fitting sighted at the end of a path to the map, and extend the leg into it."""
         belief, end, time, distance = self.belief, _end_of(path), look.time, look.distance
@@ -813,7 +813,7 @@ class Explorer(MapPilot):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
 
-    def _measure_later(self, part: int, ahead: Ahead, weight: float) -> None:
+    def _measure_later(self, part: int, ahead: Sighting, weight: float) -> None:
         """Have a new fitting measured when the robot has come through it: the angle of a bend, and
         sizes that are in doubt; ``weight``: of those that the map has, see ``CloseLooks``."""
         fitting, name = self.belief.fitting(part), self.belief.part_name(part)
@@ -838,7 +838,7 @@ class Explorer(MapPilot):
         _, at, std = placed
         return math.hypot(end_std, std, LOOKS.travel * (look.distance - at))
 
-    def _shows_axis(self, ahead: Ahead, std: float) -> bool:
+    def _shows_axis(self, ahead: Sighting, std: float) -> bool:
         """Return whether a sighting shows how the pipe lies: where a bend begins nearer than a lens
         sees the wall, no straight wall does. ``std``: as of ``_measure_bend``."""
         near = ahead.distance - self._half < EXPLORER.blind
@@ -884,7 +884,7 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         return True
 
-    def _closes(self, time: float, end: End, other: End) -> Event:
+    def _closes(self, time: float, end: Port, other: Port) -> Event:
         """Close a loop of the map; it is in doubt where its ends miss each other by more than what
         was measured around it may be off by."""
         miss, doubtful = self.belief.close(end, other)
@@ -908,7 +908,7 @@ class Explorer(MapPilot):
         path = (*self.leg.path, (part, enter, leave))
         return path if distance <= self.planner.latest_stand(path, len(path) - 1) else None
 
-    def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
+    def _inspected(self, time: float, distance: float, end: Port, goal: str) -> Decision:
         """Decide at an observed end: mark it as explored, and go on to another port."""
         belief, reached = self.belief, goal if goal in self.goals else ""
         self._falls = self._most_falls
@@ -1009,14 +1009,14 @@ class Explorer(MapPilot):
             return [ExplorationIncomplete(self._number, time, fittings, ends, self.left)]
         return [ExplorationComplete(self._number, time, fittings, ends)]
 
-    def _give_up_port(self, end: End, why: str) -> None:
+    def _give_up_port(self, end: Port, why: str) -> None:
         """Leave a port unexplored."""
         self._assumed = 0.0
         self.belief.note(end, "impassable")
         self.belief.done(end)
         self._left[end] = why
 
-    def _least(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
+    def _least(self, goals: Sequence[Port], plan: Replan) -> list[Leg] | None:
         """Return legs to that of the ports ``goals`` which costs least; None where no path leads to
         any."""
         planner = self._through(goals)
@@ -1062,20 +1062,20 @@ class Explorer(MapPilot):
         end = self.planner.route(leg.path).length - self._half - self._robot.nose_room
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
-    def _through(self, goals: Sequence[End]) -> LegPlanner:
+    def _through(self, goals: Sequence[Port]) -> LegPlanner:
         """Return the planner of legs through the present map, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
         return LegPlanner(self.belief.network, ends, names, self._robot, self._arcs)
 
 
-def _end_of(path: Sequence[Edge]) -> End:
+def _end_of(path: Sequence[Edge]) -> Port:
     """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave
 
 
-def _side(ahead: Ahead, look: Look, axis: Array) -> Array:
+def _side(ahead: Sighting, look: Look, axis: Array) -> Array:
     """Return the x axis (3,) of the port that is seen ahead, through a port with z along ``axis``
     (3,), world frame."""
     side = side_of(look.frame, axis)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief, unsure
-from omnitrack_sim.autonomy.sight import Ahead, Look
+from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.base.rotations import TURNED, Array, angle_between
 from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Straight, Wye
 from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
@@ -162,10 +162,10 @@ class Confirmation:
     def __init__(self) -> None:
         # The sighting to be confirmed, where it is, and from where it was made, m, and the
         # direction of the fitting.
-        self._first: tuple[Ahead, float, float, Array] | None = None
+        self._first: tuple[Sighting, float, float, Array] | None = None
         self.side: Array | None = None
 
-    def confirms(self, ahead: Ahead, distance: float, side: Array) -> bool:
+    def confirms(self, ahead: Sighting, distance: float, side: Array) -> bool:
         """Return whether a sighting made at arc length ``distance`` m, of a fitting in direction
         ``side`` (3,), confirms the one before; if it does not, the next one is compared with it."""
         at, bends, confirmed = distance + ahead.distance, isinstance(ahead.fitting, Elbow), False
@@ -192,7 +192,7 @@ class Confirmation:
         return "" if kind == Elbow.kind else kind
 
 
-def _may_be_one(first: Ahead, second: Ahead) -> bool:
+def _may_be_one(first: Sighting, second: Sighting) -> bool:
     """Return whether two sightings may show one fitting: of the same kind, and a reducer to the
     same bore. By a lamp what no form explains looks like any cone."""
     one, other = first.fitting, second.fitting
@@ -207,10 +207,10 @@ class CloseLooks:
 
     def __init__(self) -> None:
         # Each sighting, and the arc length of the robot then, m.
-        self._looks: list[tuple[Ahead, float]] = []
+        self._looks: list[tuple[Sighting, float]] = []
 
     @property
-    def latest(self) -> tuple[Ahead, float] | None:
+    def latest(self) -> tuple[Sighting, float] | None:
         """The latest sighting, and the arc length at which it was made, m; None without any."""
         return self._looks[-1] if self._looks else None
 
@@ -218,11 +218,11 @@ class CloseLooks:
         """Forget all sightings."""
         self._looks = []
 
-    def are_of(self, ahead: Ahead) -> bool:
+    def are_of(self, ahead: Sighting) -> bool:
         """Return whether the sightings are of the kind of ``ahead``; False without any."""
         return bool(self._looks) and self._looks[-1][0].kind == ahead.kind
 
-    def add(self, ahead: Ahead, distance: float) -> None:
+    def add(self, ahead: Sighting, distance: float) -> None:
         """Add a sighting made at arc length ``distance`` m."""
         self._looks.append((ahead, distance))
 
@@ -241,7 +241,7 @@ class CloseLooks:
         )
         return bool(more) and len(self._looks) < LOOKS.for_more
 
-    def begin_of(self, ahead: Ahead, distance: float) -> tuple[float, float]:
+    def begin_of(self, ahead: Sighting, distance: float) -> tuple[float, float]:
         """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
         length ``distance`` m, and its standard deviation: the mean of all sightings of its kind,
         weighted by their variances. The last of them sees the cone of a reducer from too near."""
@@ -412,7 +412,9 @@ class LookingBack:
         here = route.passages[i]
         self._again, self._once_more = distance + LOOKS.behind_again, math.inf
         given = (
-            None if i == 0 or behind is None else self._given(behind, route.passages[i - 1].index)
+            None
+            if i == 0 or behind is None
+            else self._conditioned(behind, route.passages[i - 1].index)
         )
         if behind is None or given is None or not self._is_clear(route, i, given, look.frame):
             self._again = distance + LOOKS.behind_again * 2 ** self._vain[here.index]
@@ -483,7 +485,7 @@ class LookingBack:
         self.placed = part, located, max(float(weights.sum()) ** -0.5, LOOKS.distance_floor)
         return located
 
-    def _is_clear(self, route: Route, i: int, behind: Ahead, frame: Array) -> bool:
+    def _is_clear(self, route: Route, i: int, behind: Sighting, frame: Array) -> bool:
         """Return whether a look back from passage ``i``, by a robot in ``frame`` (3, 3), clearly
         shows a fitting."""
         passed, seen = route.passages[i - 1], behind.fitting
@@ -501,12 +503,12 @@ class LookingBack:
         plain = self._belief.fitting(route.passages[i].index).is_plain
         return plain and is_along(behind, frame * TURNED, into)
 
-    def _given(self, behind: Ahead, part: int) -> Ahead:
+    def _conditioned(self, behind: Sighting, part: int) -> Sighting:
         """Return a look back at a part, given the sizes that the map has of it."""
         stds = self._belief.stds.get(self._belief.part_name(part), {})
-        return behind.given(self._belief.fitting(part), stds)
+        return behind.conditioned_on(self._belief.fitting(part), stds)
 
-    def _doubt(self, route: Route, i: int, distance: float, behind: Ahead) -> None:
+    def _doubt(self, route: Route, i: int, distance: float, behind: Sighting) -> None:
         """Note that a look back from passage ``i`` shows a fitting that is not on the map."""
         kind, at = behind.kind[0], distance - behind.distance
         # A shallow reducer may be overlooked for what is behind it.
@@ -515,13 +517,13 @@ class LookingBack:
             self.doubts[route.passages[i].part.name] = f"a look back shows a {kind} in it"
 
 
-def is_along(ahead: Ahead, frame: Array, axis: Array) -> bool:
+def is_along(ahead: Sighting, frame: Array, axis: Array) -> bool:
     """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
     where it is: a picture in which that is wrong has wrong sizes and distances too."""
     return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.most_off
 
 
-def size_stds(looks: Sequence[Ahead], mean: Fitting) -> dict[str, float]:
+def size_stds(looks: Sequence[Sighting], mean: Fitting) -> dict[str, float]:
     """Return the standard deviations of the sizes of a fitting, m, that is the mean of looks from
     before it. The angle of a bend is hidden there, and has none."""
     seen = [look.fitting for look in looks]
@@ -569,7 +571,7 @@ class LookingCloser:
     def __init__(self, belief: Belief, half: float) -> None:
         self._belief, self._half = belief, half
         self._kinds: Counter[tuple[str, str]] = Counter()
-        self._far: Ahead | None = None
+        self._far: Sighting | None = None
 
     def index(self, route: Route) -> int | None:
         """Return the number of the passage through the straight whose end is provisional."""
@@ -577,7 +579,7 @@ class LookingCloser:
         part = self._belief.provisional
         return None if part is None or part not in parts else parts.index(part)
 
-    def begin(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+    def begin(self, ahead: Sighting, route: Route, distance: float) -> float | None:
         """Make the end of a route provisional, as it was observed from ``distance`` m, where the
         route ends in a straight and the robot is not close to its end yet.
 
@@ -601,7 +603,7 @@ class LookingCloser:
         if _slipped(shift):
             self._far = None
 
-    def located(self, route: Route, distance: float, ahead: Ahead | None) -> float:
+    def located(self, route: Route, distance: float, ahead: Sighting | None) -> float:
         """Return the arc length of a robot on a route, m, from a look at an end that it has seen
         from afar; arguments as of ``LookingBack.located``."""
         i, far = self.index(route), self._far
@@ -611,7 +613,7 @@ class LookingCloser:
         slipped = _slipped(located - distance, far.distance_std, ahead.distance_std)
         return located if slipped else distance
 
-    def doubted(self, ahead: Ahead, route: Route, distance: float) -> float | None:
+    def doubted(self, ahead: Sighting, route: Route, distance: float) -> float | None:
         """Return the arc length, m, of another look, needed where looks from close by and from afar
         differ in kind until one kind has been observed twice; None where none is needed, or where
         it is too late for one."""
@@ -627,7 +629,7 @@ class LookingCloser:
         return i is not None and at > route.passages[i].s_leave - self._half - LOOKS.closest
 
 
-def _is_alike(far: Ahead, near: Ahead) -> bool:
+def _is_alike(far: Sighting, near: Sighting) -> bool:
     """Return whether a look from afar places an end as one from nearby does: it shows the same,
     from the same port, and of a wye its angle. The distance goes with what a picture is taken for:
     wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off, 8 elbows up to 1."""
@@ -656,11 +658,11 @@ class MissedReducer:
     bore: float
     at: float
     lengths: list[float] = field(default_factory=list)
-    latest: tuple[Ahead, float] | None = None
+    latest: tuple[Sighting, float] | None = None
     vain: int = 0
     others: int = 0
 
-    def shows_other(self, behind: Ahead | None, passed: str, half: float) -> bool:
+    def shows_other(self, behind: Sighting | None, passed: str, half: float) -> bool:
         """Return whether looks back have shown the fitting of kind ``passed`` that is before the
         straight twice, as the last one does, and more often than a reducer: that is not behind it.
         From nearby they look through the cone; ``half``: m, from the robot's centre to its ends."""
@@ -671,7 +673,7 @@ class MissedReducer:
         self.others += 1
         return self.others > max(len(self.lengths), 1)
 
-    def measured(self, behind: Ahead | None, distance: float, end: float) -> Reducer | None:
+    def measured(self, behind: Sighting | None, distance: float, end: float) -> Reducer | None:
         """Return the reducer, of mean length, after one more look back at it, from arc length
         ``distance`` m; None where too few looks have been made that are reliable. Fewer are enough
         where two more have shown none, as from farther off none will, and one where the next would
@@ -696,7 +698,7 @@ class MissedReducer:
         assert isinstance(seen, Reducer)
         return replace(seen, length=float(np.mean(lengths[_without_extremes(lengths)])))
 
-    def seen_from(self, distance: float) -> Ahead | None:
+    def seen_from(self, distance: float) -> Sighting | None:
         """Return the last sighting of it as from arc length ``distance`` m; None without one."""
         if self.latest is None:
             return None

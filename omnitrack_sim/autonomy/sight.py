@@ -14,8 +14,8 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
-from omnitrack_sim.pipes.network import End, both_ways
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Port
+from omnitrack_sim.pipes.network import both_ways
 from omnitrack_sim.robots.robot import Robot
 
 
@@ -35,17 +35,17 @@ class SightSettings:
 
 
 SIGHT = SightSettings()
-GIVEN = ("mean_radius", "angle", "length")
+SAME_FROM_ALL_PORTS = ("mean_radius", "angle", "length")
 """Keys of sizes that mean the same from all ports of a fitting."""
 
 
 @dataclass(frozen=True)
-class Ahead:
-    """Sighting of the pipe ahead of a robot, at one moment.
+class Sighting:
+    """Sighting of the pipe before one end of a robot, at one moment.
 
-    "Ahead" is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. Its
+    Ahead is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. The
     frame is that of the gear, which has z ahead and x towards module 1 in both
-    (``robots/omnitrack/control/command.py``).
+    (``robots/omnitrack/control/command.py``); that of a look back is turned by half a turn.
 
     Attributes:
         fitting: the next one that the robot's centre has not come into and that is no plain
@@ -71,7 +71,7 @@ class Ahead:
             where it is not known, or there is no error.
 
     Example:
-        >>> ot.Ahead(end="open", distance=0.4).kind  # an open end, 0.4 m ahead
+        >>> ot.Sighting(end="open", distance=0.4).kind  # an open end, 0.4 m ahead
         ('', 'open')
     """
 
@@ -87,7 +87,7 @@ class Ahead:
     size_stds: Mapping[str, float] = field(default_factory=dict, compare=False)
     covariance: Array | None = field(default=None, compare=False)
 
-    def given(self, known: Fitting, stds: Mapping[str, float]) -> Ahead:
+    def conditioned_on(self, known: Fitting, stds: Mapping[str, float]) -> Sighting:
         """Return the sighting with the distance and its standard deviation that follow where sizes
         of its fitting are known: a bend that seems wider also seems to begin elsewhere.
 
@@ -96,7 +96,7 @@ class Ahead:
             stds: standard deviations of its sizes, m and rad, by their keys; sizes without one, and
                 diameters, are not used.
         """
-        keys = [key for key in self.size_stds if key in stds and key in GIVEN]
+        keys = [key for key in self.size_stds if key in stds and key in SAME_FROM_ALL_PORTS]
         seen, covariance = self.fitting, self.covariance
         if covariance is None or seen is None or seen.kind != known.kind or not keys:
             return self
@@ -116,7 +116,7 @@ class Ahead:
 
 def side_of(frame: Array, ahead: Array) -> Array:
     """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe along ``ahead``
-    (3,), world frame: what ``Ahead.turn`` is measured from."""
+    (3,), world frame: what ``Sighting.turn`` is measured from."""
     x = frame[:, 0]
     return unit(x - ahead * (x @ ahead))
 
@@ -136,8 +136,8 @@ class Look(NamedTuple):
 
     time: float
     distance: float
-    ahead: Ahead | None
-    behind: Ahead | None
+    ahead: Sighting | None
+    behind: Sighting | None
     frame: Array
     bore: float = math.nan
     std: float = 0.0
@@ -153,14 +153,14 @@ class TrueSight:
         arcs: of the centreline in tees, along which distances are measured.
     """
 
-    def __init__(self, pipes: Assembly, plates: Collection[End], robot: Robot, arcs: Arcs) -> None:
+    def __init__(self, pipes: Assembly, plates: Collection[Port], robot: Robot, arcs: Arcs) -> None:
         self._pipes, self._half, self._arcs = pipes, robot.length / 2, arcs
         self._reach = SIGHT.reach * robot.nominal_bore
         self._joined = both_ways(pipes.joints)
         closed = set(plates)
         self._closed = closed | {self._joined[end] for end in closed if end in self._joined}
 
-    def look(self, robot: int, position: Array, frame: Array) -> Ahead | None:
+    def look(self, robot: int, position: Array, frame: Array) -> Sighting | None:
         """Return the sighting of one robot now; None where it is ambiguous, such as within a bend.
 
         Args:
@@ -171,7 +171,7 @@ class TrueSight:
         nearest = min(self._ports_ahead(position[None], frame[:, 2]), default=None)
         return None if nearest is None else self._from(*nearest[1:], frame)
 
-    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, End]]:
+    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, Port]]:
         """Yield the ports ahead of a robot with its centre (1, 3) m in a straight, or in another
         fitting with its nose at the port: the distance of the centre from the axis that leads
         there, and along it to the port plane, m, and the port."""
@@ -190,28 +190,28 @@ class TrueSight:
                     beside = float(length(centre - line.at(at)[0])[0])
                     yield beside, left, (index, leave)
 
-    def _from(self, distance: float, end: End, frame: Array) -> Ahead:
+    def _from(self, distance: float, end: Port, frame: Array) -> Sighting:
         """Return the sighting through a port at ``distance`` m."""
         axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach
         while distance <= reach:
             if end in self._closed:
-                return Ahead(end="closed", distance=distance, axis=axis)
+                return Sighting(end="closed", distance=distance, axis=axis)
             if end not in self._joined:
-                return Ahead(end="open", distance=distance, axis=axis)
+                return Sighting(end="open", distance=distance, axis=axis)
             index, enter = self._joined[end]
             part = self._pipes.parts[index]
             if not part.fitting.is_plain:
                 turn = _turn(part, enter, frame)
-                return Ahead(part.fitting, enter, distance=distance, turn=turn, axis=axis)
+                return Sighting(part.fitting, enter, distance=distance, turn=turn, axis=axis)
             # A straight of the same bore looks like more of the pipe: sight goes on through it.
             distance += part.fitting.length_of_axes
             end = index, next(name for name in part.fitting.port_names if name != enter)
-        return Ahead(distance=reach, axis=axis)
+        return Sighting(distance=reach, axis=axis)
 
 
 def _turn(part: Part, enter: str, frame: Array) -> float:
-    """See ``Ahead.turn``."""
+    """See ``Sighting.turn``."""
     if part.fitting.is_axial:
         return 0.0
     port = part.port(enter).rotation
@@ -220,7 +220,7 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
     return math.atan2(float(x @ np.cross(ahead, side)), float(x @ side))
 
 
-def is_right(observed: Ahead, truth: Ahead) -> bool:
+def is_right(observed: Sighting, truth: Sighting) -> bool:
     """Return whether a sighting agrees with the truth: a fitting, an end, or, as far as is seen,
     nothing. Which of a fitting's ports is nearer counts where the ports differ."""
     if observed.fitting is None and not observed.end:

@@ -254,7 +254,7 @@ def towards_worst(runs: Runs) -> Claim:
         measured=f"{100 * near:.0f} % within 30 degrees, {100 * far:.0f} % beyond; at 60 degrees "
         f"{'passes' if passed[off == 60].any() else 'fails'}",
         uncertainty=f"{len(results)} orientations",
-        verdict=verdict_of(near > far and not passed[off == 60].any()),
+        verdict=verdict_of(bool(near > far and not passed[off == 60].any())),
         how="tee_turn, align = false",
         figures=("success_map",),
         sample=Sample.AVERAGE,

@@ -19,9 +19,8 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.record.channels import COMMON, Channel
-from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
@@ -40,6 +39,8 @@ from omnitrack_sim.robots.tail import Tether
 if TYPE_CHECKING:
     import mujoco
 
+    from omnitrack_sim.robots.display import RobotDisplay
+    from omnitrack_sim.robots.odometry import Odometry
     from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
 
 GRAVITY = 9.81
@@ -52,7 +53,6 @@ stated."""
 SPECIAL: Mapping[str, Any] = {
     "physics.collider": "exact",
     "start.roll_deg": 0.0,
-    "sensing.kind": "truth",
 }
 """Keys of a scenario that mean something to some robots alone, with what they are for all
 others."""
@@ -70,7 +70,7 @@ class SceneOptions:
         looks: for pictures.
     """
 
-    plates: Sequence[tuple[int, str]]
+    plates: Sequence[Port]
     timestep: float
     wall_tolerance: float
     staves: int | None
@@ -381,12 +381,18 @@ class Robot(QuantityModel):
 
     @property
     def display(self) -> RobotDisplay:
-        """Looks of the robot in films and on pages."""
-        from omnitrack_sim.robots.plain_display import DISPLAY
+        """What the robot shows of itself in films, pages, figures and windows."""
+        # It has looks, which need MuJoCo and the boolean kernel.
+        from omnitrack_sim.robots.display import RobotDisplay
 
-        return DISPLAY
+        return RobotDisplay(self)
 
     # What is measured, and how it is judged
+
+    def odometry(self) -> Odometry | None:
+        """Return what its body measures of its motion, for runs by its own sensors
+        (``sensing.kind = "onboard"``); None: nothing is known of that."""
+        return None
 
     @property
     def channels(self) -> Mapping[str, Channel]:

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Port, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.walls.rays import RayWalls
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """Sighting of what lies ahead in a straight pipe.
+class Detection:
+    """Detection of what lies ahead in a straight pipe.
 
     The robot frame has its origin at the lens, z forward and x towards module 1. Where two
     directions are the same, as from the branch of a tee, the turn is one of them.
@@ -37,7 +37,7 @@ class Sighting:
         covariance: (2 + k, 2 + k) of distance, turn and the k sizes, m and rad; infinite for a
             straight pipe.
         confidence: probability of the kind and the port; below
-            ``RECOGNISER.confidence`` the sighting is ambiguous.
+            ``RECOGNISER.confidence`` the detection is ambiguous.
         aside: (2,) m, where the pipe's axis lies in the robot's frame, nearest to the lens.
         tilt: (2,) rad, by which the pipe's axis leans from the robot's towards its x and y.
     """
@@ -65,7 +65,7 @@ ANGLE = LENGTH = 1
 PIECE = 0
 """Place of the length in the sizes of a piece of straight pipe between two joints."""
 ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
-"""Places in a row of numbers: m and rad, as of a ``Sighting``."""
+"""Places in a row of numbers: m and rad, as of a ``Detection``."""
 
 
 def cameras(numbers: Array, motions: list[Pose]) -> tuple[Array, Array]:
@@ -142,9 +142,9 @@ STILL = Pose(np.eye(3), np.zeros(3))
 """Pose of the camera at the last picture, in its frame then."""
 
 
-Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
+Map = tuple[tuple[Part, ...], tuple[Port, ...]]
 """Parts, and the ports of them that a plate closes."""
-WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], RayWalls]
+WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[Port]]], RayWalls]
 """Makes walls of maps and the ports that plates close, such as ``walls.rays.RayWalls``."""
 
 
@@ -175,8 +175,8 @@ class Form:
 
     Attributes:
         name: of its own.
-        kind: see ``Sighting``.
-        enter: see ``Sighting``.
+        kind: see ``Detection``.
+        enter: see ``Detection``.
         make: the fitting of given sizes; none: the pipe ends, or goes on.
         closed: a plate closes the pipe.
         ends: the pipe ends.

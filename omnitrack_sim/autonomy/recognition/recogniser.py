@@ -35,9 +35,9 @@ from omnitrack_sim.autonomy.recognition.forms import (
     STILL,
     TILT,
     TURN,
+    Detection,
     Form,
     PosePrior,
-    Sighting,
     WallMaker,
     cameras,
     forms,
@@ -249,15 +249,15 @@ class Recogniser:
             self._grids.append((pixels, apart.argmin(axis=1)))
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
-    def single(self, picture: Array, prior: PosePrior = CENTRED) -> Sighting:
-        """Return the sighting in one picture (pixels²,) or (pixels, pixels), such as
+    def single(self, picture: Array, prior: PosePrior = CENTRED) -> Detection:
+        """Return the detection in one picture (pixels²,) or (pixels, pixels), such as
         ``result.pictures[i]``; ``prior``: see ``approach``."""
         return self.approach(picture.reshape(1, -1), [STILL], prior)
 
     def approach(
         self, pictures: Array, motions: Sequence[Pose], prior: PosePrior = CENTRED
-    ) -> Sighting:
-        """Return the sighting at the last of some pictures.
+    ) -> Detection:
+        """Return the detection at the last of some pictures.
 
         Args:
             pictures: (v, pixels²), of one approach.
@@ -277,10 +277,10 @@ class Recogniser:
         if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
             unknown = np.full((2, 2), np.inf)
             none = np.zeros(2)
-            return Sighting("straight", "", {}, 0.0, 0.0, unknown, 0.0, none, none)
+            return Detection("straight", "", {}, 0.0, 0.0, unknown, 0.0, none, none)
         views = Views(self._scale.of(pictures), list(motions), prior)
         fits, straight = self._ranked(views)
-        return self._sighting(fits, straight, views)
+        return self._detection(fits, straight, views)
 
     def _ranked(self, views: Views) -> tuple[Tries, float]:
         """Return fits of the forms that may be ahead, and the free distance in straight pipe, m."""
@@ -651,7 +651,7 @@ class Recogniser:
         fits.sizes[0, ANGLE] = float(chance @ angles / chance.sum())
         return fits
 
-    def _sighting(self, fits: Tries, straight: float, views: Views) -> Sighting:
+    def _detection(self, fits: Tries, straight: float, views: Views) -> Detection:
         """Return the most probable of the forms, with its confidence."""
         level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
         score = self._fit.scores(fits, views, level, self._alike)
@@ -707,8 +707,8 @@ def _reported(
     confidence: float,
     alike: float,
     variance: float | None,
-) -> Sighting:
-    """Return the sighting of a row; ``variance``, m², of the distance of an end."""
+) -> Detection:
+    """Return the detection of a row; ``variance``, m², of the distance of an end."""
     form, numbers = fits.forms[0], fits.numbers[0]
     plain = name[0] == "straight"
     sizes = () if plain else form.own_sizes
@@ -719,7 +719,7 @@ def _reported(
     for i, size in enumerate(sizes, start=PLACES):
         covariance[i, i] += (size.step / 2) ** 2
     told = [DISTANCE, TURN, *range(PLACES, PLACES + len(sizes))]
-    return Sighting(
+    return Detection(
         *name,
         {size.key: float(fits.sizes[0, i]) for i, size in enumerate(sizes)},
         straight if plain else float(numbers[DISTANCE]),

@@ -11,7 +11,7 @@ from omnitrack_sim.base.rotations import Array
 
 @dataclass(frozen=True, eq=False)
 class RecogniserSettings:
-    """Extent of the library, of the search and of the fit, and thresholds of a sighting.
+    """Extent of the library, of the search and of the fit, and thresholds of a detection.
 
     Costs are squared residuals in standard deviations, bounded by the robust loss.
 
@@ -75,7 +75,7 @@ class RecogniserSettings:
             of those that show no more than the form: another fitting behind it is not its fault.
         least_own: least share of pixels that show no more than the form.
         misfit_confidence: most probability of a form in such a picture.
-        confidence: probability from which on a sighting is unambiguous.
+        confidence: probability from which on a detection is unambiguous.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
             and direction are unknown.
         bend_std: (6,) the same of a camera that looks out of a bend: its angle on the map is off by

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.quantity import borrowed, quantity
 
 
@@ -49,6 +50,10 @@ class Climber(Omnitrack):
     def controllers(cls) -> Mapping[str, type[Controller]]:
         """See ``Robot``."""
         return {"steady": Steady}
+
+    def odometry(self) -> TrackOdometry:
+        """See ``Robot``: its modules do not roll."""
+        return TrackOdometry(self, rolls=False)
 
 
 class Steady:
