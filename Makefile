@@ -44,6 +44,7 @@ check: $(READY)
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/omnitrack models --check
+	$(BIN)/python docs/site/tables.py --check
 
 docs: $(READY)
 	$(BIN)/python docs/site/build.py

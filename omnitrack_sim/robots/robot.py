@@ -7,7 +7,7 @@ inherits from ``Robot`` and is named ``module:Class`` in the file, or an MJCF fi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -214,8 +214,8 @@ class Robot(QuantityModel):
         return None
 
     @classmethod
-    def claims(cls) -> Sequence[Callable[[bool], Any]]:
-        """Return functions that measure what was published of it; see docs/how-to/any-robot.md."""
+    def claims(cls) -> Sequence[Any]:
+        """Return what was published of it, as claims; see docs/how-to/any-robot.md."""
         return ()
 
     def parameters(self) -> list[Parameter]:

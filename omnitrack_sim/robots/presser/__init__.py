@@ -140,7 +140,7 @@ class Presser(Robot):
 
     def gait(self, observation: Any) -> Array:
         """See ``Robot``: all wheels (n, 6) turn alike, rad/s."""
-        return np.full((len(observation.leg), 6), self.speed / self.wheel_radius)
+        return np.full((len(observation.time), 6), self.speed / self.wheel_radius)
 
     def odometry(self) -> WheelOdometry:
         """See ``Robot``."""
