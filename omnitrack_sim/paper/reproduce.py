@@ -38,7 +38,7 @@ from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 from omnitrack_sim.sim.simulation import Progress
-from omnitrack_sim.trials.sweep_run import singular_range
+from omnitrack_sim.trials.sweep_plot import singular_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
