@@ -41,7 +41,7 @@ from .record.events import Event as Event
 from .record.events import Outcome as Outcome
 from .record.events import Remark as Remark
 from .record.metrics import Metric as Metric
-from .record.timeline import Visit as Visit
+from .record.timeline import PassageRecord as PassageRecord
 from .record.trajectory import Trajectory as Trajectory
 from .results.comparison import Comparison as Comparison
 from .results.comparison import compare as compare

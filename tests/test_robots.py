@@ -122,9 +122,9 @@ def test_rolling_wheels_hardly_slip_and_carry_the_preload(run):
 
 def test_the_timeline_is_of_what_touches(run):
     """Mean and least force of a straight are those of the wheels, not of bodies in the air."""
-    (visit,) = run.timeline()
-    assert visit.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
-    assert visit.normal_force_min_n > 10.0
+    (passage,) = run.timeline()
+    assert passage.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
+    assert passage.normal_force_min_n > 10.0
 
 
 def test_a_run_reads_back_as_it_was_saved(run, tmp_path):

@@ -25,9 +25,9 @@ from omnitrack_sim.base.rotations import (
     unit,
     wrap_angle,
 )
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Port, Straight
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
-from omnitrack_sim.pipes.network import CLOSES, End, Joint, Network, Origin, both_ways
+from omnitrack_sim.pipes.network import CLOSES, Joint, Network, Origin, both_ways
 from omnitrack_sim.pipes.planning import port_graph
 
 
@@ -109,14 +109,14 @@ class Belief:
         self._fittings: dict[str, Fitting] = {}
         self._joints: list[Joint] = []
         self._counts: dict[str, int] = {}
-        self.ends: dict[End, Noted] = {}
-        self.explored: set[End] = set()
-        self.goals: dict[End, str] = {}
+        self.ends: dict[Port, Noted] = {}
+        self.explored: set[Port] = set()
+        self.goals: dict[Port, str] = {}
         self.stds: dict[str, dict[str, float]] = {}
         self.provisional: int | None = None
         self._network: Network | None = None
         self._add(Straight(length, bore))
-        self.start: End = (0, "start")
+        self.start: Port = (0, "start")
 
     # Contents
 
@@ -130,28 +130,28 @@ class Belief:
         return self._network
 
     @property
-    def joined(self) -> dict[End, End]:
+    def joined(self) -> dict[Port, Port]:
         """The port that each port is joined to."""
         index = {name: i for i, name in enumerate(self._fittings)}
 
-        def end(port: str) -> End:
+        def end(port: str) -> Port:
             part, _, name = port.partition(".")
             return index[part], name
 
         return both_ways((end(a), end(b)) for a, b in (joint.ports for joint in self._joints))
 
     @property
-    def unexplored(self) -> list[End]:
+    def unexplored(self) -> list[Port]:
         """Ports that have not been looked into, the latest first, and of a fitting its branch."""
         return [end for end in self._free()[::-1] if end not in self.explored]
 
-    def _free(self) -> list[End]:
+    def _free(self) -> list[Port]:
         """Return the ports, other than the start, that nothing is joined to."""
         joined, parts = self.joined, enumerate(self._fittings.values())
         every = [(i, port) for i, fitting in parts for port in fitting.port_names]
         return [end for end in every if end not in joined and end != self.start]
 
-    def compared(self) -> tuple[list[Part], list[End], list[End]]:
+    def compared(self) -> tuple[list[Part], list[Port], list[Port]]:
         """Return the part of the map that pictures may be compared with: reliable parts, those of
         their ports that are closed, and those beyond which nothing is known. Numbers are those of
         the parts returned."""
@@ -168,7 +168,7 @@ class Belief:
             unknown = [*unknown, end] if end not in unknown else unknown
         return parts, closed, unknown
 
-    def name(self, end: End) -> str:
+    def name(self, end: Port) -> str:
         """``part.port`` of a port."""
         return f"{self.part_name(end[0])}.{end[1]}"
 
@@ -180,7 +180,7 @@ class Belief:
         """The fitting of a part."""
         return list(self._fittings.values())[part]
 
-    def port(self, end: End) -> Pose:
+    def port(self, end: Port) -> Pose:
         """A port in the world, z outward."""
         return self.network.pipes.parts[end[0]].port(end[1])
 
@@ -224,7 +224,7 @@ class Belief:
         self._set(new, fitting)
         return new
 
-    def hangs_on(self, part: int) -> tuple[End, End] | None:
+    def hangs_on(self, part: int) -> tuple[Port, Port] | None:
         """Return the port that a part was attached to and its own one there; None of the first."""
         joint = self._joint_of(part)
         if joint is None:
@@ -247,7 +247,7 @@ class Belief:
         assert joint is not None
         self._turn(joint, more)
 
-    def beyond(self, end: End) -> set[int]:
+    def beyond(self, end: Port) -> set[int]:
         """Return the parts that a port leads to, on any way but back through its own part; with
         that part where a loop leads to it."""
         joined, found, new = self.joined, set[int](), [end]
@@ -296,14 +296,14 @@ class Belief:
         self._network = None
         return True
 
-    def straight_beyond(self, end: End, length: float) -> int:
+    def straight_beyond(self, end: Port, length: float) -> int:
         """Join a straight of ``length`` m to a port; return its index."""
         bore = 2 * self.fitting(end[0]).port_radius(end[1])
         part = self._add(Straight(max(round(length, BELIEF.digits), BELIEF.shortest), bore))
         self._join(end, (part, "start"), 0.0)
         return part
 
-    def attach(self, end: End, fitting: Fitting, enter: str, side: Array) -> int:
+    def attach(self, end: Port, fitting: Fitting, enter: str, side: Array) -> int:
         """Join a fitting to a port; return its index.
 
         Args:
@@ -318,7 +318,7 @@ class Belief:
         self._join(end, (part, enter), turn)
         return part
 
-    def known_at(self, end: End, fitting: Fitting, enter: str) -> End | None:
+    def known_at(self, end: Port, fitting: Fitting, enter: str) -> Port | None:
         """Return the free port of a known fitting that agrees with one observed at a port, in kind
         and position; None where there is none."""
         places = [
@@ -328,13 +328,13 @@ class Belief:
         ]
         return min(places, default=(0.0, None))[1]
 
-    def meeting(self, part: int) -> list[tuple[End, End]]:
+    def meeting(self, part: int) -> list[tuple[Port, Port]]:
         """Return pairs of an unexplored port of a new part and another one at the same position."""
         free = [end for end in self.unexplored if end[0] == part]
         pairs = [(end, min(self._near(end), default=(0.0, None))[1]) for end in free]
         return [(end, other) for end, other in pairs if other is not None]
 
-    def close(self, end: End, other: End) -> tuple[float, bool]:
+    def close(self, end: Port, other: Port) -> tuple[float, bool]:
         """Join two ports at which a loop closes; return their distance before, m, and whether that
         is more than the sizes and turns around the loop may be off by."""
         miss, surprise = float(np.linalg.norm(self._gap(end, other)[:3])), 0.0
@@ -364,25 +364,25 @@ class Belief:
         self.settle()
         return removed
 
-    def note(self, end: End, noted: Noted) -> None:
+    def note(self, end: Port, noted: Noted) -> None:
         """Note the state of a port that nothing follows."""
         self.ends[end] = noted
         self._network = None
 
-    def done(self, end: End, goal: str = "") -> None:
+    def done(self, end: Port, goal: str = "") -> None:
         """Mark a port as inspected, or as given up; ``goal``: name of the one that is there."""
         self.explored.add(end)
         if goal:
             self.goals[end] = goal
         self._network = None
 
-    def reopen(self, end: End) -> None:
+    def reopen(self, end: Port) -> None:
         """Mark a port as unexplored again."""
         self.explored.discard(end)
         self.ends.pop(end, None)
         self._network = None
 
-    def _near(self, end: End) -> Iterator[tuple[float, End]]:
+    def _near(self, end: Port) -> Iterator[tuple[float, Port]]:
         """Yield unexplored ports of other parts that may be the same as ``end``, with their
         distances, m."""
         here = self.port(end)
@@ -401,7 +401,7 @@ class Belief:
             ):
                 yield miss, other
 
-    def _loop(self, end: End, other: End) -> list[tuple[int, str, str, float]]:
+    def _loop(self, end: Port, other: Port) -> list[tuple[int, str, str, float]]:
         """The parts from one port to another, with the ports between which they are passed and
         their lengths, m."""
         import networkx
@@ -411,13 +411,13 @@ class Belief:
         steps = zip(ports[::2], ports[1::2], strict=True)
         return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
 
-    def _gap(self, end: End, other: End) -> Array:
+    def _gap(self, end: Port, other: Port) -> Array:
         """Return what two ports (6,) are apart that meet, m and rad."""
         here, there = self.port(end), self.port(other)
         turned = np.cross(here.rotation[:, 2], -there.rotation[:, 2])
         return np.concatenate([there.position - here.position, turned])
 
-    def _adjust(self, end: End, other: End) -> float:
+    def _adjust(self, end: Port, other: Port) -> float:
         """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet;
         return the squared standard deviations by which they missed."""
         total, surprise = np.zeros(len(self._variables(end, other))), 0.0
@@ -450,7 +450,7 @@ class Belief:
             self.stds[name][key] = max(std, moved)
 
     def _variables(
-        self, end: End, other: End
+        self, end: Port, other: Port
     ) -> list[tuple[float, Array, Callable[[float], object]]]:
         """Return the variables of a loop from ``other`` to ``end``, m or rad: for each its standard
         deviation, the derivative (6,) of the position and rotation of ``end``, and a function that
@@ -511,7 +511,7 @@ class Belief:
         self._fittings[name] = fitting
         self._network = None
 
-    def _join(self, end: End, other: End, turn_deg: float) -> None:
+    def _join(self, end: Port, other: Port, turn_deg: float) -> None:
         self._joints.append(self._joint(self.name(end), self.name(other), turn_deg))
         self._network = None
 

@@ -48,6 +48,7 @@ from omnitrack_sim.pipes import (
     Elbow,
     Fitting,
     Passage,
+    Port,
     Reducer,
     Route,
     Straight,
@@ -56,7 +57,6 @@ from omnitrack_sim.pipes import (
 )
 from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS
-from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
@@ -166,8 +166,8 @@ class Explorer(MapPilot):
         # m, what the arms have read more than the map has, in pipes where they agree with it.
         self._read_more: list[float] = []
         self._missed: MissedReducer | None = None
-        self._left: dict[End, str] = {}  # ports that it has given up, and why
-        self._tried_again: set[End] = set()  # ports given up that it has reopened once
+        self._left: dict[Port, str] = {}  # ports that it has given up, and why
+        self._tried_again: set[Port] = set()  # ports given up that it has reopened once
         self._tries_home_again = True  # after as many falls as it may have
         self._back = LookingBack(belief, self._half, EXPLORER.confidence)
         self._back.placed = 0, distance, 0.0
@@ -884,7 +884,7 @@ class Explorer(MapPilot):
         self.planner = self._through([])
         return True
 
-    def _closes(self, time: float, end: End, other: End) -> Event:
+    def _closes(self, time: float, end: Port, other: Port) -> Event:
         """Close a loop of the map; it is in doubt where its ends miss each other by more than what
         was measured around it may be off by."""
         miss, doubtful = self.belief.close(end, other)
@@ -908,7 +908,7 @@ class Explorer(MapPilot):
         path = (*self.leg.path, (part, enter, leave))
         return path if distance <= self.planner.latest_stand(path, len(path) - 1) else None
 
-    def _inspected(self, time: float, distance: float, end: End, goal: str) -> Decision:
+    def _inspected(self, time: float, distance: float, end: Port, goal: str) -> Decision:
         """Decide at an observed end: mark it as explored, and go on to another port."""
         belief, reached = self.belief, goal if goal in self.goals else ""
         self._falls = self._most_falls
@@ -1009,14 +1009,14 @@ class Explorer(MapPilot):
             return [ExplorationIncomplete(self._number, time, fittings, ends, self.left)]
         return [ExplorationComplete(self._number, time, fittings, ends)]
 
-    def _give_up_port(self, end: End, why: str) -> None:
+    def _give_up_port(self, end: Port, why: str) -> None:
         """Leave a port unexplored."""
         self._assumed = 0.0
         self.belief.note(end, "impassable")
         self.belief.done(end)
         self._left[end] = why
 
-    def _least(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
+    def _least(self, goals: Sequence[Port], plan: Replan) -> list[Leg] | None:
         """Return legs to that of the ports ``goals`` which costs least; None where no path leads to
         any."""
         planner = self._through(goals)
@@ -1062,14 +1062,14 @@ class Explorer(MapPilot):
         end = self.planner.route(leg.path).length - self._half - self._robot.nose_room
         return replace(leg, end=end, note=f"to {self.belief.name(_end_of(leg.path))}")
 
-    def _through(self, goals: Sequence[End]) -> LegPlanner:
+    def _through(self, goals: Sequence[Port]) -> LegPlanner:
         """Return the planner of legs through the present map, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
         return LegPlanner(self.belief.network, ends, names, self._robot, self._arcs)
 
 
-def _end_of(path: Sequence[Edge]) -> End:
+def _end_of(path: Sequence[Edge]) -> Port:
     """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave

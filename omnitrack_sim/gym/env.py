@@ -80,9 +80,7 @@ class EpisodeScreen:
         qpos = np.array(lane.simulation.plant.qpos[robot])
         if not _is_sound(qpos):
             return
-        looks = scenario.robot.display.live(self._window.model, scenario.robot)
-        looks.travel = lane.travel[robot]
-        looks.place(qpos)
+        scenario.robot.display.place_tracks(self._window.model, qpos, lane.travel[robot])
         self._window.show(qpos, [])
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + lane.decisions.hold * lane.simulation.period
@@ -107,8 +105,7 @@ class EpisodeStage(Stage):
 
     def __init__(self, way: Result, size: tuple[int, int], camera: str) -> None:
         super().__init__(playback_of(way), size, camera, fine=False)
-        robot = way.scenario.robot
-        self._looks = robot.display.live(self.model, robot)
+        self._display = way.scenario.robot.display
         self._places = way.trajectory["position"]
 
     def now(self, qpos: Array, travel: Array) -> NDArray[np.uint8]:
@@ -116,8 +113,7 @@ class EpisodeStage(Stage):
         ``travel`` (3,) m; one whose physics has diverged stays where it was."""
         if _is_sound(qpos) or self._live is None:
             self._live = np.nan_to_num(qpos)
-            self._looks.travel = travel
-            self._looks.place(self._live)
+            self._display.place_tracks(self.model, self._live, travel)
         # The camera is that of the nearest place on the route.
         near = ((self._places - self._live[:3]) ** 2).sum(axis=1).argmin()
         return self.paint(int(near), self._live)

@@ -1,4 +1,4 @@
-"""Timeline of a run: one visit a fitting, with its times, slip, forces and energy."""
+"""Timeline of a run: a record of each passage of a fitting, its times, slip, forces and energy."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Touch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Visit:
-    """One fitting that the robot's centre was in, on one leg.
+class PassageRecord:
+    """One passage of a fitting by the robot's centre, on one leg, and what was measured in it.
 
-    A robot that backs out of a fitting and comes again has one visit of it, from the first entry to
-    the last exit. Means are over the time in the fitting. Slip and forces are of the three modules.
+    A robot that backs out of a fitting and comes again has one record of it, from the first entry
+    to the last exit. Means are over the time in the fitting. Slip and forces are of all modules.
 
     Attributes:
         leg: index of the leg, from 0, as of the channel and in ``Result.legs``; printed tables and
@@ -69,7 +69,7 @@ class Visit:
         slip_distance_m: belt travel that moved nothing, mean of the modules.
         normal_force_mean_n: mean of the modules over time.
         normal_force_min_n: least value of a module's running mean over ``FORCE_WINDOW``.
-        energy_j: mechanical energy of all motors, braking not recovered; all visits add up to the
+        energy_j: mechanical energy of all motors, braking not recovered; all records add up to the
             energy that ``metrics.summarise`` gives.
         rolls: how often the robot began to roll its modules for this fitting, which is the first
             elbow or tee whose bend or opening it had not left, otherwise the one it stood in.
@@ -77,7 +77,7 @@ class Visit:
 
     Example:
         >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
-        >>> [(visit.name, visit.kind, visit.gear) for visit in result.timeline()]
+        >>> [(passage.name, passage.kind, passage.gear) for passage in result.timeline()]
         [('straight_0', 'straight', 1)]
     """
 
@@ -104,8 +104,8 @@ class Visit:
 
 
 @np.errstate(invalid="ignore", over="ignore")  # of physics that has diverged
-def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> list[Visit]:
-    """Return a visit for each fitting the robot's centre was in, in order of the first entry.
+def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> list[PassageRecord]:
+    """Return a record for each fitting the robot's centre was in, in order of the first entry.
 
     A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
     It counts for the fitting ahead that it is for: the first elbow or tee of the leg whose bend or
@@ -127,14 +127,14 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> l
         _counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE)
     )
     samples = _Samples(trajectory, touch)
-    visits = []
+    records = []
     for rows in rows_of:
         first = int(rows[0])
         route = routes[int(leg[first])]
         passage = route.passages[int(place[first])]
         number = int(group[first])
-        visits.append(
-            Visit(
+        records.append(
+            PassageRecord(
                 leg=int(leg[first]),
                 gear=-1 if trajectory["gear"][first] < 0 else 1,
                 name=route.network.parts[passage.index].name,
@@ -147,7 +147,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> l
                 retries=int(retries[number]),
             )
         )
-    return visits
+    return records
 
 
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
@@ -195,7 +195,7 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """Samples that the figures of a visit are computed from, each the mean over the interval to
+    """Samples that the figures of a passage are computed from, each the mean over the interval to
     the next one (trapezoidal rule)."""
 
     def __init__(self, trajectory: Trajectory, touch: Touch) -> None:
@@ -206,8 +206,8 @@ class _Samples:
         self.has_ratio = ratio is not None
         time = trajectory.time
         self.time = time  # (T,) s
-        # The last sample begins no interval: so durations and energies of all visits add up to the
-        # run's.
+        # The last sample begins no interval: so durations and energies of all passages add up to
+        # the run's.
         self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(0.0 if ratio is None else ratio) * touching).sum(axis=1))
@@ -218,7 +218,7 @@ class _Samples:
         self.tilt, self.theta5 = (np.degrees(trajectory[name]) for name in ("tilt", "theta5"))
 
     def figures(self, rows: NDArray[np.intp]) -> dict:
-        """Measured fields of the visit of the samples ``rows``, which are in order of time."""
+        """Measured fields of the passage of the samples ``rows``, which are in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
         # A run that ends at its first sample in a fitting spends no time there. The means are then

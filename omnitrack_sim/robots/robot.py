@@ -20,9 +20,8 @@ from omnitrack_sim.base.naming import name_of, named
 from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.record.channels import COMMON, Channel
-from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
@@ -39,6 +38,8 @@ from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
     import mujoco
+
+    from omnitrack_sim.robots.display import RobotDisplay
 
 STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
@@ -97,7 +98,7 @@ class SceneOptions:
         looks: for pictures.
     """
 
-    plates: Sequence[tuple[int, str]]
+    plates: Sequence[Port]
     timestep: float
     wall_tolerance: float
     staves: int | None
@@ -117,7 +118,6 @@ class Robot(QuantityModel):
         kind: name in files, of a class.
         scene: ``module:function`` that makes the model of robot and pipes; see ``to_spec``.
         plant_class: ``module:Class`` of the plant, which steps the physics; see ``Plant``.
-        display_name: ``module:Object`` of what films and pages show; see ``RobotDisplay``.
         diagnosis_class: ``module:Class`` of what finds causes of failures; see ``Diagnosis``.
         decisions_class: ``module:Class`` from a learner's actions to commands; see
             ``InputDecisions``.
@@ -160,7 +160,6 @@ class Robot(QuantityModel):
     scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.plant:Diagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
     decisions_class: ClassVar[str] = "omnitrack_sim.robots.decisions:InputDecisions"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
@@ -396,9 +395,11 @@ class Robot(QuantityModel):
 
     @property
     def display(self) -> RobotDisplay:
-        """Looks of the robot in films and on pages."""
+        """What the robot shows of itself in films, pages, figures and windows."""
         # It has looks, which need MuJoCo and the boolean kernel.
-        return named(self.display_name, "display_name", {})
+        from omnitrack_sim.robots.display import RobotDisplay
+
+        return RobotDisplay(self)
 
     # What is measured, and how it is judged
 

@@ -18,9 +18,9 @@ from scipy.special import ndtr
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Passage
+from omnitrack_sim.pipes import Passage, Port
 from omnitrack_sim.pipes.centreline import Segment
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.robots.robot import GRAVITY
@@ -363,7 +363,7 @@ class _Planner:
         count = 1 if low == high else NUMERICS.frictions
         self.friction = low + (high - low) * (np.arange(count) + 0.5) / count
         self.joined = both_ways(network.pipes.joints)
-        self.ways: dict[End, list[_Way]] = {}
+        self.ways: dict[Port, list[_Way]] = {}
         self.rows: dict[Edge, int] = {}
 
     def prepare(self, progress: Callable[[float], Any]) -> None:
@@ -449,7 +449,7 @@ class _Planner:
             f"unknown: {kind} with {', '.join(outside) or 'features that were not tried together'}"
         )
 
-    def starts(self, launch: str) -> Iterator[End]:
+    def starts(self, launch: str) -> Iterator[Port]:
         """Yield the ports through which the robot goes into parts from an opening."""
         names = [fitting.name for fitting in self.network.fittings]
         try:
@@ -483,9 +483,9 @@ class _Planner:
         )
         order = itertools.count()
         waiting = [(0.0, next(order), end, begin) for end in self.starts(launch)]
-        blocked: list[tuple[float, int, End, str]] = []
+        blocked: list[tuple[float, int, Port, str]] = []
         best: dict[int, tuple[float, _Label]] = {}
-        done: set[End] = set()
+        done: set[Port] = set()
         while waiting:
             cost, _, enter, label = heapq.heappop(waiting)
             if enter in done:
@@ -561,14 +561,14 @@ class _Planner:
         return float(nodes[-1, 1]), float(nodes[-1, 2])
 
     def _reasons(
-        self, blocked: Sequence[tuple[float, int, End, str]], reached: set[int]
+        self, blocked: Sequence[tuple[float, int, Port, str]], reached: set[int]
     ) -> dict[int, str]:
         """Return what keeps the robot from each part out of reach: the nearest block before
         it."""
         reasons: dict[int, str] = {}
         waiting = list(blocked)
         heapq.heapify(waiting)
-        seen: set[End] = set()
+        seen: set[Port] = set()
         while waiting:
             cost, order, enter, reason = heapq.heappop(waiting)
             if enter in seen:

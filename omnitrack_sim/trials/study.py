@@ -17,6 +17,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.bounds import MOST_TRIALS
 from omnitrack_sim.base.errors import StudyError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.statistics import wilson_interval
@@ -29,9 +30,7 @@ from omnitrack_sim.trials.batches import (
     Trial,
     batched,
     fitted,
-    matches,
     sha256_of,
-    value_at,
 )
 from omnitrack_sim.trials.measure import Measure
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds

@@ -12,9 +12,9 @@ from pydantic import Field
 
 from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_TRIALS
 from omnitrack_sim.base.errors import Fault, ScenarioError, StudyError, SweepError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, checked, read_file
 from omnitrack_sim.scenario import Scenario, override
-from omnitrack_sim.trials.batches import matches, value_at
 from omnitrack_sim.trials.search_plan import (
     OF_TRIALS,
     SUCCESS_RATE,

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.bounds import MOST_AXES, MOST_BATCH, MOST_TRIALS
 from omnitrack_sim.base.errors import SweepError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
@@ -40,9 +41,7 @@ from omnitrack_sim.trials.batches import (
     batched,
     changed,
     fitted,
-    matches,
     sha256_of,
-    value_at,
 )
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
 

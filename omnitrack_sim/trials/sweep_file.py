@@ -18,11 +18,11 @@ from omnitrack_sim.base.bounds import (
     MOST_WORDS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import SWEEP, beside, checked, read_file
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.scenario.model import samples_of
 from omnitrack_sim.trials.axes import BASE, AxisTable, DirectionAxis, GridAxis, ListAxis
-from omnitrack_sim.trials.batches import matches, value_at
 from omnitrack_sim.trials.sweep import Sweep, SweepTable, trial_count
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -31,6 +31,9 @@ from omnitrack_sim.robots.quantity import (
     similar,
 )
 from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.display import RobotDisplay
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -80,7 +83,6 @@ class Omnitrack(Robot):
     scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackPlant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackDiagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_display:DISPLAY"
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
     controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
     slips: ClassVar[bool] = True
@@ -455,6 +457,13 @@ class Omnitrack(Robot):
         return 0.1 * steps**2.6
 
     # See ``Robot``
+
+    @property
+    def display(self) -> RobotDisplay:
+        """What the robot shows of itself in films, pages, figures and windows."""
+        from omnitrack_sim.robots.omnitrack.track_display import TrackDisplay
+
+        return TrackDisplay(self)
 
     @property
     def joint_count(self) -> int:
