@@ -16,7 +16,7 @@ from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
 from omnitrack_sim.trials import dispatch
-from omnitrack_sim.trials.bench import Bench, Course, suite_of
+from omnitrack_sim.trials.bench import Bench, Changes, Course, suite_of
 from omnitrack_sim.trials.bench_table import page, rows_of
 from omnitrack_sim.trials.controllers import DRY, _drawn
 from omnitrack_sim.trials.mobility import least_friction, robot_of
@@ -31,7 +31,7 @@ def driven_by(source: str):
     return CONTROL.entry_of("", source)
 
 
-def _short(trials: int, changes: dict):
+def _short(trials: int, changes: Changes):
     """Begins of turns in the tee, of 0.3 s."""
     return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
 

@@ -252,7 +252,7 @@ def test_a_best_one_that_is_not_on_the_front_says_so(calm, capsys):
     tables = result.tables
     kept = [i for i, one in enumerate(tables["front"]["number"].to_pylist()) if one != number]
     for front, told in ((tables["front"].take(kept), True), (tables["history"], False)):
-        _print_study(result.plan, replace(result, tables={**tables, "front": front}), calm)
+        _print_study(small_study(), replace(result, tables={**tables, "front": front}), calm)
         assert ("not this one, which is the best in the check" in capsys.readouterr().out) is told
 
 

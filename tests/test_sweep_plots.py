@@ -143,7 +143,7 @@ def sweep_result(axes):
     passed = [value > 15.0 for value in preload]
     ends = ["reached_goal" if good else "slipping" for good in passed]
     table = pa.table({"outcome": ends, "success": passed})
-    return TrialsResult(sweep, {"trials": table}, None, Status(sweep.size))
+    return TrialsResult(sweep, {"trials": table}, {}, Status(sweep.size))
 
 
 def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):

@@ -165,7 +165,7 @@ def test_two_shards_in_one_folder_and_in_two(calm, tmp_path):
     sweep = small_sweep()
     first = run_trials(sweep, out=tmp_path / "one", shard=(1, 2))
     assert 0 < first.table.num_rows < 10
-    assert first.summary is None
+    assert first.summary == {}
     assert not (tmp_path / "one" / "trials.parquet").exists()
     assert run_trials(sweep, out=tmp_path / "one", shard=(2, 2)).table.num_rows == 10
     assert same(calm, tmp_path / "one")

@@ -103,7 +103,7 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
     assert listed.stdout.startswith("1 trial in 1 batch of 1 model\n")
     sweep = load_sweep(file)
     assert repr(sweep) == "Sweep('one': 1 trial of straight; world.friction)"
-    result = TrialsResult(sweep, {"trials": pa.table({})}, None, Status(1))
+    result = TrialsResult(sweep, {"trials": pa.table({})}, {}, Status(1))
     with pytest.raises(InputError, match=r"has 0 of 1 trial of 'one'$"):
         plot_sweep(result, tmp_path / "one.png")
     assert trials._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"

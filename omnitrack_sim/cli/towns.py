@@ -79,7 +79,7 @@ def passport(
         assignments,
     )
     with trials_bar(f"passport {name}") as report:
-        summary = ot.run_trials(plan, out=target, progress=report, **options).summary or {}
+        summary = ot.run_trials(plan, out=target, progress=report, **options).summary
     if as_json:
         print_json(summary)
         return

@@ -306,7 +306,7 @@ def _shown(value: Any) -> str:
 def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
     """Print the summary of a finished sweep, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
-    if summary is None:
+    if not summary:
         out.say(
             f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
             f"all {result.status.total} are in {place}"
@@ -379,7 +379,7 @@ def _print_study(study: ot.Study, result: ot.TrialsResult, target: Path) -> None
     """Print the start and the best candidate side by side."""
     from omnitrack_sim.trials.study import BEST_FILE
 
-    summary = result.summary or {}
+    summary = result.summary
     table = plain_table("", "start", "best")
     for name in study.columns:
         for key, of in (("search", name), ("check", f"{name}, other trials")):
@@ -412,7 +412,7 @@ def _figure(value: Any) -> str:
 def _print_bench(planned: ot.Bench, result: ot.TrialsResult, target: Path) -> None:
     from omnitrack_sim.trials.bench_table import figures_of, headings
 
-    every = (result.summary or {})["rows"]
+    every = result.summary["rows"]
     figures = {
         name: head.replace(", ", "\n").replace(" ", "\n")
         for name, head in planned.suite.heads.items()

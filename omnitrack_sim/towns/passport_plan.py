@@ -52,6 +52,7 @@ class PassportPlan(Plan):
         changes: that make the robot and its controller in a scenario, by dotted path.
         trials: of each course.
         courses: names; empty: all.
+        name: of the plan.
 
     Raises:
         InputError: there is no such course.
@@ -65,10 +66,10 @@ class PassportPlan(Plan):
     noun: ClassVar[str] = "passport"
     names: ClassVar[tuple[str, ...]] = ("passport",)
     figure: ClassVar[str] = "success_map.png"
-    name: ClassVar[str] = "passport"
     changes: Mapping[str, Any]
     trials: int = FULL
     courses: tuple[str, ...] = ()
+    name: str = "passport"
 
     @classmethod
     def of(

@@ -25,6 +25,11 @@ class Round:
             have been asked for.
         stage: of the plan, such as "generation 2 of 20"; empty for a plan of one round.
         tables: what is known so far, by name, for the folder.
+
+    Example:
+        >>> asked = next(ot.load_sweep("tee_orientation").rounds())
+        >>> len(asked.batches), list(asked.columns)
+        (4, ['start.theta5_deg'])
     """
 
     batches: Sequence[Batch]
@@ -43,6 +48,10 @@ class Conclusion:
         tables: by name, for ``NAME.parquet`` and ``NAME.csv``.
         files: contents of other files, by path in the folder.
         draw: makes the plan's figure; none: there is none.
+
+    Example:
+        >>> ot.Conclusion({"passed": 3}).summary
+        {'passed': 3}
     """
 
     summary: dict[str, Any]

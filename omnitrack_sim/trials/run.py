@@ -56,7 +56,7 @@ class TrialsResult:
         tables: by name. ``trials`` has a row a trial: of all, or of what was run here if other
             shares are missing. A study adds ``history``, ``front`` and, with a check, ``final``; a
             bench ``results``; a passport ``passport``.
-        summary: as in ``summary.json``; None if shares are missing.
+        summary: as in ``summary.json``; empty if shares are missing.
         status: how many trials there are, were found done, and are done now.
         folder: of the files; None if nothing was written.
 
@@ -69,7 +69,7 @@ class TrialsResult:
 
     plan: Plan
     tables: Mapping[str, pa.Table]
-    summary: dict[str, Any] | None
+    summary: dict[str, Any]
     status: Status
     folder: Path | None = None
 
@@ -130,7 +130,7 @@ def run_trials(
         while True:
             is_whole, table = run.table_of(asked)
             if not is_whole:
-                return TrialsResult(plan, {TRIALS: table}, None, run.status, store.path)
+                return TrialsResult(plan, {TRIALS: table}, {}, run.status, store.path)
             try:
                 asked = rounds.send(table)
             except StopIteration as end:

@@ -70,52 +70,51 @@ class Folder(Store):
         OutputError: it holds another plan, or other files, or cannot be written.
     """
 
-    path: Path
-
     def __init__(self, path: str | Path, plan: Plan):
         super().__init__()
-        self.path, self.plan = Path(path), plan
+        self.path = self._place = Path(path)
+        self.plan = plan
         self.record = record_name(type(plan))
         tables = (f"{name}{end}" for name in (TRIALS, *plan.names) for end in (".parquet", ".csv"))
         figures = [plan.figure] if plan.figure else []
         self.files = (self.record, *tables, SUMMARY, *plan.files, *figures)
         self._folders = (PARTS, *filter(None, [plan.folder]))
-        check_folder(self.path, files=self.files)
-        with as_output_error(self.path):
+        check_folder(self._place, files=self.files)
+        with as_output_error(self._place):
             self._open(plan.data())
 
     def _open(self, data: dict[str, Any]) -> None:
         """Make the folder, or check that it holds this plan."""
         noun, sha256 = self.plan.noun, self.plan.hash
-        there = self._recorded() if self.path.is_dir() else None
+        there = self._recorded() if self._place.is_dir() else None
         if there is not None and there["sha256"] != sha256:
             raise OutputError(
-                f"{self.path}: holds a different {noun}: "
+                f"{self._place}: holds a different {noun}: "
                 f"{_differences(there[noun], data, self.plan.free)}; choose another folder "
                 "with --out, or remove this one to begin anew"
             )
         for name in self._folders:
-            (self.path / name).mkdir(parents=True, exist_ok=True)
-            check_folder(self.path / name)
+            (self._place / name).mkdir(parents=True, exist_ok=True)
+            check_folder(self._place / name)
         versions = {name: version(name) for name in self.plan.packages}
         self._new_record = to_json({"sha256": sha256, noun: data} | environment() | versions)
         # As it is read again, with lists for tuples.
         self._is_renamed = there is not None and there[noun] != json.loads(self._new_record)[noun]
         # The record of an earlier run stays until all is finished: names may have changed.
         if there is None:
-            write_file(self.path / self.record, self._new_record)
+            write_file(self._place / self.record, self._new_record)
 
     def _recorded(self) -> dict[str, Any] | None:
         """Contents of the record; None in a folder that holds nothing yet, or parts only."""
-        file, noun = self.path / self.record, self.plan.noun
+        file, noun = self._place / self.record, self.plan.noun
         if not file.is_file():
-            names = [path.name for path in self.path.iterdir()]
+            names = [path.name for path in self._place.iterdir()]
             # A process may have been killed after it made the folders and before it wrote the
             # record.
             strange = [n for n in names if n not in self._folders and not is_workshop(n)]
             if strange:
                 raise OutputError(
-                    f"{self.path}: holds {strange[0]!r} but no {self.record}, so it is no "
+                    f"{self._place}: holds {strange[0]!r} but no {self.record}, so it is no "
                     f"{noun}; choose another folder"
                 )
             return None
@@ -164,7 +163,7 @@ class Folder(Store):
         # The table of all trials comes last: users take it for the end.
         files |= {name: files.pop(name) for name in (f"{TRIALS}.csv", f"{TRIALS}.parquet")}
         figure, draw = self.plan.figure, conclusion.draw
-        is_drawn = draw is None or (self.path / figure).is_file()
+        is_drawn = draw is None or (self._place / figure).is_file()
         as_asked = all(self._holds(name, data) for name, data in files.items())
         if as_asked and is_drawn and not self._is_renamed:
             return
@@ -183,7 +182,7 @@ class Folder(Store):
         """Names of the files that a finished plan may have left."""
         yield from (name for name in self.files if name not in (self.record, self.plan.figure))
         if self.plan.folder:
-            for path in (self.path / self.plan.folder).iterdir():
+            for path in (self._place / self.plan.folder).iterdir():
                 if not is_workshop(path.name):
                     yield f"{self.plan.folder}/{path.name}"
 
@@ -191,22 +190,22 @@ class Folder(Store):
         """Write a file, whole or not at all, or remove it; nothing where it is as asked for."""
         with self._keeping():
             if data is None:
-                (self.path / name).unlink(missing_ok=True)
+                (self._place / name).unlink(missing_ok=True)
             elif not self._holds(name, data):
-                write_file(self.path / name, data)
+                write_file(self._place / name, data)
 
     def _holds(self, name: str, data: bytes | None) -> bool:
-        file = self.path / name
+        file = self._place / name
         return file.read_bytes() == data if file.is_file() else data is None
 
     def _part(self, batch: Batch) -> Path:
-        return self.path / PARTS / f"{batch.hash}.parquet"
+        return self._place / PARTS / f"{batch.hash}.parquet"
 
     @contextlib.contextmanager
     def _keeping(self) -> Iterator[None]:
         """Add to an error of writing that the same command continues the work."""
         try:
-            with as_output_error(self.path):
+            with as_output_error(self._place):
                 yield
         except OutputError as error:
             raise OutputError(
