@@ -38,14 +38,14 @@ MOST_GOALS = 200
 MOST_ORDERS = 5_000
 """Orders of a driver in a scenario: each is a key that was pressed, and takes 250 bytes of a file
 that may have 2 MB."""
-MOST_POLICY_BYTES = 16_000_000
+MAX_POLICY_BYTES = 16_000_000
 """Size of a policy file, packed and unpacked: two million weights, a hundred times what drives a
 robot from sensor readings."""
-MOST_LAYERS = 8
+MAX_LAYERS = 8
 """Layers of a policy's network: a few more than controllers are known to need."""
-MOST_WIDTH = 2_048
+MAX_WIDTH = 2_048
 """Numbers between two of its layers: a layer of that width takes 30 ms a robot and decision."""
-LARGEST_WEIGHT = 1e6
+MAX_WEIGHT = 1e6
 """Size of a number in a policy's network: what it makes of entries then stays finite."""
 MOST_TRIALS = 1_000_000
 """Trials of a sweep: each is a row of its table, and a run of a second or more."""

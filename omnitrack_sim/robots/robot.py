@@ -22,7 +22,6 @@ from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.record.channels import COMMON, Channel
-from omnitrack_sim.record.display import RobotDisplay
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
@@ -39,6 +38,9 @@ from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
     import mujoco
+
+    from omnitrack_sim.robots.display import RobotDisplay
+    from omnitrack_sim.robots.odometry import Odometry
 
 STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
@@ -64,7 +66,6 @@ stated."""
 SPECIAL: Mapping[str, Any] = {
     "physics.collider": "exact",
     "start.roll_deg": 0.0,
-    "sensing.kind": "truth",
 }
 """Keys of a scenario that mean something to some robots alone, with what they are for all
 others."""
@@ -117,7 +118,6 @@ class Robot(QuantityModel):
         kind: name in files, of a class.
         scene: ``module:function`` that makes the model of robot and pipes; see ``to_spec``.
         plant_class: ``module:Class`` of the plant, which steps the physics; see ``Plant``.
-        display_name: ``module:Object`` of what films and pages show; see ``RobotDisplay``.
         diagnosis_class: ``module:Class`` of what finds causes of failures; see ``Diagnosis``.
         decisions_class: ``module:Class`` from a learner's actions to commands; see
             ``InputDecisions``.
@@ -126,7 +126,6 @@ class Robot(QuantityModel):
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
             ``SPECIAL``.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
-        claims: ``module:MEASURES`` of what was published of it; see ``docs/how-to/any-robot.md``.
             Empty where nothing is measured.
         tether: that it drags along; None: it has none.
         slips: its metrics have the slip without load, which takes a short run of its own.
@@ -160,12 +159,10 @@ class Robot(QuantityModel):
     scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.plant:Diagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.plain_display:DISPLAY"
     decisions_class: ClassVar[str] = "omnitrack_sim.robots.decisions:InputDecisions"
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
-    claims: ClassVar[str] = ""
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 
@@ -240,6 +237,11 @@ class Robot(QuantityModel):
         """Return the control inputs (n, nu) of the robot's own gait; None: it has none, and its
         actuators stay as they are at the start."""
         return None
+
+    @classmethod
+    def claims(cls) -> Sequence[Any]:
+        """Return what was published of it, as claims; see docs/how-to/any-robot.md."""
+        return ()
 
     def parameters(self) -> list[Parameter]:
         """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
@@ -396,11 +398,18 @@ class Robot(QuantityModel):
 
     @property
     def display(self) -> RobotDisplay:
-        """Looks of the robot in films and on pages."""
+        """What the robot shows of itself in films, pages, figures and windows."""
         # It has looks, which need MuJoCo and the boolean kernel.
-        return named(self.display_name, "display_name", {})
+        from omnitrack_sim.robots.display import RobotDisplay
+
+        return RobotDisplay(self)
 
     # What is measured, and how it is judged
+
+    def odometry(self) -> Odometry | None:
+        """Return what its body measures of its motion, for runs by its own sensors
+        (``sensing.kind = "onboard"``); None: nothing is known of that."""
+        return None
 
     @property
     def channels(self) -> Mapping[str, Channel]:

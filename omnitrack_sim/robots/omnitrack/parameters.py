@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -20,6 +20,7 @@ from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
@@ -31,6 +32,9 @@ from omnitrack_sim.robots.quantity import (
     similar,
 )
 from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.display import RobotDisplay
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -80,7 +84,6 @@ class Omnitrack(Robot):
     scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:scene"
     plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackPlant"
     diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackDiagnosis"
-    display_name: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_display:DISPLAY"
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
     controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
     slips: ClassVar[bool] = True
@@ -398,6 +401,11 @@ class Omnitrack(Robot):
         """Travel of an arm from the nominal pipe radius, m, outward positive."""
         return -self.slide_travel_inward, self.reach - self.nominal_pipe_radius
 
+    @property
+    def lug_pitch(self) -> float:
+        """Distance of neighbouring lugs along a track, m."""
+        return self.contact_length / self.lugs_per_track
+
     def spring_force(self, radius: float) -> float:
         """Return the force of a module's springs in a bore of ``radius`` m, N; 0 where they are
         slack."""
@@ -457,6 +465,13 @@ class Omnitrack(Robot):
     # See ``Robot``
 
     @property
+    def display(self) -> RobotDisplay:
+        """What the robot shows of itself in films, pages, figures and windows."""
+        from omnitrack_sim.robots.omnitrack.track_display import TrackDisplay
+
+        return TrackDisplay(self)
+
+    @property
     def joint_count(self) -> int:
         """See ``Robot``."""
         return JOINT_POSITIONS + drive_of(self.drive).shafts
@@ -470,6 +485,12 @@ class Omnitrack(Robot):
         shafts = [f"shaft_{i + 1}" for i in range(drive_of(self.drive).shafts)]
         columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
         return {"robot": slice(0, 7)} | columns
+
+    def odometry(self) -> Odometry:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry  # imports this module
+
+        return TrackOdometry(self)
 
     @property
     def channels(self) -> Mapping[str, Channel]:

@@ -43,7 +43,7 @@ from omnitrack_sim.show.film.overlay import (
 from omnitrack_sim.show.film.shots import PANEL
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.landmarks import Landmarks, passage_spans
-from omnitrack_sim.show.playback import playback_of, sound
+from omnitrack_sim.show.playback import moment_of, playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
 
@@ -263,11 +263,12 @@ def run_stage(
 
 def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:
     """Return the function that gives the text of a run's status panel at a sample."""
-    passages, status = passage_spans(result, trajectory), result.scenario.display.status
+    passages, display = passage_spans(result, trajectory), result.scenario.robot.display
     begins = [passage.first for passage in passages]
 
     def text(row: int) -> StatusText:
-        return status(trajectory, row, passages[bisect_right(begins, row) - 1].part.name)
+        part = passages[bisect_right(begins, row) - 1].part.name
+        return display.status(moment_of(trajectory, row, part))
 
     return text
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, PageDisplay, Track
+from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, Track
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
@@ -162,21 +162,23 @@ class PageRun:
         }
 
 
-def plotted(trajectory: Trajectory, display: PageDisplay) -> list[str]:
-    """Channels that have a plot: the robot's, and those of a user's own sensors."""
+def plotted(trajectory: Trajectory, plots: Sequence[str]) -> list[str]:
+    """Return the channels with a plot: the robot's ``plots``, and those of a user's own sensors."""
     own = [
         name
         for name, channel in trajectory.schema.items()
-        if name not in {*RECORDED, *display.plotted} and len(channel.columns) <= MOST_COLUMNS
+        if name not in {*RECORDED, *plots} and len(channel.columns) <= MOST_COLUMNS
     ]
-    return [*display.plotted, *own]
+    return [*plots, *own]
 
 
-def curves_of(trajectory: Trajectory, display: PageDisplay) -> dict[str, Array]:
-    """The channels that are shown, by name."""
-    names = plotted(trajectory, display)
+def curves_of(
+    trajectory: Trajectory, plots: Sequence[str], more: Sequence[str]
+) -> dict[str, Array]:
+    """Return the channels that are plotted and ``more``, by name."""
+    names = plotted(trajectory, plots)
     commands = [trajectory.schema[name].display.command for name in names]
-    names += [*filter(None, commands), *display.kept]
+    names += [*filter(None, commands), *more]
     return {name: trajectory[name] for name in names}
 
 

@@ -152,7 +152,7 @@ def _part_mismatch(one: Result, other: Result) -> str:
 
 def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page of one or two runs, of which the first one brings the pipes."""
-    first, pack, display = runs[0], contents.Pack(), runs[0].scenario.display.page
+    first, pack, display = runs[0], contents.Pack(), runs[0].scenario.robot.display
     trajectory, schema = sound(first), first.trajectory.schema
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         pages = [_page_run(run) for run in runs]
@@ -164,8 +164,8 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         else contents.map_table(pages[0].playback, landmarks, pack),
         "pictures": contents.pictures_table(first.album, trajectory),
         "panels": [
-            {"channel": name, "first": name in display.first, **asdict(schema[name].display)}
-            for name in contents.plotted(first.trajectory, display)
+            {"channel": name, "first": name in display.first_plots, **asdict(schema[name].display)}
+            for name in contents.plotted(first.trajectory, display.plots)
         ],
         "columns": [
             [name, [round(255 * part) for part in colour]] for name, colour in display.columns
@@ -180,13 +180,13 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
 def _page_run(result: Result) -> contents.PageRun:
     """Collect the contents of a page for one run, including its robot."""
     trajectory, robot = sound(result), result.scenario.robot
-    playback, display = playback_of(result, coarse=False), result.scenario.display.page
+    playback, display = playback_of(result, coarse=False), robot.display
     bodies = [playback.model.body(name).id for name in display.badges]
     badges = contents.body_poses(playback, bodies)
     return contents.PageRun(
         heading=heading_table(result),
         playback=playback,
-        curves=contents.curves_of(trajectory, display),
+        curves=contents.curves_of(trajectory, display.plots, display.page_channels),
         phases=contents.phases_table(trajectory),
         fittings=contents.fittings_table(
             passage_spans(result, trajectory),
@@ -195,12 +195,12 @@ def _page_run(result: Result) -> contents.PageRun:
         ),
         events=contents.events_table(result),
         arrows=display.arrows(trajectory, list(np.moveaxis(badges, 1, 0))),
-        onboard=display.onboard(robot),
+        onboard=display.page_camera,
         scale=robot.length_scale,
         badges=display.badges,
         tracks=display.tracks,
         travel=display.travel(trajectory),
-        pitch=display.pitch(robot),
+        pitch=display.track_pitch,
     )
 
 
