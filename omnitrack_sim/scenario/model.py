@@ -35,6 +35,7 @@ from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.robot import (
     ROBOTS,
@@ -421,6 +422,9 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     with gathered(faults):
         scenario.robot.check()
     faults += _meaningless(scenario)
+    if scenario.sensing.kind == "onboard":
+        with gathered(faults):
+            odometry_of(scenario.robot)
     # What follows lays out pipes and plans, which needs tables that are valid by themselves.
     period, step = scenario.record.period, scenario.physics.control_period
     if not is_multiple(period, step):
