@@ -33,9 +33,11 @@ from omnitrack_sim.scenario.tables import (
 )
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.trials.axes import AXES
-from omnitrack_sim.trials.study import RESERVED, Final, Objective, StudyFile, Variable
-from omnitrack_sim.trials.study import resolve as resolve_study
-from omnitrack_sim.trials.sweep import SweepFile, resolve
+from omnitrack_sim.trials.search_plan import Objective, Variable
+from omnitrack_sim.trials.study import RESERVED, Final
+from omnitrack_sim.trials.study_file import StudyFile
+from omnitrack_sim.trials.study_file import resolve as resolve_study
+from omnitrack_sim.trials.sweep_file import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

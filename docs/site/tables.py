@@ -45,8 +45,10 @@ from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key
 from omnitrack_sim.trials import controllers, mobility
 from omnitrack_sim.trials.bench import Suite
-from omnitrack_sim.trials.study import Final, Objective, StudyFile, Variable
-from omnitrack_sim.trials.sweep import SweepFile
+from omnitrack_sim.trials.search_plan import Objective, Variable
+from omnitrack_sim.trials.study import Final
+from omnitrack_sim.trials.study_file import StudyFile
+from omnitrack_sim.trials.sweep_file import SweepFile
 
 ROOT = Path(__file__).parents[2]
 MARK = re.compile(

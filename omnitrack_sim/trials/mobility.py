@@ -30,8 +30,8 @@ from omnitrack_sim.scenario import Scenario, set_value, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
 from omnitrack_sim.trials.bench import BenchMeasure, Changes, Course, Entry, Suite
-from omnitrack_sim.trials.store import numbers_of, passed_of
 from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.table import numbers_of, passed_of
 
 VERSION = 2
 SEED = 72_000
