@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ from omnitrack_sim.senses.settings import SearchTable
 MISSION = """
 network = "knee_and_tee"
 [robot]
-kind = "rover:Rover"
-file = "rover.xml"
+kind = "my_rover:Rover"
+file = "my_rover.xml"
 bore = 0.16
 [start]
 distance = 0.2
@@ -29,7 +30,7 @@ theta5_deg = 30.0
 [world]
 friction = 0.8
 [control]
-kind = "rover:Forward"
+kind = "my_rover:Forward"
 cruise_speed = 0.08
 [sensing]
 kind = "onboard"
@@ -51,8 +52,8 @@ def test_a_robot_of_another_folder_drives_by_its_own_sensors(tmp_path):
     before, _, _ = python_of("any-robot", "spin_").partition("network = ot.Network(")
     names: dict = {}
     exec(before, names)
-    (tmp_path / "rover.xml").write_text(names["spec"].to_xml(), encoding="utf-8")
-    (tmp_path / "rover.py").write_text(python_of("autonomy", "class Rover"), encoding="utf-8")
+    (tmp_path / "my_rover.xml").write_text(names["spec"].to_xml(), encoding="utf-8")
+    (tmp_path / "my_rover.py").write_text(python_of("autonomy", "class Rover"), encoding="utf-8")
     (tmp_path / "rover.toml").write_text(MISSION, encoding="utf-8")
     result = ot.run(ot.load_scenario(tmp_path / "rover.toml"))
     assert result.outcome is ot.Outcome.REACHED_GOAL, result.reason
@@ -99,12 +100,13 @@ def test_the_bore_of_the_presser_is_that_which_its_tyres_touch(out):
 def test_the_presser_turns_its_wheels_the_other_way_in_reverse():
     """In the same place in a bend, tail first: the same ratios of speeds, backward."""
     frame = rotation_about(np.array([[0.0, 0.0, 1.0]]), np.array([0.4]))
-    location = SimpleNamespace(normal=np.array([[1.0, 0.0, 0.0]]), curvature=np.array([4.0]))
-    controller = BendSpeeds(SimpleNamespace(robot=Presser()))
+    location: Any = SimpleNamespace(normal=np.array([[1.0, 0.0, 0.0]]), curvature=np.array([4.0]))
+    setup: Any = SimpleNamespace(robot=Presser())
+    controller = BendSpeeds(setup)
 
     def wheels(gear: int) -> np.ndarray:
         location.frame = frame * [1.0, gear, gear]  # as locations have it, z ahead
-        observation = SimpleNamespace(location=location, gear=np.array([gear]))
+        observation: Any = SimpleNamespace(location=location, gear=np.array([gear]))
         return controller.step(observation).ctrl
 
     assert np.ptp(wheels(1)) > 1
