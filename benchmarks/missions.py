@@ -212,10 +212,10 @@ def in_order(result: Result) -> bool:
 
     None may be left out, and the last leg has to be driven to its end.
     """
-    routes, visits = result.routes(), result.timeline()
+    routes, driven = result.routes(), result.timeline()
     for leg, route in enumerate(routes):
         planned = [route.network.parts[passage.index].name for passage in route.passages]
-        visited = [visit.name for visit in visits if visit.leg == leg]
+        visited = [passage.name for passage in driven if passage.leg == leg]
         first = planned.index(visited[0]) if visited else 0
         if visited != planned[first : first + len(visited)]:
             return False
@@ -247,7 +247,7 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
     (result,) = run_batch([scenario], threads=1, no_load=False)
     wall = time.perf_counter() - begin
     mission = scenario.mission
-    visits = result.timeline()
+    driven = result.timeline()
     x, y, z = scenario.world.gravity
     return Run(
         study=study,
@@ -263,8 +263,8 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
         outcome=result.outcome.value,
         arrived=result.success,
         in_order=in_order(result),
-        retries=sum(visit.retries for visit in visits),
-        rolls=sum(visit.rolls for visit in visits),
+        retries=sum(passage.retries for passage in driven),
+        rolls=sum(passage.rolls for passage in driven),
         duration_s=result.duration_s,
         wall_s=wall,
         reason=result.reason,

@@ -29,7 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import omnitrack_sim as ot
-from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes import Port
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import ARCS
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.scenario import validate
@@ -57,7 +58,7 @@ class Walk(NamedTuple):
     parts: list[int]
     first: float
     last: float
-    ends: tuple[End, End]
+    ends: tuple[Port, Port]
 
 
 def through_random_network(
@@ -82,7 +83,7 @@ class Town:
 
     def __init__(self, network: Network, robot: ot.Robot) -> None:
         self.network, self.robot = network, robot
-        self.joined: dict[End, End] = {}
+        self.joined: dict[Port, Port] = {}
         for a, b in network.pipes.joints:
             self.joined[a], self.joined[b] = b, a
         self.fittings = [part.fitting for part in network.pipes.parts]
@@ -125,8 +126,8 @@ class Town:
         return [port for port in ports if not self.robot.misfit(2 * fitting.port_radius(port))]
 
     def _onward(
-        self, leave: End, room: float, generator: np.random.Generator
-    ) -> tuple[list[int], float, End] | None:
+        self, leave: Port, room: float, generator: np.random.Generator
+    ) -> tuple[list[int], float, Port] | None:
         """Walk on from a port by ``room`` m, and end inside a straight: the parts, how long a piece
         of the last is walked, m, and its far port."""
         parts: list[int] = []

@@ -177,7 +177,7 @@ def drive(task: tuple[Cell, Sequence[int], Mapping[str, Any]]) -> list[Ended]:
 
 def ended(index: int, result: Result) -> Ended:
     """What came of trial ``index``."""
-    retries = sum(visit.retries for visit in result.timeline())
+    retries = sum(passage.retries for passage in result.timeline())
     scenario = result.scenario
     forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
     return Ended(

@@ -11,8 +11,8 @@ from omnitrack_sim.autonomy.exploration import Exploration
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.autonomy.sight import Look, Sighting, TrueSight
 from omnitrack_sim.base.rotations import TURNED, Array, rotation_about
-from omnitrack_sim.pipes import ARCS
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes import ARCS, Port
+from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robots.omnitrack import Omnitrack
 
@@ -162,7 +162,7 @@ class PointRobot:
         turns = fitting.describe(self.enter, self.leave).turn_angle > 0.1
         return self.lag * new + (self.errors.turned() if turns else 0.0)
 
-    def _enter(self, end: End, since: float) -> None:
+    def _enter(self, end: Port, since: float) -> None:
         """Come into a part by a port, on the way on which the leg leads."""
         part, enter = end
         ports = [port for port in self.pipes.parts[part].fitting.port_names if port != enter]
@@ -245,7 +245,7 @@ class PointRobot:
         if part.fitting.describe(self.enter, self.leave).turn_angle > SHARP:
             self.sharp.add(part.name)
 
-    def _at(self, port: End, position: Array, frame: Array) -> bool:
+    def _at(self, port: Port, position: Array, frame: Array) -> bool:
         """Return whether the nose is at a port, from either side."""
         pose = self.pipes.parts[port[0]].port(port[1])
         offset = position + self.robot.length / 2 * frame[:, 2] - pose.position

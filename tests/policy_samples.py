@@ -13,7 +13,6 @@ from omnitrack_sim.robots.omnitrack.policy.file import (
     Acting,
     Mlp,
     Policy,
-    TrainingRecord,
     named_features,
 )
 
@@ -37,8 +36,7 @@ def random_policy(
     """A policy that knows nothing."""
     names = named_features(features)
     size = sum(FEATURES[name].size for name in names)
-    record = TrainingRecord(command="none", seed=seed, steps=0, note="random weights")
-    return Policy(random_network(size, seed, **more), names, acting, record)
+    return Policy(random_network(size, seed, **more), names, acting, "random weights")
 
 
 def driver(speed: float = 0.5) -> Policy:

@@ -10,13 +10,12 @@ from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.omnitrack.track_display import status_text
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
 from omnitrack_sim.show.landmarks import Landmarks
-from omnitrack_sim.show.playback import playback_of
+from omnitrack_sim.show.playback import moment_of, playback_of
 from omnitrack_sim.show.projection import clearest, needs_map
 
 
@@ -183,12 +182,15 @@ def test_map_of_a_plane_network_is_an_elevation():
 def test_overlay_names_fitting_and_gear():
     """Two fittings, and two gears, give different text; a long name is cut to the panel."""
     grey = np.full((720, 1280, 3), 90, np.uint8)
-    trajectory = two_legs_result().trajectory
+    result = two_legs_result()
+    trajectory, display = result.trajectory, result.scenario.robot.display
     last = len(trajectory.time) - 1
 
     def written(shown: Trajectory, name: str) -> np.ndarray:
         frame = grey.copy()
-        StatusPanel(lambda row: status_text(shown, row, name), 1280, 720).write(frame, last)
+        StatusPanel(lambda row: display.status(moment_of(shown, row, name)), 1280, 720).write(
+            frame, last
+        )
         return frame
 
     named, long = (written(trajectory, name) for name in ("drop", "a_very_long_name_" * 5))

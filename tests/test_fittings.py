@@ -320,7 +320,11 @@ def test_a_robot_drives_through_a_fitting_from_outside(collider):
     result = ot.run(scenario)
     assert result.success
     assert result.provenance["collider"] == collider
-    assert [visit.name for visit in result.timeline()] == ["straight_0", "bulge_1", "straight_2"]
+    assert [passage.name for passage in result.timeline()] == [
+        "straight_0",
+        "bulge_1",
+        "straight_2",
+    ]
     assert result.metrics["tilt_max_deg"] < 2
 
 

@@ -13,13 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.gym import TERMS
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import features_of
-from omnitrack_sim.robots.omnitrack.policy.file import (
-    DIRECT,
-    RESIDUAL,
-    Mlp,
-    TrainingRecord,
-    named_features,
-)
+from omnitrack_sim.robots.omnitrack.policy.file import DIRECT, RESIDUAL, Mlp
 
 BRIEF = {"changes": {"run.time_limit": 0.6}}
 SHORT = {"changes": {"run.time_limit": 0.4}}
@@ -123,8 +117,7 @@ def test_a_policy_drives_in_a_run_as_in_a_vector(tmp_path, acting):
         activation="tanh",
         output="clip",
     )
-    record = TrainingRecord(command="drawn", seed=0, steps=0)
-    policy = ot.Policy(network, named_features("onboard"), acting=acting, record=record)
+    policy = ot.Policy(network, ["onboard"], acting=acting, note="drawn")
     policy.save(tmp_path / "drawn.npz")
     changes = {
         "run.time_limit": 1.0,

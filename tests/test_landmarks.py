@@ -20,7 +20,7 @@ from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import MapPanel
 from omnitrack_sim.show.film.render import render_frames, strip_times
 from omnitrack_sim.show.film.shots import FollowCamera
-from omnitrack_sim.show.landmarks import Landmarks, stays
+from omnitrack_sim.show.landmarks import Landmarks, passage_spans
 from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.replay.document import replay_data
 
@@ -129,27 +129,27 @@ def test_the_robot_is_in_a_pipe_that_is_seen(runs):
     data = mujoco.MjData(playback.model)
     camera = FollowCamera(playback, 16 / 9, 0.12)
     landmarks = Landmarks.of(run, record)
-    for stay in stays(run, record):
-        for row in range(stay.first, stay.last):
+    for span in passage_spans(run, record):
+        for row in range(span.first, span.last):
             centre = record["position"][row]
-            assert stay.part.signed_distance(centre)[0] > 0
-            assert stay.part.extent(centre) > -1e-9
-            number = parts.index(stay.part)
+            assert span.part.signed_distance(centre)[0] > 0
+            assert span.part.extent(centre) > -1e-9
+            number = parts.index(span.part)
             playback.place(data, row)
             assert camera.shot(row, data).clearness[number] == 1
             assert landmarks.parts[number] <= row
 
 
 def test_parts_are_called_by_their_true_names(runs):
-    """In stays, on the page and in the figure, with the words of how they are passed."""
+    """In passages, on the page and in the figure, with the words of how they are passed."""
     names = ["foot", "shaft", "fork", "off", "bend", "low"]
     for run in runs:
-        visits = stays(run, run.trajectory)
-        assert [v.part.name for v in visits] == [*names, *names[::-1], "shaft", "fork", "on"]
-        words = [v.words for v in visits if v.part.name == "fork"]
+        passages = passage_spans(run, run.trajectory)
+        assert [v.part.name for v in passages] == [*names, *names[::-1], "shaft", "fork", "on"]
+        words = [v.words for v in passages if v.part.name == "fork"]
         assert words == ["run to branch", "branch to run", "over the run"]
         fittings = replay_data([run])["runs"][0]["fittings"]
-        assert [row["name"] for row in fittings] == [v.part.name for v in visits]
+        assert [row["name"] for row in fittings] == [v.part.name for v in passages]
         figure = plot_mission(run)
         texts = {text.get_text() for axis in figure.axes for text in axis.texts}
         assert texts >= {"foot", "shaft", "fork", "on"}
@@ -162,7 +162,7 @@ def test_the_map_grows_with_what_the_robot_sees(runs):
     run = runs[0]
     record, names = run.trajectory, [part.name for part in run.pipes.parts]
     first = dict(zip(names, Landmarks.of(run, record).parts.tolist(), strict=True))
-    begin = {v.part.name: v.first for v in reversed(stays(run, record))}
+    begin = {v.part.name: v.first for v in reversed(passage_spans(run, record))}
     assert first["foot"] == first["shaft"] == first["fork"] == 0
     order = [first[name] for name in ("fork", "off", "bend", "low", "on")]
     assert order == sorted(order)
@@ -180,7 +180,7 @@ def test_goals_to_be_found_come_onto_the_map_when_they_are_seen():
     record = run.trajectory
     (goal,) = Landmarks.of(run, record).goals
     assert record["leg"][goal] == 0
-    assert goal > stays(run, record)[4].first  # the bend
+    assert goal > passage_spans(run, record)[4].first  # the bend
     before = slice(0, goal - 20)
     channels = {name: values[before] for name, values in record.channels.items()}
     early = replace(record, time=record.time[before], channels=channels, qpos=record.qpos[before])

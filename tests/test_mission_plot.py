@@ -38,7 +38,7 @@ def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure)
     """Parts of the network once a map; fittings driven through in the bands, legs below."""
     names = texts(figure)
     parts = [part.name for part in two_legs_result().routes()[0].network.parts]
-    driven = [visit.name for visit in two_legs_result().timeline()]
+    driven = [passage.name for passage in two_legs_result().timeline()]
     driven += [
         "shelf",
         "elbow_side",

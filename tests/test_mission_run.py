@@ -51,10 +51,14 @@ def test_a_robot_before_a_plate_backs_out_and_goes_round(dead_end):
     assert (trajectory["gear"] == np.array([1, -1, 1])[trajectory["leg"].astype(int)]).all()
     jump = np.linalg.norm(np.diff(trajectory["position"], axis=0), axis=1)
     assert jump.max() < 0.02
-    visits = dead_end.timeline()
-    assert [visit.name for visit in visits if visit.leg == 1] == ["riser_2", "tee_low", "riser_1"]
-    assert visits[-1].name == "riser_3"
-    assert sum(visit.duration_s for visit in visits) == pytest.approx(dead_end.duration_s)
+    passages = dead_end.timeline()
+    assert [passage.name for passage in passages if passage.leg == 1] == [
+        "riser_2",
+        "tee_low",
+        "riser_1",
+    ]
+    assert passages[-1].name == "riser_3"
+    assert sum(passage.duration_s for passage in passages) == pytest.approx(dead_end.duration_s)
     way = sum(
         abs(trajectory["distance"][trajectory["leg"] == leg][[0, -1]] @ [-1, 1]) for leg in range(3)
     )
@@ -156,7 +160,7 @@ def test_fittings_close_together_are_passed():
     ]
     result = driven(mission_of({"fittings": fittings, "joints": joints}, "p0.start", "p6.end"))
     assert result.success, result.reason
-    assert [visit.name for visit in result.timeline()] == [f"p{i}" for i in range(7)]
+    assert [passage.name for passage in result.timeline()] == [f"p{i}" for i in range(7)]
 
 
 def test_a_mission_does_not_depend_on_its_batch():

@@ -16,9 +16,9 @@ from omnitrack_sim.paper.claim_figures import contact_map_figure, elbow_figure, 
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
-from omnitrack_sim.robots.omnitrack.track_display import status_text
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
+from omnitrack_sim.show.playback import moment_of
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, figure_bytes
 from omnitrack_sim.show.plots.success import Spread, sweep_figure
 
@@ -83,8 +83,10 @@ def test_names_of_axes_labels_and_groups():
 def test_names_in_films(name):
     """A frame can be written, whatever the part is called."""
     grey = np.full((180, 320, 3), 90, np.uint8)
-    frame, trajectory = grey.copy(), named_result().trajectory
-    StatusPanel(lambda row: status_text(trajectory, row, name), 320, 180).write(frame, 0)
+    frame, result = grey.copy(), named_result()
+    display = result.scenario.robot.display
+    moment = moment_of(result.trajectory, 0, name)
+    StatusPanel(lambda row: display.status(moment), 320, 180).write(frame, 0)
     assert (frame != grey).any()
 
 

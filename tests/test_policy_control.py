@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from documents import page
 from policy_samples import driver, random_policy
@@ -98,9 +102,9 @@ def test_a_sweep_in_another_process_gives_the_same_table(tmp_path):
         f"values = {policies}\n"
     )
     sweep = ot.load_sweep(tmp_path / "sweep.toml")
-    alone = ot.run_sweep(sweep).table
+    alone = ot.run_trials(sweep).table
     with LocalPool(1) as pool:
-        together = ot.run_sweep(sweep, executor=pool).table
+        together = ot.run_trials(sweep, executor=pool).table
     assert alone.equals(together)
     assert set(alone["outcome"].to_pylist()) <= {"timed_out", "no_motion_line"}
     assert len(set(alone["distance_m"].to_pylist())) == 4
@@ -136,9 +140,20 @@ def test_the_python_of_the_page_runs(tmp_path, monkeypatch, capsys):
     steps."""
     monkeypatch.chdir(tmp_path)
     text = page("policies")
-    (made,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    exec(compile(made, "policies.md", "exec"), {"__name__": "page"})
+    saved, made, onnx = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    for block in (saved, made):
+        exec(compile(block, "policies.md", "exec"), {"__name__": "page"})
     assert capsys.readouterr().out.split()[-2:] == ["(5,", "4)"]
+    ahead = ot.run(_tee(tmp_path / "ahead.npz"))
+    assert ahead.trajectory["distance"][-1] > ahead.trajectory["distance"][0] + 0.01
+    session = SimpleNamespace(
+        run=lambda outputs, given: [ot.load_policy("tee_turn")(given["entries"])]
+    )
+    runtime = SimpleNamespace(InferenceSession=lambda path: session)
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+    page_module: dict[str, Any] = {"__name__": "page"}
+    exec(compile(onnx, "policies.md", "exec"), page_module)
+    assert page_module["POLICY"](np.zeros((2, 53), np.float32)).shape == (2, 4)
     turn = {"control.kind": "policy", "control.parameters.policy": str(tmp_path / "mine.npz")}
     result = ot.run(ot.load_scenario("tee_turn", turn))
     assert result.outcome is ot.Outcome.REACHED_GOAL

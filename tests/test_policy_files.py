@@ -11,15 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from policy_samples import random_network, random_policy
+from policy_samples import driver, random_network, random_policy
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.bounds import MOST_POLICY_BYTES
+from omnitrack_sim.base.bounds import MAX_POLICY_BYTES
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.cli import main
 from omnitrack_sim.robots.feature import Feature
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS, FEATURES
-from omnitrack_sim.robots.omnitrack.policy.file import RESIDUAL, Mlp, Policy, named_features
+from omnitrack_sim.robots.omnitrack.policy.file import (
+    DIRECT,
+    RESIDUAL,
+    Acting,
+    Mlp,
+    Policy,
+    named_features,
+)
 
 
 @pytest.fixture
@@ -28,14 +35,11 @@ def saved(tmp_path: Path) -> Path:
     return tmp_path / "one.npz"
 
 
-def _changed(path: Path, header: dict | None = None, **arrays: np.ndarray | None) -> Path:
-    """The file at ``path`` with keys of its header, and arrays, replaced or left out."""
+def _changed(path: Path, **arrays: object) -> Path:
+    """The file at ``path`` with arrays replaced, or left out where None is given."""
     with np.load(path) as found:
-        data = dict(found)
-    told = json.loads(data["policy"].tobytes()) | (header or {})
-    data["policy"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    data = {key: value for key, value in (data | arrays).items() if value is not None}
-    path.write_bytes(npz_of(data))
+        data = dict(found) | arrays
+    np.savez(path, **{key: value for key, value in data.items() if value is not None})
     return path
 
 
@@ -84,11 +88,8 @@ def test_a_policy_is_read_back_as_it_was_written(tmp_path, policy):
     policy.save(tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     found = ot.load_policy(tmp_path / "a.npz")
-    assert (found.features, found.acting, found.record) == (
-        policy.features,
-        policy.acting,
-        policy.record,
-    )
+    for name in ("features", "acting", "note"):
+        assert getattr(found, name) == getattr(policy, name)
     entries = np.random.default_rng(0).normal(0, 1, (5, policy.network.inputs))
     assert found(entries).tobytes() == policy(entries).tobytes()
     assert len(found.sha256) == 64
@@ -102,62 +103,103 @@ def test_features_of_a_users_own_are_found_again_by_their_names(tmp_path):
     names = named_features(["tilt", f"{__name__}:OWN"])
     assert names == ("tilt", f"{__name__}:OWN")
     Policy(random_network(2), names).save(tmp_path / "own.npz")
-    assert ot.load_policy(tmp_path / "own.npz").read == (FEATURES["tilt"], OWN)
+    assert ot.load_policy(tmp_path / "own.npz").inputs == (FEATURES["tilt"], OWN)
     assert len(named_features("onboard")) == len(FEATURE_SETS["onboard"])
     with pytest.raises(ot.InputError, match="is a list; name its features one by one"):
         named_features(f"{__name__}:SEVERAL")
 
 
-def test_what_is_made_for_something_else_is_refused(saved):
-    header = json.loads(np.load(saved)["policy"].tobytes())
-    features = header["features"]
-    wider = [{**features[0], "high": 3.0}, *features[1:]]
-    _refused(_changed(saved, {"features": wider}), r"made for 'wall_speed' .* 3 .*, which is now")
-    unknown = [{**features[0], "name": "wall_sped"}, *features[1:]]
-    _refused(_changed(saved, {"features": unknown}), "did you mean 'wall_speed'")
-    fewer = features[1:]
-    _refused(_changed(saved, {"features": fewer}), "takes 32 entries, and its features have 29")
-    _refused(_changed(saved, {"features": features, "actions": ["a"]}), "actions: was made for")
-    changed = {"actions": header["actions"], "decision_period_s": 0.1}
-    _refused(_changed(saved, changed), "decision_period_s: was made for 0.1, and here it is 0.05")
-
-
-@pytest.mark.parametrize(
-    ("header", "pattern"),
-    [
-        ({"architecture": "transformer"}, r"architecture: is 'transformer' .*mlp"),
-        ({"activation": "swish"}, r"activation is 'swish' \(choose from: tanh, relu, elu\)"),
-        ({"format": 2}, "format: is 2"),
-        ({"reach": -1.0}, "reach is -1"),
-        ({"acting": {"name": "x", "base": "os:system", "speed": 1.0}}, "acting.base: is 'os:sys"),
-        ({"extra": 1}, "extra: unknown key"),
-    ],
-)
-def test_headers_that_are_none_are_refused(saved, header, pattern):
-    _refused(_changed(saved, header), pattern)
+def test_what_is_made_for_other_features_is_refused(saved):
+    """Of another range, of no such name, or of another number of entries."""
+    with np.load(saved) as found:
+        features, ranges = found["features"], found["ranges"]
+    wider = ranges.copy()
+    wider[0, 1] = 3.0
+    _refused(_changed(saved, ranges=wider), r"made for 'wall_speed' from -1.5 to 3, which is now")
+    _refused(_changed(saved, ranges=ranges[1:]), r"ranges has shape \(13, 2\), expected \(14, 2\)")
+    unknown = np.array(["wall_sped", *features[1:]])
+    _refused(_changed(saved, features=unknown, ranges=None), "did you mean 'wall_speed'")
+    fewer = {"features": features[1:], "ranges": None}
+    _refused(_changed(saved, **fewer), "takes 32 entries, and its features have 29")
 
 
 @pytest.mark.parametrize(
     ("arrays", "pattern"),
     [
+        ({"activation": "swish"}, r"activation is 'swish' \(choose from: tanh, relu, elu\)"),
+        ({"output": "softmax"}, r"output is 'softmax' \(choose from: clip, tanh\)"),
+        ({"acting": "os:system"}, r"acting is 'os:system' \(choose from: direct, residual\)"),
+        ({"activation": ["tanh", "relu"]}, "size 1"),
+        ({"reach": -1.0}, "reach holds numbers that are not larger"),
+        ({"extra": 1}, "has unknown arrays: extra"),
         ({"weight_0": np.zeros((31, 16))}, r"mean has shape \(32,\), expected \(31,\)"),
-        ({"bias_1": np.zeros(3)}, r"bias_1 has shape \(3,\), expected \(16,\)"),
-        ({"weight_2": np.zeros((16, 5)), "bias_2": np.zeros(5)}, "gives 5 numbers"),
+        ({"bias_1": np.zeros(3)}, r"weight_1 has shape \(16, 16\), expected \(16, 3\)"),
+        ({"weight_2": np.zeros((16, 5)), "bias_2": np.zeros(5)}, r"gives \(1, 5\) for one robot"),
         ({"weight_1": np.full((16, 16), np.nan)}, "weight_1 holds what is not a number"),
         ({"mean": np.full(32, np.inf)}, "mean holds what is not a number"),
         ({"weight_0": np.full((32, 16), 1e7)}, "weight_0 holds numbers larger than 1e"),
         ({"std": np.zeros(32)}, "std holds numbers that are not larger"),
-        ({"bias_0": None}, "at odds: bias_0"),
-        ({"more": np.zeros(1)}, "at odds: more"),
+        ({"bias_0": None}, "lacks arrays: bias_0"),
+        ({"features": None}, "lacks arrays: features"),
         ({"weight_0": np.zeros((32, 16, 1))}, r"weight_0 has shape \(32, 16, 1\), expected"),
         ({"weight_0": np.array(["a"])}, "no plain numbers"),
-        ({"policy": None}, "no entry 'policy'"),
-        ({"policy": np.frombuffer(b"[1]", np.uint8)}, "is no table"),
-        ({"policy": np.frombuffer(b"\xff\xfe", np.uint8)}, "is no text"),
+        ({"features": np.zeros(3)}, "no text"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(saved, arrays, pattern):
     _refused(_changed(saved, **arrays), pattern)
+
+
+def test_a_learner_writes_a_file_by_numpy_alone(tmp_path):
+    """What is left out of a file is not normalised, and acts directly."""
+    weight, bias = np.full((2, 4), 0.25), np.array([0.1, 0.2, 0.3, 0.0])
+    np.savez(tmp_path / "own.npz", features=["roll"], weight_0=weight, bias_0=bias)
+    policy = ot.load_policy(tmp_path / "own.npz")
+    assert policy.acting is DIRECT
+    np.testing.assert_allclose(policy(np.ones((3, 2)))[0], bias + 0.5, rtol=1e-6)
+
+
+def straight_ahead(entries: np.ndarray) -> np.ndarray:
+    return np.tile([0.5, 0.5, 0.5, 0.0], (len(entries), 1))
+
+
+AHEAD = Policy(straight_ahead, ["tilt"])
+
+
+def test_a_callable_of_a_users_own_drives(tmp_path):
+    """As ``module:Object``, as a file with the same decisions does; it is written to no file."""
+    driver(0.5).save(tmp_path / "driver.npz")
+    runs = [
+        ot.run(
+            ot.load_scenario(
+                "tee_turn",
+                {
+                    "run.time_limit": 0.5,
+                    "control.kind": "policy",
+                    "control.parameters.policy": source,
+                },
+            )
+        )
+        for source in (str(tmp_path / "driver.npz"), f"{__name__}:AHEAD")
+    ]
+    assert runs[0].trajectory.qpos.tobytes() == runs[1].trajectory.qpos.tobytes()
+    assert "sha256" in runs[0].scenario.control.parameters
+    assert runs[1].scenario.control.parameters.get("sha256") is None
+    with pytest.raises(TypeError, match="a file holds an Mlp"):
+        AHEAD.save(tmp_path / "none.npz")
+    with pytest.raises(ot.PolicyError, match=r"is no ot\.Policy"):
+        ot.load_policy(f"{__name__}:straight_ahead")
+    with pytest.raises(ot.PolicyError, match="cannot be imported"):
+        ot.load_policy("no_such_module:AHEAD")
+    with pytest.raises(ValueError, match=r"gives \(1, 3\) for one robot"):
+        Policy(lambda entries: np.zeros((len(entries), 3)), ["tilt"])
+
+
+def test_a_conversion_that_files_do_not_name_is_not_written(tmp_path):
+    policy = Policy(random_network(1), ["tilt"], Acting("mine"))
+    with pytest.raises(ValueError, match="a file names one of: direct, residual"):
+        policy.save(tmp_path / "one.npz")
+    assert not list(tmp_path.iterdir())
 
 
 class _Trap:
@@ -179,6 +221,7 @@ def test_nothing_in_a_file_is_executed(saved, tmp_path):
     np.lib.format.write_array(buffer, np.array([_Trap(trap)], object), allow_pickle=True)
     with zipfile.ZipFile(saved, "a") as archive:
         archive.writestr("weight_3.npy", buffer.getvalue())
+        archive.writestr("bias_3.npy", buffer.getvalue())
     _refused(saved, "Object arrays cannot be loaded")
     assert not trap.exists()
 
@@ -193,17 +236,18 @@ def test_damaged_and_huge_files_are_refused(saved, tmp_path):
     saved.write_bytes(flipped)
     with pytest.raises(ot.PolicyError):
         ot.load_policy(saved)
-    saved.write_bytes(npz_of({"policy": np.zeros(MOST_POLICY_BYTES + 1, np.uint8)}))
+    saved.write_bytes(npz_of({"mean": np.zeros(MAX_POLICY_BYTES + 1, np.uint8)}))
     assert saved.stat().st_size < 100_000
-    _refused(saved, f"unpacks to more than {MOST_POLICY_BYTES} bytes")
+    _refused(saved, f"unpacks to more than {MAX_POLICY_BYTES} bytes")
     with saved.open("wb") as file:
-        file.truncate(MOST_POLICY_BYTES + 1)
+        file.truncate(MAX_POLICY_BYTES + 1)
     _refused(saved, "is too large")
     header = io.BytesIO()
     shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
     np.lib.format.write_array_header_1_0(header, shape)
     with zipfile.ZipFile(saved, "w") as archive:
-        archive.writestr("mean.npy", header.getvalue())
+        for name in ("mean", "weight_0", "bias_0", "features"):
+            archive.writestr(f"{name}.npy", header.getvalue())
     _refused(saved, "is damaged: Unable to allocate")
     _refused(tmp_path, "no such file, nor a shipped policy")
     _refused(tmp_path / "none.npz", "no such file, nor a shipped policy")
@@ -250,7 +294,7 @@ def test_the_command_tells_what_a_file_says(saved, capsys, monkeypatch):
     assert status(str(saved)) == 0
     assert "32-16-16-4, tanh" in capsys.readouterr().out
     assert status(str(saved), "--json") == 0
-    assert json.loads(capsys.readouterr().out)["widths"] == [32, 16, 16, 4]
+    assert json.loads(capsys.readouterr().out)["network"] == "Mlp(32-16-16-4, tanh, clip)"
     assert status() == 0
     saved.write_bytes(b"no npz")
     assert status(str(saved)) == 2

@@ -11,8 +11,9 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, rotation_about
+from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.sensor import State
+from omnitrack_sim.robots.sensor import MOST_UNREAD, State, moments_together, read_together
 from omnitrack_sim.senses.draws import keys
 from omnitrack_sim.senses.proprioception import Proprioception
 from omnitrack_sim.senses.settings import ImuTable, SensingTable
@@ -138,6 +139,31 @@ def test_a_module_that_has_lost_the_wall_is_where_it_touched_last() -> None:
     assert state["contact_count"][0, :, 0].tolist() == [1.0, 0.0, 1.0]
 
 
+def test_moments_read_together_have_the_bits_of_one_after_the_other() -> None:
+    """All channels of several moments, also where a module has lost the wall before, at and after
+    the moments that are read."""
+    simulation = ot.Simulation([ot.load_scenario("tee_turn")] * 2)
+    simulation.step()
+    chain: list[list[State]] = [[], []]
+    for i in range(9):
+        simulation.step()
+        arrays = {name: values.copy() for name, values in simulation.readings.arrays.items()}
+        if i in (0, 2, 3, 6):
+            lost = simulation.readings.at.contact[1]
+            arrays["sensordata"][i % 2, lost] = 0.0  # of one robot's second module
+        for states in chain:
+            known = states[-1] if states else {"contact_position": np.ones((2, 3, 3))}
+            one = simulation.readings
+            states.append(State(arrays, one.at, one.robot, one.sensors, known, one.looks_back))
+    one_by_one, together = chain
+    read_together(together[1::2], READ)
+    for state, alone in zip(together[1::2], one_by_one[1::2], strict=True):
+        assert {name: state[name].tobytes() for name in READ} == {
+            name: alone[name].tobytes() for name in READ
+        }
+    assert moments_together(1) * 2 < MOST_UNREAD
+
+
 def test_the_speed_of_a_module_is_that_at_the_wall() -> None:
     """A rigid robot that turns in a bend: the speed over the wall is the rate times the distance of
     the contact, not of the module's middle, from the bend's centre."""
@@ -189,9 +215,9 @@ def test_noise_of_the_gyro_is_white(period: float) -> None:
     table = SensingTable(imu=ImuTable(gyro_bias_deg=0.0, gyro_walk_deg=0.0, gyro_noise_deg=0.01))
     n, state = 1, state_of()
     state.qpos[:, 3] = 1.0
-    gyro = Proprioception(table, ot.Omnitrack(), period, 0.006, n)
-    gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), np.ones(n), state)
-    angles = np.array([gyro.read(state).turned[0] for _ in range(2000)])
+    gyro = Proprioception(table, TrackOdometry(ot.Omnitrack()), period, state)
+    gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), [ot.Omnitrack()], state)
+    angles = np.array([gyro.read(state).rotation[0] for _ in range(2000)])
     assert angles.std() == pytest.approx(np.radians(0.01) * np.sqrt(period), rel=0.05)
     assert abs(angles.mean()) < 4 * angles.std() / np.sqrt(angles.size)
 

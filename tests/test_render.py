@@ -186,7 +186,7 @@ def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):
 
 def test_a_strip_covers_the_fittings(result):
     """From just before the elbow to the end of the run, which ends in it or behind it."""
-    (elbow,) = (visit for visit in result.timeline() if visit.kind == "elbow")
+    (elbow,) = (passage for passage in result.timeline() if passage.kind == "elbow")
     times = strip_times(result, 4)
     assert times[0] == pytest.approx(max(0.0, elbow.time_enter_s - 0.3))
     end = result.duration_s if elbow.time_leave_s is None else elbow.time_leave_s + 0.3

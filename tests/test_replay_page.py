@@ -13,7 +13,6 @@ from pages import TOLERANCE, needs_browser, opened, picture
 
 from omnitrack_sim import Result, load_scenario, override, render_replay, run
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
-from omnitrack_sim.robots.omnitrack.track_display import smooth_belts
 
 pytestmark = needs_browser
 
@@ -61,7 +60,7 @@ def kinematics(result: Result, rows: np.ndarray) -> tuple[mujoco.MjModel, np.nda
     """The model of a run's film, and by it position and quaternion of all its bodies at samples
     (len(rows), nbody, 7)."""
     model = result.scenario.to_spec(looks=True).compile()
-    qpos = smooth_belts(model, result.trajectory, result.scenario.robot)
+    qpos = result.scenario.robot.display.poses(model, result.trajectory)
     data, found = mujoco.MjData(model), []
     for row in rows:
         data.qpos[:] = qpos[row]

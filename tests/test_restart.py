@@ -41,7 +41,7 @@ def seen(simulation: ot.Simulation, robot: int) -> bytes:
     arrays = [simulation.plant.qpos[robot], simulation.plant.motors._correction[robot]]
     arrays += [simulation.readings[name][robot] for name in ("slip_ratio", "contact_position")]
     arrays += [observation.motor_torque[robot], observation.time[robot], location.distance[robot]]
-    arrays += [simulation.monitor._diagnosis._mean[robot], simulation.monitor._waiting[robot]]
+    arrays += [simulation.monitor._diagnosis.mean[robot], simulation.monitor._waiting[robot]]
     arrays += [observation.angular_velocity[robot], observation.location.distance[robot]]
     senses = simulation.senses
     if isinstance(senses, Onboard):

@@ -16,7 +16,7 @@ from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
-from omnitrack_sim.robots.robot import ROBOTS, robot_class
+from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.scenario import validate
 
 ROOMS = ("walls", "pipes", "show", "sim")
@@ -122,9 +122,9 @@ def test_rolling_wheels_hardly_slip_and_carry_the_preload(run):
 
 def test_the_timeline_is_of_what_touches(run):
     """Mean and least force of a straight are those of the wheels, not of bodies in the air."""
-    (visit,) = run.timeline()
-    assert visit.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
-    assert visit.normal_force_min_n > 10.0
+    (passage,) = run.timeline()
+    assert passage.normal_force_mean_n == pytest.approx(20.0, rel=0.1)
+    assert passage.normal_force_min_n > 10.0
 
 
 def test_a_run_reads_back_as_it_was_saved(run, tmp_path):
@@ -175,7 +175,7 @@ def test_a_robot_that_does_not_fit_is_refused():
         ({"robot": {"kind": "presser", "prelaod": 3}}, "robot.prelaod", "preload"),
         ({"robot": "gone.xml"}, "robot.file", "cannot be read"),
         ({"robot": "presser", "physics": {"collider": "primitives"}}, "physics.collider", "kind"),
-        ({"robot": "presser", "sensing": {"kind": "onboard"}}, "sensing.kind", "kind"),
+        ({"robot": "snake", "sensing": {"kind": "onboard"}}, "sensing.kind", "odometry"),
         ({"robot": "presser", "start": {"roll_deg": 20}}, "start.roll_deg", "kind"),
         ({"robot": "presser", "control": {"kind": "jacobian"}}, "control.kind", "own"),
     ],
@@ -284,7 +284,7 @@ def test_a_sweep_has_the_robots_metrics(tmp_path):
         '[[axes]]\npath = "robot.preload"\nkind = "list"\nvalues = [20.0, 40.0]\n'
     )
     sweep = ot.load_sweep(tmp_path / "grip.toml")
-    result = ot.run_sweep(sweep, out=tmp_path / "sweep", workers=1)
+    result = ot.run_trials(sweep, out=tmp_path / "sweep", workers=1)
     force = result.table["wall_force_sum_mean_n"].to_numpy()
     assert force[1] == pytest.approx(2 * force[0], rel=0.1)
 

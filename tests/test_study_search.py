@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from study_samples import OPTIMUM, noisy_quadratic, places, quadratic_plan
+from study_samples import OPTIMUM, explore, noisy_quadratic, places, quadratic_plan
 
 from omnitrack_sim.trials.search import (
     Measured,
     best_of,
-    explore,
     front,
     front_of,
     scores_of,
@@ -16,7 +15,7 @@ from omnitrack_sim.trials.search import (
     values_of,
     violations_of,
 )
-from omnitrack_sim.trials.study import Objective, Variable
+from omnitrack_sim.trials.search_plan import Objective, Variable
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -93,7 +92,7 @@ def test_the_front_of_two_quadratics_is_the_line_between_their_optima():
     one, other = np.array([0.2, 0.3]), np.array([0.7, 0.6])
 
     def evaluate(candidates):
-        values = [np.array(one.values) for one in candidates]
+        values = [np.array(candidate.values) for candidate in candidates]
         return [Measured((((v - one) ** 2).sum(), ((v - other) ** 2).sum())) for v in values]
 
     history = explore(plan, evaluate)

@@ -20,7 +20,7 @@ from samples import (
 
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
 from omnitrack_sim.record.metrics import summarise
-from omnitrack_sim.record.timeline import Visit, passage_indices, timeline
+from omnitrack_sim.record.timeline import PassageRecord, passage_indices, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack import Omnitrack
@@ -46,7 +46,7 @@ def record(
     )
 
 
-def visits(trajectory: Trajectory, *ways: Route) -> list[Visit]:
+def visits(trajectory: Trajectory, *ways: Route) -> list[PassageRecord]:
     return timeline(trajectory, ways, Omnitrack(lug_radius=LUG_RADIUS).touch(trajectory))
 
 
@@ -215,7 +215,7 @@ def test_table_reads_back_exactly(tmp_path):
     with (folder / "timeline.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(result.timeline()) == 1
-    for field in dataclasses.fields(Visit):
+    for field in dataclasses.fields(PassageRecord):
         value, written = getattr(result.timeline()[0], field.name), rows[0][field.name]
         assert written == ("" if value is None else str(value))
         if isinstance(value, float):

@@ -52,7 +52,7 @@ def test_a_policy_decides_as_the_trainers_network(tmp_path, residual):
     training.run()
     policy = ot.load_policy(tmp_path / "policy.npz")
     assert policy.acting.name == ("residual" if residual else "direct")
-    assert policy.record.steps == 3 * train.ROLLOUT
+    assert f"seed 3, {3 * train.ROLLOUT} decisions" in policy.note
     far = np.random.default_rng(1).uniform(-1, 1, (100, policy.network.inputs))
     for entries in (training.validation.seen, far.astype(np.float32)):
         assert difference(policy, training.model, training.normalise, entries) < NEARNESS

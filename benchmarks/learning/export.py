@@ -1,4 +1,4 @@
-"""From the trainer's network to a policy file."""
+"""Conversion of the trainer's network to a policy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import nn
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.feature import FloatRows
-from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS, Mlp, TrainingRecord, named_features
+from omnitrack_sim.robots.omnitrack.policy.file import ACTINGS, Mlp
 
 NEARNESS = 1e-6
 """By which the policy's actions may differ from those of the trainer's network."""
@@ -33,11 +33,10 @@ def network_of(model: PPO, normalise: VecNormalize) -> Mlp:
 
 
 def policy_of(
-    model: PPO, normalise: VecNormalize, observation: str, acting: str, record: TrainingRecord
+    model: PPO, normalise: VecNormalize, observation: str, acting: str, note: str
 ) -> ot.Policy:
-    """The policy that a file holds."""
-    network = network_of(model, normalise)
-    return ot.Policy(network, named_features(observation), ACTINGS[acting], record)
+    """Return the policy that a file holds."""
+    return ot.Policy(network_of(model, normalise), [observation], ACTINGS[acting], note)
 
 
 def difference(policy: ot.Policy, model: PPO, normalise: VecNormalize, entries: FloatRows) -> float:

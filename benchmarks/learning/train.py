@@ -10,7 +10,7 @@ minute old.
 The minutes are of processor time, of the longer of the two batches and of the learning, so that
 other work on the machine makes a training no worse.
 
-DIR gets `policy.npz`, the policy that was best in validation so far, with its training record;
+DIR gets `policy.npz`, the policy that was best in validation so far, with a note of its training;
 `curves.csv` and `curves.png`; and `checkpoint.pt`. How fast the steps shorten follows that time, so
 two trainings from one seed are alike and not the same to the bit.
 """
@@ -37,7 +37,6 @@ from validation import Score, Validation
 from variants import OBSERVATION, VALIDATION_SEED, VARIANTS, Variant
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.omnitrack.policy.file import TrainingRecord
 
 ROLLOUT = 256
 """Decisions of each robot between two updates: 12.8 s, a whole turn. From a quarter of that, some
@@ -167,15 +166,11 @@ class Training:
             note += (
                 f"; passed {score.success:.1%} of the validation trials, return {score.value:.2f}"
             )
-        record = TrainingRecord(
-            command=shlex.join(["python", "benchmarks/learning/train.py", *sys.argv[1:]]),
-            seed=self.given.seed,
-            steps=self.model.num_timesteps,
-            date=datetime.datetime.now(datetime.UTC).date().isoformat(),
-            package_version=ot.__version__,
-            note=note,
-        )
-        return policy_of(self.model, self.normalise, OBSERVATION, self.variant.acting, record)
+        command = shlex.join(["python", "benchmarks/learning/train.py", *sys.argv[1:]])
+        today = datetime.datetime.now(datetime.UTC).date().isoformat()
+        note += f"; {command}, seed {self.given.seed}, {self.model.num_timesteps} decisions"
+        note += f", {today}, omnitrack_sim {ot.__version__}"
+        return policy_of(self.model, self.normalise, OBSERVATION, self.variant.acting, note)
 
     def _save(self) -> None:
         seed, id, acting = self._identity()

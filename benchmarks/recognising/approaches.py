@@ -11,13 +11,23 @@ from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.recognition.forms import STILL, cameras
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
-from omnitrack_sim.pipes import Assembly, Elbow, Fitting, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes import (
+    Assembly,
+    Elbow,
+    Fitting,
+    Part,
+    Port,
+    Reducer,
+    Straight,
+    Tee,
+    attached,
+)
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.senses.draws import keys
 from omnitrack_sim.senses.optics import Camera, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 
-Joint = tuple[tuple[int, str], tuple[int, str]]
+Joint = tuple[Port, Port]
 BORE = 0.16
 PICTURES, WAY = 5, 0.1
 """Pictures of an approach, and the way, m, on which they are taken."""
@@ -59,7 +69,7 @@ class Approach:
     number: str
     fitting: Fitting | None
     parts: list[Part]
-    closed: list[tuple[int, str]]
+    closed: list[Port]
     distance: float
     turn: float
     place: Array
@@ -127,7 +137,7 @@ def _within(rng: np.random.Generator, most: float) -> Array:
 
 def _world(
     rng: np.random.Generator, case: str, close: float
-) -> tuple[Fitting | None, list[Part], list[tuple[int, str]]]:
+) -> tuple[Fitting | None, list[Part], list[Port]]:
     """The fitting of a case, the parts of its world, and the ports that plates close."""
     while True:
         fitting, parts, closed, joints = _drawn_world(rng, case, close)
@@ -146,7 +156,7 @@ def _has_room(parts: list[Part], joints: list[Joint]) -> bool:
 
 def _drawn_world(
     rng: np.random.Generator, case: str, close: float
-) -> tuple[Fitting | None, list[Part], list[tuple[int, str]], list[Joint]]:
+) -> tuple[Fitting | None, list[Part], list[Port], list[Joint]]:
     """The same, and the joints; parts may share space."""
     length = rng.uniform(0.3, 0.8)
     lead = Part("lead", Straight(length), Pose(np.eye(3), np.array([0.0, 0.0, -length])))
@@ -173,7 +183,7 @@ def _continue(
     before: int,
     port: str,
     parts: list[Part],
-    closed: list[tuple[int, str]],
+    closed: list[Port],
     joints: list[Joint],
     close: float,
 ) -> None:

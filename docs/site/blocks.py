@@ -17,6 +17,7 @@ import typer
 from stage import ROOT
 
 from omnitrack_sim.cli import app
+from omnitrack_sim.pipes import Port
 
 _BLOCK = re.compile(r"^( *)(`{3,})([^\n`]*)\n(.*?)^\1\2$", re.MULTILINE | re.DOTALL)
 _INLINE = re.compile(r"(?<!`)`(omnitrack [^`]+|make [\w-]+|python [^`]+)`(?!`)")
@@ -28,7 +29,7 @@ def blocks(text: str) -> Iterator[tuple[int, str, str]]:
         yield text.count("\n", 0, match.start()) + 1, match[3].strip(), match[4]
 
 
-def inline_commands(text: str) -> Iterator[tuple[int, str]]:
+def inline_commands(text: str) -> Iterator[Port]:
     """Line and text of each command that stands as code in a sentence, outside of blocks."""
     text = _BLOCK.sub(lambda match: "\n" * match[0].count("\n"), text)
     for match in _INLINE.finditer(text):

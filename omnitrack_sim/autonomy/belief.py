@@ -14,9 +14,9 @@ from itertools import takewhile
 from typing import Literal
 
 from omnitrack_sim.base.rotations import Array, Pose, frame_along, wrap_angle
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Straight
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Port, Straight
 from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
-from omnitrack_sim.pipes.network import End, Joint, Network, Origin, both_ways
+from omnitrack_sim.pipes.network import Joint, Network, Origin, both_ways
 
 
 @dataclass(frozen=True)
@@ -76,16 +76,18 @@ class Belief:
         self._place = Origin(axis=(x, y, z), turn_deg=turn, position=(px, py, pz))
         self._names: list[str] = []
         self._fittings: list[Fitting] = []
-        self._joints: list[tuple[End, End, float]] = []  # a port, what was attached there, turn_deg
+        self._joints: list[
+            tuple[Port, Port, float]
+        ] = []  # a port, what was attached there, turn_deg
         self._counts: dict[str, int] = {}
-        self.ends: dict[End, EndState] = {}
-        self.explored: set[End] = set()
-        self.goals: dict[End, str] = {}
+        self.ends: dict[Port, EndState] = {}
+        self.explored: set[Port] = set()
+        self.goals: dict[Port, str] = {}
         self.stds: dict[str, dict[str, float]] = {}
         self.provisional: int | None = None
         self._network: Network | None = None
         self._add(Straight(length, bore))
-        self.start: End = (0, "start")
+        self.start: Port = (0, "start")
 
     # Contents
 
@@ -104,22 +106,22 @@ class Belief:
         return self._network
 
     @property
-    def joined(self) -> dict[End, End]:
+    def joined(self) -> dict[Port, Port]:
         """The port that each port is joined to."""
         return both_ways((end, other) for end, other, _ in self._joints)
 
     @property
-    def unexplored(self) -> list[End]:
+    def unexplored(self) -> list[Port]:
         """Ports that have not been looked into, the latest first, and of a fitting its branch."""
         return [end for end in self._free_ports()[::-1] if end not in self.explored]
 
-    def _free_ports(self) -> list[End]:
+    def _free_ports(self) -> list[Port]:
         """Return the ports, other than the start, that nothing is joined to."""
         joined = self.joined
         every = [(i, port) for i, one in enumerate(self._fittings) for port in one.port_names]
         return [end for end in every if end not in joined and end != self.start]
 
-    def reliable_parts(self) -> tuple[list[Part], list[End], list[End]]:
+    def reliable_parts(self) -> tuple[list[Part], list[Port], list[Port]]:
         """Return the part of the map that pictures may be compared with.
 
         Returns:
@@ -140,7 +142,7 @@ class Belief:
             unknown = [*unknown, end] if end not in unknown else unknown
         return parts, closed, unknown
 
-    def name(self, end: End) -> str:
+    def name(self, end: Port) -> str:
         """``part.port`` of a port."""
         return f"{self._names[end[0]]}.{end[1]}"
 
@@ -152,27 +154,27 @@ class Belief:
         """The fitting of a part."""
         return self._fittings[part]
 
-    def bore(self, end: End) -> float:
+    def bore(self, end: Port) -> float:
         """The bore at a port, m."""
         return 2 * self._fittings[end[0]].port_radius(end[1])
 
-    def port(self, end: End) -> Pose:
+    def port(self, end: Port) -> Pose:
         """A port in the world, z outward."""
         return self.network.pipes.parts[end[0]].port(end[1])
 
-    def attached_to(self, part: int) -> tuple[End, End] | None:
+    def attached_to(self, part: int) -> tuple[Port, Port] | None:
         """Return the port that a part was attached to and its own one there; None of the first."""
         # What is attached is the second of two; a loop is closed later.
         joints = ((end, other) for end, other, _ in self._joints)
         return next((ports for ports in joints if ports[1][0] == part), None)
 
-    def joint(self, end: End) -> tuple[End, End] | None:
+    def joint(self, end: Port) -> tuple[Port, Port] | None:
         """Return the ports of the joint at a port, the one that was there first; None without
         one."""
         joints = ((one, other) for one, other, _ in self._joints)
         return next((ports for ports in joints if end in ports), None)
 
-    def parts_beyond(self, end: End) -> set[int]:
+    def parts_beyond(self, end: Port) -> set[int]:
         """Return the parts that a port leads to, on any way but back through its own part; with
         that part where a loop leads to it."""
         joined, found, new = self.joined, set[int](), [end]
@@ -244,7 +246,7 @@ class Belief:
         self._fittings[part], self._network = fitting, None
         return self._names[part]
 
-    def rotate_joint(self, end: End, more: float) -> None:
+    def rotate_joint(self, end: Port, more: float) -> None:
         """Turn what was attached to a port, and all that hangs on it, by ``more`` rad about the
         port's axis."""
         (number,) = (i for i, joint in enumerate(self._joints) if end in joint[:2])
@@ -259,14 +261,14 @@ class Belief:
         del self._names[part], self._fittings[part], self._joints[-1]
         self._network = None
 
-    def attach_straight(self, end: End, length: float) -> int:
+    def attach_straight(self, end: Port, length: float) -> int:
         """Join a straight of ``length`` m to a port; return its index."""
         length = max(round(length, BELIEF.digits), BELIEF.min_length)
         part = self._add(Straight(length, self.bore(end)))
         self.join(end, (part, "start"), 0.0)
         return part
 
-    def attach(self, end: End, fitting: Fitting, enter: str, side: Array) -> int:
+    def attach(self, end: Port, fitting: Fitting, enter: str, side: Array) -> int:
         """Join a fitting to a port; return its index.
 
         Args:
@@ -281,7 +283,7 @@ class Belief:
         self.join(end, (part, enter), turn)
         return part
 
-    def join(self, end: End, other: End, turn_deg: float) -> None:
+    def join(self, end: Port, other: Port, turn_deg: float) -> None:
         """Join two ports that lie in one place."""
         self._joints.append((end, other, _rounded_turn(turn_deg)))
         self._network = None
@@ -307,19 +309,19 @@ class Belief:
         self.set_provisional(None)
         return removed
 
-    def set_end(self, end: End, state: EndState) -> None:
+    def set_end(self, end: Port, state: EndState) -> None:
         """Note the state of a port that nothing follows."""
         self.ends[end] = state
         self._network = None
 
-    def set_explored(self, end: End, goal: str = "") -> None:
+    def set_explored(self, end: Port, goal: str = "") -> None:
         """Mark a port as inspected, or as given up; ``goal``: name of the one that is there."""
         self.explored.add(end)
         if goal:
             self.goals[end] = goal
         self._network = None
 
-    def set_unexplored(self, end: End) -> None:
+    def set_unexplored(self, end: Port) -> None:
         """Mark a port as unexplored again."""
         self.explored.discard(end)
         self.ends.pop(end, None)

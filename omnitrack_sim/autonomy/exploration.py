@@ -9,9 +9,9 @@ from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
-from omnitrack_sim.pipes import Arcs, Part
+from omnitrack_sim.pipes import Arcs, Part, Port
 from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.robot import Robot
 
@@ -53,7 +53,7 @@ class Exploration:
             (part, port, leave) for leave in fitting.port_names if leave != port
         )
 
-    def in_sight(self) -> tuple[list[Part], list[End]]:
+    def in_sight(self) -> tuple[list[Part], list[Port]]:
         """Return the parts that are visible from any position that the robot can reach, and those
         of their ports that a plate closes: numbers are those of the parts returned."""
         # A plate closes both ports of its joint, and hides all that lies behind it.
@@ -117,10 +117,10 @@ class Exploration:
         """Return the positions (3,) m of the goals, or else of the start."""
         return [self._port(end).position for end in self.ends[1:] or self.ends]
 
-    def _port(self, end: End) -> Pose:
+    def _port(self, end: Port) -> Pose:
         return self.network.pipes.parts[end[0]].port(end[1])
 
-    def _is_at(self, end: End, tip: Array) -> bool:
+    def _is_at(self, end: Port, tip: Array) -> bool:
         """Return whether a tip of the robot is within a bore's radius of a port."""
         radius = self.network.pipes.parts[end[0]].fitting.port_radius(end[1])
         return float(length(self._port(end).position - tip)) < radius

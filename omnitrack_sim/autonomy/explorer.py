@@ -35,8 +35,7 @@ from omnitrack_sim.autonomy.pilots import Decision, Replan
 from omnitrack_sim.autonomy.rear_looks import RearLooks
 from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.autonomy.sighting_check import SightingCheck
-from omnitrack_sim.pipes import Arcs, Reducer
-from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes import Arcs, Port, Reducer
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
@@ -333,7 +332,7 @@ class Explorer(MappingPilot):
         self._falls = self._max_falls
         return self._replan(time, events, self._from(location))
 
-    def _inspect(self, time: float, distance: float, end: End, goal: str) -> Decision:
+    def _inspect(self, time: float, distance: float, end: Port, goal: str) -> Decision:
         """Decide at an observed end: mark it as explored, and go on to another port."""
         belief, reached = self.belief, goal if goal in self.goals else ""
         self._falls = self._max_falls
@@ -348,7 +347,7 @@ class Explorer(MappingPilot):
             return Decision(None, False, events)
         return self._replan(time, events, self._onward(distance))
 
-    def _abandon(self, end: End, why: str) -> None:
+    def _abandon(self, end: Port, why: str) -> None:
         """Leave a port unexplored."""
         self.assumed = 0.0
         self.frontier.abandon(end, why)
@@ -427,7 +426,7 @@ class Explorer(MappingPilot):
             self.assumed = 0.0
         self.frontier.abandon_unreachable(self._closed)
 
-    def _cheapest_legs(self, goals: Sequence[End], plan: Replan) -> list[Leg] | None:
+    def _cheapest_legs(self, goals: Sequence[Port], plan: Replan) -> list[Leg] | None:
         """Return legs to that of the ports ``goals`` which costs least; None where no path leads to
         any."""
         planner = self.planner_to(goals)

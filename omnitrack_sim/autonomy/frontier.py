@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes import Port
 
 
 class Frontier:
@@ -20,27 +20,27 @@ class Frontier:
 
     def __init__(self, belief: Belief) -> None:
         self._belief = belief
-        self.abandoned: dict[End, str] = {}
-        self._reopened: set[End] = set()  # ports that have been reopened once
+        self.abandoned: dict[Port, str] = {}
+        self._reopened: set[Port] = set()  # ports that have been reopened once
 
     @property
-    def ports(self) -> list[End]:
+    def ports(self) -> list[Port]:
         """Unexplored ports, see ``Belief.unexplored``."""
         return self._belief.unexplored
 
-    def abandon(self, end: End, why: str) -> None:
+    def abandon(self, end: Port, why: str) -> None:
         """Give up a port: it stays unexplored."""
         self._belief.set_end(end, "impassable")
         self._belief.set_explored(end)
         self.abandoned[end] = why
 
-    def abandon_unreachable(self, closed: Iterable[End]) -> None:
+    def abandon_unreachable(self, closed: Iterable[Port]) -> None:
         """Give up all ports, none of which can be reached past those that are ``closed``."""
         names = ", ".join(self._belief.name(end) for end in dict.fromkeys(closed))
         for end in self.ports:
             self.abandon(end, f"no way past {names}" if names else "no way there is left")
 
-    def reopen(self, closed: Iterable[End]) -> list[End]:
+    def reopen(self, closed: Iterable[Port]) -> list[Port]:
         """Reopen ports that are ``closed`` or abandoned, each once; return those reopened.
 
         The robot comes there from elsewhere now, and often it was a fall that stopped it.

@@ -26,8 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, dot, length
-from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Part, Passage, Route
-from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Part, Passage, Port, Route
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import (
     Closed,
     Leg,
@@ -108,7 +108,7 @@ class LegPlanner:
     def __init__(
         self,
         network: Network,
-        ends: Sequence[End],
+        ends: Sequence[Port],
         names: Sequence[str],
         robot: Robot,
         arcs: Arcs = ARCS,
@@ -135,7 +135,7 @@ class LegPlanner:
             self._passages[edge] = Passage.of(self.network.pipes, edge, self.arcs)
         return self._passages[edge]
 
-    def obstacle(self, leg: Leg, distance: float) -> End:
+    def obstacle(self, leg: Leg, distance: float) -> Port:
         """Return the port (part index, port) that stops a robot at arc length ``distance`` m of a
         leg."""
         nose = distance + self.robot.length / 2 - float(self.robot.own_length(LEG_PLANNER.at_nose))
@@ -186,7 +186,7 @@ class LegPlanner:
         return PartLocation(here.index, here.leave, here.enter, rest, since)
 
     def extend(
-        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Edge]
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[Port | Edge]
     ) -> list[Leg] | None:
         """Plan the leg to a goal that leads on from the end of ``leg`` without backing out.
 
@@ -207,7 +207,7 @@ class LegPlanner:
         return [self.leg_to(goal, path, distance, leg.gear)]
 
     def replan(
-        self, leg: Leg, distance: float, goal: int, closed: Iterable[End | Edge]
+        self, leg: Leg, distance: float, goal: int, closed: Iterable[Port | Edge]
     ) -> list[Leg] | None:
         """Plan the legs to a goal for a robot on a leg; None where no path is left.
 
@@ -230,7 +230,7 @@ class LegPlanner:
         self,
         location: PartLocation,
         goal: int,
-        closed: Iterable[End | Edge],
+        closed: Iterable[Port | Edge],
         driven: Collection[Edge] = (),
     ) -> list[Leg] | None:
         """Plan the legs to a goal for a robot anywhere in the network, in the gear that asks for
@@ -420,7 +420,7 @@ class LegPlanner:
         """Return the travel on legs, m, plus ``detour`` for each sharp turn."""
         return travel(legs) + LEG_PLANNER.detour * len(self.sharp_turns(legs))
 
-    def _path_up_to(self, enter: End, closed: Closed) -> tuple[Edge, ...]:
+    def _path_up_to(self, enter: Port, closed: Closed) -> tuple[Edge, ...]:
         """The path from the nearest open end up to a port by which a part is entered; empty where
         the port is itself an open end, or where no path leads there from one."""
         port = self.network.joined_to.get(self.network.port_name(enter))

@@ -17,8 +17,8 @@ import numpy as np
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief, are_alike
 from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import Elbow, Fitting
-from omnitrack_sim.pipes.network import CLOSES, End
+from omnitrack_sim.pipes import Elbow, Fitting, Port
+from omnitrack_sim.pipes.network import CLOSES
 from omnitrack_sim.pipes.planning import port_graph
 
 
@@ -67,7 +67,7 @@ class _Variable(NamedTuple):
     add: Callable[[float], object]
 
 
-def known_port(belief: Belief, end: End, fitting: Fitting, enter: str) -> End | None:
+def known_port(belief: Belief, end: Port, fitting: Fitting, enter: str) -> Port | None:
     """Return the port of the map where a fitting lies that is observed at another one.
 
     Args:
@@ -86,14 +86,14 @@ def known_port(belief: Belief, end: End, fitting: Fitting, enter: str) -> End | 
     return min(places, default=(0.0, None))[1]
 
 
-def meeting_ports(belief: Belief, part: int) -> list[tuple[End, End]]:
+def meeting_ports(belief: Belief, part: int) -> list[tuple[Port, Port]]:
     """Return pairs of an unexplored port of a new part and another one at the same position."""
     free = [end for end in belief.unexplored if end[0] == part]
     pairs = [(end, min(_coinciding(belief, end), default=(0.0, None))[1]) for end in free]
     return [(end, other) for end, other in pairs if other is not None]
 
 
-def close_loop(belief: Belief, end: End, other: End) -> tuple[float, bool]:
+def close_loop(belief: Belief, end: Port, other: Port) -> tuple[float, bool]:
     """Join two ports of a map at which a loop closes.
 
     Returns:
@@ -112,7 +112,7 @@ def close_loop(belief: Belief, end: End, other: End) -> tuple[float, bool]:
     return miss, surprise > LOOP_CLOSURE.surprise
 
 
-def _coinciding(belief: Belief, end: End) -> Iterator[tuple[float, End]]:
+def _coinciding(belief: Belief, end: Port) -> Iterator[tuple[float, Port]]:
     """Yield unexplored ports of other parts that may be the same as ``end``, with their distances,
     m."""
     here = belief.port(end)
@@ -130,7 +130,7 @@ def _coinciding(belief: Belief, end: End) -> Iterator[tuple[float, End]]:
             yield miss, other
 
 
-def _loop(belief: Belief, end: End, other: End) -> list[tuple[int, str, str, float]]:
+def _loop(belief: Belief, end: Port, other: Port) -> list[tuple[int, str, str, float]]:
     """Return the parts from one port to another, with the ports between which they are passed and
     their lengths, m."""
     import networkx
@@ -141,14 +141,14 @@ def _loop(belief: Belief, end: End, other: End) -> list[tuple[int, str, str, flo
     return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
 
 
-def _gap(belief: Belief, end: End, other: End) -> Array:
+def _gap(belief: Belief, end: Port, other: Port) -> Array:
     """Return what two ports (6,) are apart that meet, m and rad."""
     here, there = belief.port(end), belief.port(other)
     turned = np.cross(here.rotation[:, 2], -there.rotation[:, 2])
     return np.concatenate([there.position - here.position, turned])
 
 
-def _adjust(belief: Belief, end: End, other: End) -> float:
+def _adjust(belief: Belief, end: Port, other: Port) -> float:
     """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet; return
     the squared standard deviations by which they missed."""
     total, surprise = np.zeros(len(_variables(belief, end, other))), 0.0
@@ -183,7 +183,7 @@ def _widen_stds(belief: Belief, before: list[tuple[int, str, float, float]]) -> 
         belief.set_stds(part, **{key: max(std, moved)})
 
 
-def _variables(belief: Belief, end: End, other: End) -> list[_Variable]:
+def _variables(belief: Belief, end: Port, other: Port) -> list[_Variable]:
     """Return the variables of a loop from ``other`` to ``end``."""
     parts, at = belief.network.pipes.parts, belief.port(end).position
 

@@ -19,9 +19,8 @@ from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.autonomy.sighting_check import SightingCheck, direction_of
 from omnitrack_sim.base.errors import GeometryError
 from omnitrack_sim.base.rotations import Array, angle_between, unit
-from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Tee, Wye
+from omnitrack_sim.pipes import Elbow, Fitting, Port, Reducer, Tee, Wye
 from omnitrack_sim.pipes.map_difference import ANGLES
-from omnitrack_sim.pipes.network import End
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import Event, FittingFound, LoopClosed
 
@@ -213,7 +212,7 @@ class Mapper(LookTask):
             if {port, other} <= set(self._belief.unexplored)
         ]
 
-    def _close_loop(self, time: float, end: End, other: End) -> Event:
+    def _close_loop(self, time: float, end: Port, other: Port) -> Event:
         """Close a loop of the map; it is in doubt where its ends miss each other by more than what
         was measured around it may be off by."""
         belief = self._belief

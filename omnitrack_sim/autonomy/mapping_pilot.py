@@ -9,8 +9,7 @@ from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import LegPlanner
 from omnitrack_sim.autonomy.looks import LookTask, provisional_passage
 from omnitrack_sim.autonomy.pilots import MapPilot
-from omnitrack_sim.pipes import Arcs, Passage
-from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes import Arcs, Passage, Port
 from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.robot import Robot
@@ -56,7 +55,7 @@ class MappingPilot(MapPilot):
         return self._belief
 
     @property
-    def end(self) -> End:
+    def end(self) -> Port:
         """The port that the path of the leg at hand ends at."""
         return end_of(self.leg.path)
 
@@ -71,7 +70,7 @@ class MappingPilot(MapPilot):
         i = route.index_at(distance)
         return route.passages[i - 1] if i else None
 
-    def planner_to(self, goals: Sequence[End]) -> LegPlanner:
+    def planner_to(self, goals: Sequence[Port]) -> LegPlanner:
         """Return the planner of legs through the present map, to some of its ports."""
         names = ["the start" if g == self.belief.start else self.belief.name(g) for g in goals]
         ends = [self.belief.start, *goals]
@@ -126,7 +125,7 @@ class MappingPilot(MapPilot):
         self.leg = replace(self.leg, path=tuple(path))
 
 
-def end_of(path: Sequence[Edge]) -> End:
+def end_of(path: Sequence[Edge]) -> Port:
     """Return the port that a path ends at."""
     part, _, leave = path[-1]
     return part, leave

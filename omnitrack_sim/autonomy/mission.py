@@ -11,8 +11,8 @@ from omnitrack_sim.autonomy.leg_planner import LegPlanner
 from omnitrack_sim.base.bounds import MOST_GOALS, MOST_PARTS
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import ARCS, Arcs
-from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes import ARCS, Arcs, Port
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg, shortest_path, unknown_fittings, unreachable
 from omnitrack_sim.robots.robot import Robot
 
@@ -34,7 +34,7 @@ class Mission(Table):
     blocked: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
     """Ports closed by a plate that the robot does not know of."""
 
-    def ports_in(self, network: Network) -> tuple[list[End], tuple[End, ...]]:
+    def ports_in(self, network: Network) -> tuple[list[Port], tuple[Port, ...]]:
         """Return the ports of start and goals, and the ports closed by a plate, those of caps
         among them.
 

@@ -17,8 +17,7 @@ from omnitrack_sim.autonomy.leg_planner import LegPlanner, PartLocation, travel
 from omnitrack_sim.autonomy.mission import MissionPlanner
 from omnitrack_sim.autonomy.sight import Look
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Route
-from omnitrack_sim.pipes.network import End
+from omnitrack_sim.pipes import Port, Route
 from omnitrack_sim.pipes.planning import Closed, Leg
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import (
@@ -191,7 +190,7 @@ class MapPilot(Pilot):
     def __init__(self, number: int, falls: int) -> None:
         self.number, self._falls = number, falls
         self._to_come: list[Leg] = []
-        self._closed: list[End] = []
+        self._closed: list[Port] = []
         self._turns: list[Edge] = []  # that the robot has fallen off
 
     def route(self) -> Route:

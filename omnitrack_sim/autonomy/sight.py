@@ -14,8 +14,8 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import are_alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
-from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
-from omnitrack_sim.pipes.network import End, both_ways
+from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Port
+from omnitrack_sim.pipes.network import both_ways
 from omnitrack_sim.robots.robot import Robot
 
 
@@ -153,7 +153,7 @@ class TrueSight:
         arcs: of the centreline in tees, along which distances are measured.
     """
 
-    def __init__(self, pipes: Assembly, plates: Collection[End], robot: Robot, arcs: Arcs) -> None:
+    def __init__(self, pipes: Assembly, plates: Collection[Port], robot: Robot, arcs: Arcs) -> None:
         self._pipes, self._half, self._arcs = pipes, robot.length / 2, arcs
         self._reach = SIGHT.reach * robot.nominal_bore
         self._joined = both_ways(pipes.joints)
@@ -171,7 +171,7 @@ class TrueSight:
         nearest = min(self._ports_ahead(position[None], frame[:, 2]), default=None)
         return None if nearest is None else self._from(*nearest[1:], frame)
 
-    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, End]]:
+    def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, Port]]:
         """Yield the ports ahead of a robot with its centre (1, 3) m in a straight, or in another
         fitting with its nose at the port: the distance of the centre from the axis that leads
         there, and along it to the port plane, m, and the port."""
@@ -190,7 +190,7 @@ class TrueSight:
                     beside = float(length(centre - line.at(at)[0])[0])
                     yield beside, left, (index, leave)
 
-    def _from(self, distance: float, end: End, frame: Array) -> Sighting:
+    def _from(self, distance: float, end: Port, frame: Array) -> Sighting:
         """Return the sighting through a port at ``distance`` m."""
         axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach

@@ -38,17 +38,18 @@ MOST_GOALS = 200
 MOST_ORDERS = 5_000
 """Orders of a driver in a scenario: each is a key that was pressed, and takes 250 bytes of a file
 that may have 2 MB."""
-MOST_POLICY_BYTES = 16_000_000
+MAX_POLICY_BYTES = 16_000_000
 """Size of a policy file, packed and unpacked: two million weights, a hundred times what drives a
 robot from sensor readings."""
-MOST_LAYERS = 8
+MAX_LAYERS = 8
 """Layers of a policy's network: a few more than controllers are known to need."""
-MOST_WIDTH = 2_048
+MAX_WIDTH = 2_048
 """Numbers between two of its layers: a layer of that width takes 30 ms a robot and decision."""
-LARGEST_WEIGHT = 1e6
+MAX_WEIGHT = 1e6
 """Size of a number in a policy's network: what it makes of entries then stays finite."""
 MOST_TRIALS = 1_000_000
-"""Trials of a sweep: each is a row of its table, and a run of a second or more."""
+"""Trials of a sweep, or of a study's search, or of its check: each is a row of the table, which
+stays in memory, and a run of a second or more."""
 MOST_AXES = 50
 """Axes of a sweep."""
 MOST_VALUES = 10_000_000
@@ -60,9 +61,6 @@ MOST_BATCH = 4_096
 """Trials of a sweep that run together in one batch."""
 MOST_CANDIDATES = 1_000_000
 """Candidates of a study: each is a row of its history, which stays in memory."""
-MOST_STUDY_TRIALS = 10_000_000
-"""Trials of a study's search: each is a run of a second or more. Those of one generation, and
-those of the check, stay in memory until it is over, ``MOST_TRIALS`` at most."""
 MOST_BASES = 50
 """Base scenarios of a study, of all its trials: the bounds of every variable are tried in each."""
 LARGEST = 1e15

@@ -58,10 +58,10 @@ def parameters(
 ) -> None:
     """A robot's parameters with unit, range, provenance and source."""
     from omnitrack_sim.base.reading import checked
-    from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
+    from omnitrack_sim.robots.kinds import DEFAULT, robot_class, robot_kinds
 
-    kind = robot or STANDARD
-    is_kind = kind in ROBOTS or ":" in kind
+    kind = robot or DEFAULT
+    is_kind = kind in robot_kinds() or ":" in kind
     rows = (
         checked(robot_class(kind), {}, InputError) if is_kind else load(kind, None).robot
     ).parameters()
@@ -187,19 +187,14 @@ def policies(
     if policy is not None:
         _print_policy(ot.load_policy(policy), as_json)
         return
-    shipped = {
-        name: _contents(ot.load_policy(path)) for name, path in ot.shipped_files("policies").items()
-    }
+    shipped = {name: ot.load_policy(path) for name, path in ot.shipped_files("policies").items()}
     if as_json:
-        print_json(shipped)
+        print_json({name: _contents(one) for name, one in shipped.items()})
         return
     if not shipped:
         out.print("the package comes with none; docs/how-to/policies.md says what a policy file is")
         return
-    rows = [
-        (name, one["acting"]["name"], _layers(one), one["record"]["note"])
-        for name, one in shipped.items()
-    ]
+    rows = [(name, one.acting.name, repr(one.network), one.note) for name, one in shipped.items()]
     print_table(("policy", "acts", "network", "what it is"), rows)
 
 
@@ -208,29 +203,21 @@ def _print_policy(policy: ot.Policy, as_json: bool) -> None:
     if as_json:
         print_json(contents)
         return
-    acting, record = contents["acting"], contents["record"]
-    base = f", added to {acting['base']}" if acting["base"] else ""
-    rows = {
-        "acts": f"{acting['name']}{base}",
-        "network": f"{_layers(contents)}, {contents['activation']}, output by {contents['output']}",
-        "features": ", ".join(policy.features),
-        "sha256": policy.sha256,
-        **{key: str(value) for key, value in record.items() if value not in (None, "")},
-    }
     table = plain_table()
     table.show_header = False
-    for key, value in rows.items():
-        table.add_row(key.replace("_", " "), plain(value))
+    for key, value in contents.items():
+        text = value if isinstance(value, str) else ", ".join(value)
+        table.add_row(key, plain(text))
     out.print(table)
 
 
 def _contents(policy: ot.Policy) -> dict[str, Any]:
-    """The contents of a policy's file, its size and its hash."""
-    return policy.header().model_dump(mode="json") | {
-        "widths": list(policy.network.widths),
+    """Return what a policy is, by words."""
+    base = f", added to {policy.acting.base}" if policy.acting.base else ""
+    return {
+        "acts": f"{policy.acting.name}{base}",
+        "network": repr(policy.network),
+        "features": list(policy.features),
+        "note": policy.note,
         "sha256": policy.sha256,
     }
-
-
-def _layers(contents: dict[str, Any]) -> str:
-    return "-".join(map(str, contents["widths"]))

@@ -115,7 +115,7 @@ def print_result(result: ot.Result, target: Path) -> None:
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
-        out.print(_visit_table(result))
+        out.print(_passage_table(result))
         part = "module" if result.scenario.robot.slips else "body"
         out.say(
             f"  tilt: largest; slip: mean ratio; force: least normal force of a {part}, 0.1 s mean"
@@ -181,7 +181,7 @@ def _is_mission(result: ot.Result) -> bool:
     return len(routes) > 1 or len(turns) > 1
 
 
-def _visit_table(result: ot.Result) -> Table:
+def _passage_table(result: ot.Result) -> Table:
     """The columns of the timeline that matter most."""
     legs = len(result.routes()) > 1
     heads = ("enter\ns", "time\ns", "theta5\ndeg", "tilt\ndeg", "slip\n1", "force\nN")
@@ -191,20 +191,20 @@ def _visit_table(result: ot.Result) -> Table:
     table.add_column("manoeuvre")
     for head in (*heads, "rolls\n1", "retries\n1"):
         table.add_column(head, justify="right", no_wrap=True)
-    for visit in result.timeline():
-        leg = f"{visit.leg + 1}{' tail' if visit.gear < 0 else ''}"
-        slip = "-" if visit.slip_ratio_mean is None else f"{visit.slip_ratio_mean:.3f}"
+    for passage in result.timeline():
+        leg = f"{passage.leg + 1}{' tail' if passage.gear < 0 else ''}"
+        slip = "-" if passage.slip_ratio_mean is None else f"{passage.slip_ratio_mean:.3f}"
         table.add_row(
-            *((leg, plain(visit.name)) if legs else (f"  {plain(visit.name)}",)),
-            visit.manoeuvre,
-            f"{visit.time_enter_s:.2f}",
-            f"{visit.duration_s:.2f}",
-            f"{visit.theta5_enter_deg:z.0f}",
-            f"{visit.tilt_max_deg:.1f}",
+            *((leg, plain(passage.name)) if legs else (f"  {plain(passage.name)}",)),
+            passage.manoeuvre,
+            f"{passage.time_enter_s:.2f}",
+            f"{passage.duration_s:.2f}",
+            f"{passage.theta5_enter_deg:z.0f}",
+            f"{passage.tilt_max_deg:.1f}",
             slip,
-            f"{visit.normal_force_min_n:.1f}",
-            str(visit.rolls or "-"),
-            str(visit.retries or "-"),
+            f"{passage.normal_force_min_n:.1f}",
+            str(passage.rolls or "-"),
+            str(passage.retries or "-"),
         )
     return table
 

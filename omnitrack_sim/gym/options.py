@@ -1,5 +1,4 @@
-"""Options of ``gymnasium.make``, checked as scenarios are; and the terms of the reward, whose
-weights they may change."""
+"""Options of ``gymnasium.make``, checked as scenarios are, and the terms of the reward."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ _DRAWN = ("world.friction", "start.theta5_deg", "control.cruise_speed", "start.d
 """Values that an episode may draw, beside those of the robot: robots of one batch need not share
 them."""
 Range = tuple[float, float]
-_SEVERAL = {
+_UNION_FIELDS = {
     "ranges": (2, "a range (least, largest), one number, or None for the scenario's own"),
     "observation": (1, "a name, or a list of names"),
 }
@@ -78,8 +77,8 @@ class EnvOptions(Table):
     def senses(self, robot: Robot) -> str:
         """The scenario's ``sensing.kind``."""
         # Features of the truth need it; any other set can be had from the robot's own sensors.
-        by_itself = "sensing.kind" in robot.understands and self.observation != "truth"
-        return self.sensing or ("onboard" if by_itself else "truth")
+        onboard = _is_measured(robot) and self.observation != "truth"
+        return self.sensing or ("onboard" if onboard else "truth")
 
     def drawn(self, robot: Robot) -> dict[str, Range]:
         """Least and largest value of what each trial of a robot draws, by dotted path."""
@@ -104,7 +103,7 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
     """
 
     def fault(item: Mapping[str, Any]) -> Fault | None:
-        level, right = _SEVERAL.get(item["loc"][0], (0, ""))
+        level, right = _UNION_FIELDS.get(item["loc"][0], (0, ""))
         if not 0 < level < len(item["loc"]):
             return None
         place, value = item["loc"][:level], given
@@ -139,17 +138,23 @@ def check_for(options: EnvOptions, robot: Robot) -> None:
     if options.acting not in decisions.actings:
         choices = tuple(decisions.actings)
         faults.append(Fault("acting", f"is {options.acting!r}", choices, given=options.acting))
-    if onboard and "sensing.kind" not in robot.understands:
-        faults.append(Fault("sensing", "is 'onboard', which this robot has not", ("truth",)))
+    if onboard and not _is_measured(robot):
+        problem = "is 'onboard', and no sensors of this robot give its features"
+        faults.append(Fault("sensing", problem, ("truth",)))
     # Robots that observe the truth have no camera.
     if options.picture and not onboard:
         faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
-    faults += _unseen(options, robot)
+    faults += _unobserved(options, robot)
     if faults:
         raise InputError(faults)
 
 
-def _unseen(options: EnvOptions, robot: Robot) -> Sequence[Fault]:
+def _is_measured(robot: Robot) -> bool:
+    """Return whether a robot's own sensors give its features."""
+    return robot.decisions.measured and robot.odometry() is not None
+
+
+def _unobserved(options: EnvOptions, robot: Robot) -> Sequence[Fault]:
     """Features that there are not, or not for these robots."""
     try:
         features = options.features(robot)
@@ -239,8 +244,10 @@ class Tally:
     def over(
         self, arrived: NDArray[np.bool_], failed: NDArray[np.bool_], diverged: NDArray[np.bool_]
     ) -> Mapping[str, Array]:
-        """Return all terms (n,) at the end of the decision; of robots whose physics has diverged
-        only the failure counts."""
+        """Return all terms (n,) of the reward at the end of the decision.
+
+        Of robots whose physics has diverged only the failure counts.
+        """
         self.measured["arrival"] += arrived
         self.measured["failure"] += failed
         for name in TERMS:

@@ -54,8 +54,11 @@ ELBOW_DRIVES: dict[str, dict[str, Any]] = {
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
-    """Return all runs by name. ``quick`` takes fewer orientations and trials of the same
-    physics."""
+    """Return all runs by name.
+
+    Args:
+        quick: fewer orientations and trials of the same physics.
+    """
     lists = {name: [_of_primitives(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [_of_primitives("vertical_climb")]
     lists |= _elbows_and_tees(quick) | _straight_pipes(quick)
@@ -126,7 +129,7 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
                 climb,
                 {
                     "world.friction": friction,
-                    "robot.preload": factor * least_preload(as_omnitrack(climb.robot), friction),
+                    "robot.preload": factor * min_preload(as_omnitrack(climb.robot), friction),
                     # Enough for a start-up and the second in which the climb is judged.
                     "run.time_limit": 3.0,
                 },
@@ -173,6 +176,6 @@ def _orientations(
     return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
 
 
-def least_preload(robot: Omnitrack, friction: float) -> float:
+def min_preload(robot: Omnitrack, friction: float) -> float:
     """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
     return robot.mass * GRAVITY / (3 * friction)

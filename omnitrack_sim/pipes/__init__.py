@@ -11,6 +11,7 @@ from omnitrack_sim.base.table import Unit as Unit
 from omnitrack_sim.pipes.assembly import BORE_TOLERANCE as BORE_TOLERANCE
 from omnitrack_sim.pipes.assembly import Assembly as Assembly
 from omnitrack_sim.pipes.assembly import Part as Part
+from omnitrack_sim.pipes.assembly import Port as Port
 from omnitrack_sim.pipes.assembly import attached as attached
 from omnitrack_sim.pipes.centreline import Centreline as Centreline
 from omnitrack_sim.pipes.centreline import Segment as Segment

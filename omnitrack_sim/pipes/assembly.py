@@ -17,6 +17,9 @@ from omnitrack_sim.base.rotations import Array, Pose, dot, length, rotation_abou
 from omnitrack_sim.pipes.centreline import Centreline, Segment
 from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, AxisCurve, Fitting
 
+Port = tuple[int, str]
+"""A port of an assembly: index of the part, and the port's name."""
+
 
 def touching(centres: Array, radii: Array) -> Iterator[NDArray[np.intp]]:
     """Pairs (k, 2) of balls that touch, the smaller number first, those of one ball at a time.
@@ -268,7 +271,7 @@ class Assembly:
     """
 
     parts: tuple[Part, ...]
-    joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...] = ()
+    joints: tuple[tuple[Port, Port], ...] = ()
 
     def __repr__(self) -> str:
         return f"Assembly({len(self.parts)} parts, {len(self.joints)} joints)"
@@ -282,7 +285,7 @@ class Assembly:
     def unchecked(
         cls,
         parts: tuple[Part, ...],
-        joints: tuple[tuple[tuple[int, str], tuple[int, str]], ...],
+        joints: tuple[tuple[Port, Port], ...],
     ) -> Assembly:
         """Return an assembly whose parts need not fit together, as in a map that a robot makes."""
         # A frozen dataclass sets its fields in __init__ only, which would run the checks.
@@ -292,7 +295,7 @@ class Assembly:
         return assembly
 
     @property
-    def open_ends(self) -> tuple[tuple[int, str], ...]:
+    def open_ends(self) -> tuple[Port, ...]:
         """Ports that nothing is joined to, (part index, port name); closed ones among them."""
         taken = {end for joint in self.joints for end in joint}
         return tuple(
@@ -303,13 +306,13 @@ class Assembly:
         )
 
     @property
-    def openings(self) -> tuple[tuple[int, str], ...]:
+    def openings(self) -> tuple[Port, ...]:
         """Open ends that no wall closes, (part index, port name)."""
         closed = set(self.closed_ends)
         return tuple(end for end in self.open_ends if end not in closed)
 
     @property
-    def closed_ends(self) -> tuple[tuple[int, str], ...]:
+    def closed_ends(self) -> tuple[Port, ...]:
         """Ports at which a wall ends the pipe, (part index, port name)."""
         return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.closed_ports)
 
@@ -428,7 +431,7 @@ class Assembly:
             for first, second in sorted(map(tuple, islice(apart, MOST_FAULTS)))
         ]
 
-    def _closed(self, first: tuple[int, str], second: tuple[int, str]) -> Fault:
+    def _closed(self, first: Port, second: Port) -> Fault:
         (i, port_i), (j, port_j) = first, second
         problem = (
             f"{self.parts[j].name!r} ({port_j}) ends where {self.parts[i].name!r} ({port_i}, "

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_of, length, unit
-from omnitrack_sim.pipes import ARCS, Fitting
-from omnitrack_sim.pipes.network import End, Network, both_ways, connected
+from omnitrack_sim.pipes import ARCS, Fitting, Port
+from omnitrack_sim.pipes.network import Network, both_ways, connected
 
 LENGTHS = 0.03
 """Difference of two lengths or bores that are the same, as a part of the true one."""
@@ -254,14 +254,14 @@ class _Graph:
             ports of nodes that a robot has inspected, whether it is "open" or "closed".
     """
 
-    def __init__(self, network: Network, plates: Collection[End]) -> None:
+    def __init__(self, network: Network, plates: Collection[Port]) -> None:
         self._pipes = network.pipes
         # A plate closes both pipes that meet there: what is behind it cannot be in the robot's map.
         every = both_ways(self._pipes.joints)
         shut = {*plates, *(every[end] for end in plates if end in every)}
         self._joined = {end: other for end, other in every.items() if end not in shut}
         self.nodes: list[_Node] = []
-        self.place: dict[End, End] = {}
+        self.place: dict[Port, Port] = {}
         taken: set[int] = set()
         for index in range(len(self._pipes.parts)):
             if index not in taken:
@@ -285,7 +285,7 @@ class _Graph:
             ports = {port: part.port(port) for port in part.fitting.port_names}
             self.nodes.append(_Node((part.name,), part.fitting, ports, 0.0))
             return {index}
-        run, ends = {index}, dict[str, End]()
+        run, ends = {index}, dict[str, Port]()
         for port in part.fitting.port_names:
             ends[port] = self._end_of_run((index, port), run)
             self.place[ends[port]] = number, port
@@ -295,7 +295,7 @@ class _Graph:
         self.nodes.append(_Node(names, part.fitting, ports, total))
         return run
 
-    def _end_of_run(self, end: End, run: set[int]) -> End:
+    def _end_of_run(self, end: Port, run: set[int]) -> Port:
         """The last port of a run of straights beyond a port; the parts on the way come into
         ``run``."""
         while end in self._joined:
@@ -307,7 +307,7 @@ class _Graph:
             end = index, next(name for name in fitting.port_names if name != enter)
         return end
 
-    def reached(self, start: End) -> set[int]:
+    def reached(self, start: Port) -> set[int]:
         """Nodes that can be reached from a port of one of them."""
         groups = connected(range(len(self.nodes)), ((a[0], b[0]) for a, b in self.joined.items()))
         return next(set(group) for group in groups if start[0] in group)
@@ -319,11 +319,11 @@ class _Walk:
     def __init__(self, mine: _Graph, true: _Graph, stds: Mapping[str, Mapping[str, float]]) -> None:
         self._mine, self._true, self._stds = mine, true, stds
         self._partner: dict[int, int] = {}  # of each node of the true network, that of the map
-        self._ports: dict[End, End] = {}  # likewise of ports
+        self._ports: dict[Port, Port] = {}  # likewise of ports
         self._kinds, self._sizes, self._angles, self._ends = ({} for _ in range(4))
         self._length, self._error = 0.0, 0.0
 
-    def difference(self, mine: End, true: End) -> MapDifference:
+    def difference(self, mine: Port, true: Port) -> MapDifference:
         """Compare the map and the network from a port of each on."""
         # One direction across the pipe, for both: the maps are compared as they lie in the world.
         side = self._true.nodes[true[0]].ports[true[1]].rotation[:, 0]
@@ -376,8 +376,8 @@ class _Walk:
                 yield MapSize(node.name, partner.name if partner else "", key, value, std, error)
 
     def _pair(
-        self, here: End, there: End, my_side: Array, true_side: Array
-    ) -> list[tuple[End, End, Array, Array]]:
+        self, here: Port, there: Port, my_side: Array, true_side: Array
+    ) -> list[tuple[Port, Port, Array, Array]]:
         """Compare two parts, entered by ``here`` and ``there``; return the next pairs."""
         mine, true = self._mine.nodes[here[0]], self._true.nodes[there[0]]
         names = (mine.name, true.name)

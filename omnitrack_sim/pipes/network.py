@@ -17,19 +17,19 @@ from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_TOWN_LENGTH, MOST_TOWN_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.base.paths import Document
 from omnitrack_sim.base.reading import (
     NAME_PATTERN,
     NETWORK,
     by_kind,
     checked,
     faults_of,
-    keys_at,
     read_file,
 )
 from omnitrack_sim.base.rotations import TURNED, Pose, frame_along
 from omnitrack_sim.base.table import Angle, Direction, Table
 from omnitrack_sim.base.text import as_toml, toml_key
-from omnitrack_sim.pipes import Assembly, Fitting, Part, attached
+from omnitrack_sim.pipes import Assembly, Fitting, Part, Port, attached
 from omnitrack_sim.pipes.assembly import joined
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 
@@ -37,8 +37,6 @@ CLOSES = 1e-3
 """Distance by which the two ports of a joint that closes a loop may miss each other, m."""
 CLOSES_ANGLE = math.radians(0.1)
 """Angle by which the axes of these two ports may miss being opposite, rad."""
-End = tuple[int, str]
-"""A port: index of the part and the port's name."""
 _Port = TypeVar("_Port")
 _Name = TypeVar("_Name", str, int)
 
@@ -48,7 +46,7 @@ def both_ways(joints: Iterable[tuple[_Port, _Port]]) -> dict[_Port, _Port]:
     return {port: other for a, b in joints for port, other in ((a, b), (b, a))}
 
 
-Joined = tuple[tuple[End, End], float]
+Joined = tuple[tuple[Port, Port], float]
 """Two ports in one place, and the turn, rad, of the later part about the joint's axis."""
 
 
@@ -104,7 +102,7 @@ def _placed(
 ) -> tuple[dict[int, Pose], set[int]]:
     """Poses by part, and the joints that placed a part; the others close loops or lie apart from
     the first part."""
-    at_part: list[list[tuple[int, End, End, float]]] = [[] for _ in kinds]
+    at_part: list[list[tuple[int, Port, Port, float]]] = [[] for _ in kinds]
     for k, (ends, turn) in enumerate(joints):
         for here, there in (ends, ends[::-1]):
             at_part[here[0]].append((k, here, there, turn))
@@ -125,7 +123,7 @@ def _placed(
     return poses, used
 
 
-def _misses(k: int, ends: tuple[End, End], parts: Mapping[int, Part]) -> list[Fault]:
+def _misses(k: int, ends: tuple[Port, Port], parts: Mapping[int, Part]) -> list[Fault]:
     """Fault of a loop that does not close."""
     (i, port_i), (j, port_j) = ends
     a, b = parts[i].port(port_i), parts[j].port(port_j)
@@ -255,8 +253,8 @@ class Network(Table):
         try:
             super().__init__(**data)
         except ValidationError as reason:
-            keys = partial(keys_at, Network, data)
-            raise NetworkError(faults_of(reason, keys, _fault)) from None
+            keys_at = Document(Network, data).keys_at
+            raise NetworkError(faults_of(reason, keys_at, _fault)) from None
 
     # Files are read by pydantic's strict rules, which it leaves where a class has its own __init__.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -441,7 +439,7 @@ class Network(Table):
         """Length of all axes, m: a tee counts its run and its branch from the run's axis."""
         return sum(part.fitting().length_of_axes for part in self.fittings)
 
-    def end(self, where: str, port: str) -> End:
+    def end(self, where: str, port: str) -> Port:
         """Part index and port name of an open end, given as ``part.port`` or by its name in
         ``ports``.
 
@@ -460,7 +458,7 @@ class Network(Table):
         word = "" if name in self._ends else port
         raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=word))
 
-    def port(self, port: str, where: str = "port") -> End:
+    def port(self, port: str, where: str = "port") -> Port:
         """Part index and port name of any port ``part.port``, or of an open end by its name in
         ``ports``.
 
@@ -474,7 +472,7 @@ class Network(Table):
             return self.end(where, port)  # Raises: it was meant for the name of an end.
         raise NetworkError(self._unknown_port(where, port))
 
-    def port_name(self, port: End) -> str:
+    def port_name(self, port: Port) -> str:
         """``part.port`` of a port given as part index and port name."""
         return f"{self.fittings[port[0]].name}.{port[1]}"
 
@@ -495,7 +493,7 @@ class Network(Table):
         return "\n".join(lines) + "\n"
 
     @cached_property
-    def _ends(self) -> dict[str, End]:
+    def _ends(self) -> dict[str, Port]:
         """Every port, in order, by its name in the file."""
         return {
             f"{part.name}.{port}": (i, port)

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, NetworkError
-from omnitrack_sim.pipes import ARCS, Arcs, Route, route_through
-from omnitrack_sim.pipes.network import End, Network
+from omnitrack_sim.pipes import ARCS, Arcs, Port, Route, route_through
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.routes import Edge
 
 if TYPE_CHECKING:
     import networkx
 
-Closed = Collection[End | Edge]
+Closed = Collection[Port | Edge]
 """Ports, and edges between ports, that are not passed."""
 
 
@@ -72,7 +72,7 @@ def port_graph(
 
 
 def without(
-    graph: networkx.DiGraph[Any], closed: Closed, joints: Collection[tuple[End, End]] = ()
+    graph: networkx.DiGraph[Any], closed: Closed, joints: Collection[tuple[Port, Port]] = ()
 ) -> networkx.DiGraph[Any]:
     """Return a view of a graph of ports without what is closed, and without some joints from one
     port to another."""
@@ -83,7 +83,7 @@ def without(
     return networkx.restricted_view(graph, ports, [*edges, *joints])
 
 
-def shortest_path(graph: networkx.DiGraph[Any], start: End, goal: End) -> tuple[Edge, ...] | None:
+def shortest_path(graph: networkx.DiGraph[Any], start: Port, goal: Port) -> tuple[Edge, ...] | None:
     """Return the shortest path between two ports of a graph of ports; None if there is none."""
     import networkx
 
@@ -114,10 +114,10 @@ class PathsToGoals:
         lengths: m, from each port at which a part is entered to the nearest goal.
     """
 
-    def __init__(self, graph: networkx.DiGraph[Any], goals: Collection[End]) -> None:
+    def __init__(self, graph: networkx.DiGraph[Any], goals: Collection[Port]) -> None:
         self._graph, self._goals = graph, set(goals)
-        self.lengths: dict[End, float] = {}
-        self._leave: dict[End, End] = {}
+        self.lengths: dict[Port, float] = {}
+        self._leave: dict[Port, Port] = {}
         # Dijkstra's algorithm, backward from the goals.
         waiting = [(0.0, goal) for goal in goals if goal in graph]
         heapq.heapify(waiting)
@@ -133,7 +133,7 @@ class PathsToGoals:
                         if before[0] != enter[0]:
                             heapq.heappush(waiting, (length, before))
 
-    def exits(self, enter: End) -> Iterator[tuple[str, float]]:
+    def exits(self, enter: Port) -> Iterator[tuple[str, float]]:
         """Exits of a part entered by ``enter``, with the remaining distance to a goal, m."""
         if enter not in self._graph:
             return
@@ -143,10 +143,10 @@ class PathsToGoals:
                 if rest < math.inf:
                     yield leave[1], edge["length"] + rest
 
-    def path(self, enter: End) -> tuple[Edge, ...] | None:
+    def path(self, enter: Port) -> tuple[Edge, ...] | None:
         """Return the shortest path on from ``enter``; None where it passes a port twice."""
-        path, passed = list[Edge](), set[End]()
-        here: End | None = enter
+        path, passed = list[Edge](), set[Port]()
+        here: Port | None = enter
         while here is not None and here in self._leave:
             leave = self._leave[here]
             if passed & {here, leave}:
@@ -158,12 +158,12 @@ class PathsToGoals:
             here = self._joined_to(leave)
         return None
 
-    def _rest(self, leave: End) -> float:
+    def _rest(self, leave: Port) -> float:
         """Distance to a goal beyond an exit, m; infinite where no path leads on."""
         beyond = self._joined_to(leave)
         return math.inf if beyond is None else self.lengths.get(beyond, math.inf)
 
-    def _joined_to(self, leave: End) -> End | None:
+    def _joined_to(self, leave: Port) -> Port | None:
         return next((port for port in self._graph.succ[leave] if port[0] != leave[0]), None)
 
 
@@ -241,7 +241,7 @@ def around_route(
     # A node's name in ``ports`` comes before that of a fitting.
     cut = [name for name in (start, goal) if name in number and name not in network.ports]
     graph = port_graph(network)
-    ends: list[list[End]] = []
+    ends: list[list[Port]] = []
     for where, place in (("start", start), ("goals.0", goal)):
         joined = [
             b if a[0] == number[place] else a

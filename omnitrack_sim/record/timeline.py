@@ -1,4 +1,4 @@
-"""Timeline of a run: one visit a fitting, with its times, slip, forces and energy."""
+"""Timeline of a run: a record of each passage of a fitting, its times, slip, forces and energy."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ Single lugs leave the wall all the time, so single samples tell nothing.
 
 
 class Touch(NamedTuple):
-    """Contacts of the k parts of a robot that touch the wall, and power of its m motors, over T
-    samples.
+    """Contacts of a robot's k parts that touch the wall, and power of its m motors, over T samples.
 
     Attributes:
         touching: (T, k) bool.
@@ -43,11 +42,11 @@ class Touch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Visit:
-    """One fitting that the robot's centre was in, on one leg.
+class PassageRecord:
+    """One passage of a fitting by the robot's centre, on one leg, and what was measured in it.
 
-    A robot that backs out of a fitting and comes again has one visit of it, from the first entry to
-    the last exit. Means are over the time in the fitting. Slip and forces are of the three modules.
+    A robot that backs out of a fitting and comes again has one record of it, from the first entry
+    to the last exit. Means are over the time in the fitting. Slip and forces are of all modules.
 
     Attributes:
         leg: index of the leg, from 0, as of the channel and in ``Result.legs``; printed tables and
@@ -69,7 +68,7 @@ class Visit:
         slip_distance_m: belt travel that moved nothing, mean of the modules.
         normal_force_mean_n: mean of the modules over time.
         normal_force_min_n: least value of a module's running mean over ``FORCE_WINDOW``.
-        energy_j: mechanical energy of all motors, braking not recovered; all visits add up to the
+        energy_j: mechanical energy of all motors, braking not recovered; all records add up to the
             energy that ``metrics.summarise`` gives.
         rolls: how often the robot began to roll its modules for this fitting, which is the first
             elbow or tee whose bend or opening it had not left, otherwise the one it stood in.
@@ -77,7 +76,7 @@ class Visit:
 
     Example:
         >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}))
-        >>> [(visit.name, visit.kind, visit.gear) for visit in result.timeline()]
+        >>> [(passage.name, passage.kind, passage.gear) for passage in result.timeline()]
         [('straight_0', 'straight', 1)]
     """
 
@@ -104,8 +103,8 @@ class Visit:
 
 
 @np.errstate(invalid="ignore", over="ignore")  # of physics that has diverged
-def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> list[Visit]:
-    """Return a visit for each fitting the robot's centre was in, in order of the first entry.
+def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> list[PassageRecord]:
+    """Return a record for each fitting the robot's centre was in, in order of the first entry.
 
     A roll before a fitting, or a retry, begins while the centre may still be in the fitting before.
     It counts for the fitting ahead that it is for: the first elbow or tee of the leg whose bend or
@@ -127,14 +126,14 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> l
         _counts(trajectory, routes, group, name) for name in (ROLL_PHASE, RETRY_PHASE)
     )
     samples = _Samples(trajectory, touch)
-    visits = []
+    records = []
     for rows in rows_of:
         first = int(rows[0])
         route = routes[int(leg[first])]
         passage = route.passages[int(place[first])]
         number = int(group[first])
-        visits.append(
-            Visit(
+        records.append(
+            PassageRecord(
                 leg=int(leg[first]),
                 gear=-1 if trajectory["gear"][first] < 0 else 1,
                 name=route.network.parts[passage.index].name,
@@ -147,7 +146,7 @@ def timeline(trajectory: Trajectory, routes: Sequence[Route], touch: Touch) -> l
                 retries=int(retries[number]),
             )
         )
-    return visits
+    return records
 
 
 def passage_indices(trajectory: Trajectory, routes: Sequence[Route]) -> NDArray[np.intp]:
@@ -179,8 +178,13 @@ def phase_starts(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Return the centred mean (T, k) over ``window`` s, shorter at both ends, of samples (T, k)
-    at ``time`` (T,) s."""
+    """Return the centred mean (T, k) of samples, over a window that is shorter at both ends.
+
+    Args:
+        values: (T, k) samples.
+        time: (T,) s, of the samples.
+        window: length of the window, s.
+    """
     values = np.asarray(values, float)
     if len(time) < 2:
         return values
@@ -195,8 +199,10 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """Samples that the figures of a visit are computed from, each the mean over the interval to
-    the next one (trapezoidal rule)."""
+    """Samples that the figures of a passage are computed from.
+
+    Each is the mean over the interval to the next one (trapezoidal rule).
+    """
 
     def __init__(self, trajectory: Trajectory, touch: Touch) -> None:
         touching = touch.touching.astype(float)  # (T, k)
@@ -206,8 +212,8 @@ class _Samples:
         self.has_ratio = ratio is not None
         time = trajectory.time
         self.time = time  # (T,) s
-        # The last sample begins no interval: so durations and energies of all visits add up to the
-        # run's.
+        # The last sample begins no interval: so durations and energies of all passages add up to
+        # the run's.
         self.step = np.append(np.diff(time), 0.0)  # (T,) s, interval that begins at each sample
         self.touching = _between(touching.sum(axis=1))
         self.slip = _between((np.abs(0.0 if ratio is None else ratio) * touching).sum(axis=1))
@@ -218,7 +224,7 @@ class _Samples:
         self.tilt, self.theta5 = (np.degrees(trajectory[name]) for name in ("tilt", "theta5"))
 
     def figures(self, rows: NDArray[np.intp]) -> dict:
-        """Measured fields of the visit of the samples ``rows``, which are in order of time."""
+        """Measured fields of the passage of the samples ``rows``, which are in order of time."""
         first, last = int(rows[0]), int(rows[-1])
         step = self.step[rows]
         # A run that ends at its first sample in a fitting spends no time there. The means are then
@@ -253,8 +259,14 @@ def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
 def _counts(
     trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
 ) -> NDArray[np.intp]:
-    """Number of times that a phase began, for each fitting of each leg; ``group`` (T,) is the
-    number of the fitting that each sample is in."""
+    """Count how often a phase began, for each fitting of each leg.
+
+    Args:
+        trajectory: of T samples.
+        routes: of the legs.
+        group: (T,) number of the fitting that each sample is in.
+        phase: name of the phase.
+    """
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in phase_starts(trajectory, phase).tolist():

@@ -1,9 +1,11 @@
-"""Trajectory of a run: named arrays over time, each described by its entry in ``channels``; and the
-recorder that makes trajectories."""
+"""Trajectory of a run, named arrays over time, and the recorder that makes trajectories.
+
+Each array is described by its entry in ``channels``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -31,6 +33,9 @@ the modules. Shafts of a drive come after them."""
 BLOCK = 1024
 """Number of samples that are stacked into one array: an array for each sample takes seven times the
 memory."""
+
+ReadTogether = Callable[[Sequence[Mapping[str, NDArray]], Iterable[str]], None]
+"""Reads channels of several moments at once, so that looking them up costs nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,39 +151,65 @@ class Trajectory(Mapping[str, NDArray]):
 
 
 class Recorder:
-    """Samples of n robots. Every sample is an array (n, ...) a channel; a robot's record ends where
-    its run ended.
+    """Recorder of n robots.
+
+    Every sample is an array (n, ...) a channel; a robot's record ends where its run ended.
 
     Args:
         phases: names that the codes of the channel ``phase`` index.
         schema: the channels to keep, by name.
+        read_together: called with the readings of some samples and the names of measured channels,
+            before these are looked up.
+        together: number of samples that are read together.
 
     Attributes:
         count: number of samples so far.
     """
 
-    def __init__(self, phases: tuple[str, ...], schema: Mapping[str, Channel]):
+    def __init__(
+        self,
+        phases: tuple[str, ...],
+        schema: Mapping[str, Channel],
+        read_together: ReadTogether = lambda *_: None,
+        together: int = 1,
+    ):
         self.phases, self.schema = phases, schema
         self.count = 0
+        measured = ("time", *(c.name for c in schema.values() if c.source == "plant"))
+        self._read_together, self._measured, self._together = read_together, measured, together
+        self._readings: list[Mapping[str, NDArray]] = []
         self._samples: dict[str, list[NDArray]] = {n: [] for n in ("time", "qpos", *schema)}
         self._blocks: dict[str, list[NDArray]] = {name: [] for name in self._samples}
 
-    def sample(self, qpos: Array, values: Mapping[str, NDArray]) -> None:
+    def sample(
+        self, qpos: Array, readings: Mapping[str, NDArray], values: Mapping[str, NDArray]
+    ) -> None:
         """Add one sample.
 
         Args:
             qpos: (n, nq), copied.
-            values: ``time`` (n,) and every channel (n, ...), which must not be changed afterwards.
+            readings: ``time`` (n,) and every measured channel (n, ...), looked up later.
+            values: every other channel (n, ...), which must not be changed afterwards.
         """
         samples = self._samples
         samples["qpos"].append(np.array(qpos))
-        for name in ("time", *self.schema):
-            samples[name].append(values[name])
+        self._readings.append(readings)
+        for name, value in values.items():
+            samples[name].append(value)
         self.count += 1
-        if len(samples["time"]) == BLOCK:
-            self._put_together()
+        if len(self._readings) == self._together:
+            self._read_samples()
 
-    def _put_together(self) -> None:
+    def _read_samples(self) -> None:
+        """Look up the measured channels of the samples since the last time."""
+        self._read_together(self._readings, self._measured)
+        for name in self._measured:
+            self._samples[name] += [readings[name] for readings in self._readings]
+        self._readings.clear()
+        if len(self._samples["time"]) >= BLOCK:
+            self._join_samples()
+
+    def _join_samples(self) -> None:
         """Make one array a channel of the samples since the last time."""
         for name, values in self._samples.items():
             if values:
@@ -187,7 +218,8 @@ class Recorder:
 
     def trajectories(self, end_time: Array) -> Iterator[Trajectory]:
         """Yield one trajectory a robot, up to ``end_time`` (n,) s."""
-        self._put_together()
+        self._read_samples()
+        self._join_samples()
         stacked = {name: np.concatenate(blocks) for name, blocks in self._blocks.items()}
         time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
         for i, end in enumerate(end_time):

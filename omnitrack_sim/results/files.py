@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import CHANNELS, Channel, Vector, recorded
-from omnitrack_sim.record.timeline import Visit
+from omnitrack_sim.record.timeline import PassageRecord
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.robot import Robot
 
@@ -39,12 +39,12 @@ RESULT_FILE, SCENARIO_FILE, TIMELINE_FILE, TRAJECTORY_FILE, REPLAY_FILE, MAP_FIL
 have a map."""
 
 
-def write_timeline(visits: list[Visit], path: Path) -> None:
-    """Write one row a visit, with numbers that read back exactly; missing values are empty."""
+def write_timeline(records: list[PassageRecord], path: Path) -> None:
+    """Write one row a passage, with numbers that read back exactly; missing values are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(field.name for field in dataclasses.fields(Visit))
-        rows.writerows(dataclasses.astuple(visit) for visit in visits)
+        rows.writerow(field.name for field in dataclasses.fields(PassageRecord))
+        rows.writerows(dataclasses.astuple(record) for record in records)
 
 
 def write_trajectory(trajectory: Trajectory, folder: Path) -> None:

@@ -30,7 +30,7 @@ from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import Metric, Metrics
-from omnitrack_sim.record.timeline import Visit, timeline
+from omnitrack_sim.record.timeline import PassageRecord, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.files import (
     MAP_FILE,
@@ -207,7 +207,7 @@ class Result:
         ]
         return np.array([pose.apply(radius * circle) for pose, radius in discs]).reshape(-1, 25, 3)
 
-    def timeline(self) -> list[Visit]:
+    def timeline(self) -> list[PassageRecord]:
         """The run fitting by fitting, in order of time; see ``timeline.timeline``."""
         return timeline(self.trajectory, self.routes(), self.scenario.robot.touch(self.trajectory))
 

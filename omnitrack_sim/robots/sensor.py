@@ -5,9 +5,11 @@ Forces and velocities are those of the last physics step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import Channel
@@ -21,8 +23,8 @@ class Sensor:
     Attributes:
         channel: name, shape, unit, meaning, and how it looks to a robot that drives tail first.
         read: from a ``State`` to an array of its own: n, then the channel's shape.
-        looks_back: it asks for its own value at the moment before (``State.last``) where it is
-            read, which need not be at every moment.
+        looks_back: where it has no value of its own it returns that of the moment before, as
+            ``State.last`` gives it. It need not be read at every moment.
 
     Example:
         >>> channel = ot.Channel("height", (), "m", "height of the centre", "world")
@@ -67,6 +69,7 @@ class State(dict[str, Array]):
         robot: its parameters.
         sensors: by the names of their channels.
         looks_back: names of the shipped sensors that look back.
+        arrays: all of these, by name.
         shared: what sensors keep for each other within one moment.
     """
 
@@ -91,6 +94,7 @@ class State(dict[str, Array]):
     ) -> None:
         super().__init__()
         self.__dict__.update(arrays)
+        self.arrays = arrays
         self.at, self.robot, self.sensors, self._before = at, robot, sensors, before
         self.looks_back, self.shared = looks_back, {}
         self._unread = 0
@@ -106,10 +110,14 @@ class State(dict[str, Array]):
         if name not in self.sensors:
             raise KeyError(f"no sensor reads {name!r} (choose from: {', '.join(self.sensors)})")
         value = self[name] = self.sensors[name].read(self)
-        if name in self.looks_back and all(each in self for each in self.looks_back):
-            # All that look back have done so: earlier moments may be forgotten.
-            self._before, self._unread = dict(self._before), 0
+        if name in self.looks_back:
+            self._forget()
         return value
+
+    def _forget(self) -> None:
+        """Drop earlier moments once all sensors that look back have been read."""
+        if all(name in self for name in self.looks_back):
+            self._before, self._unread = dict(self._before), 0
 
     def last(self, name: str, start: Array | None = None) -> Array:
         """The value, at the moment before, of a sensor that looks back or of a user's own.
@@ -126,3 +134,59 @@ class State(dict[str, Array]):
         if start is not None and name not in self._before:
             return start
         return self._before[name]
+
+
+MOST_ROWS = 1024
+"""Robots times moments that ``read_together`` reads at best; the arrays of more leave the cache."""
+MOST_MOMENTS = 16
+"""Moments that ``read_together`` reads at best: the cost of a call is a sixteenth then, and earlier
+moments are kept no longer than ``MOST_UNREAD``."""
+
+
+def moments_together(n: int) -> int:
+    """Return how many moments of n robots are best read together."""
+    return min(max(MOST_ROWS // n, 1), MOST_MOMENTS)
+
+
+def read_together(moments: Iterable[Mapping[str, Array]], names: Iterable[str]) -> None:
+    """Read sensors at several moments at once, to the bits of one moment after the other.
+
+    Of few robots this takes about as long as one moment does, which is the cost of the calls. What
+    each ``State`` lacks is put into it; other readings have their values already.
+
+    Args:
+        moments: of the same robots, in order.
+        names: of channels.
+    """
+    states = [each for each in moments if isinstance(each, State)]
+    missing = [name for name in names if any(name not in state for state in states)]
+    if len(states) < 2 or not missing:
+        return
+    block = _Moments(states)
+    for name in (*states[0].looks_back, *missing):
+        values = block[name].reshape(len(states), -1, *block[name].shape[1:])
+        for state, value in zip(states, values, strict=True):
+            state.setdefault(name, value)
+    for state in states:
+        state._forget()
+
+
+class _Moments(State):
+    """States of n robots at k moments as one of k n robots."""
+
+    def __init__(self, states: Sequence[State]) -> None:
+        first = states[0]
+        arrays = {name: np.concatenate([s.arrays[name] for s in states]) for name in first.arrays}
+        super().__init__(arrays, first.at, first.robot, first.sensors, {})
+        self._states = states
+        for name in first.looks_back:
+            # Unknown at one of the moments: it is that of the moment before, which was perhaps
+            # none of these.
+            values = first.sensors[name].read(self).reshape(len(states), -1)
+            for state, value in zip(states, values, strict=True):
+                if np.isnan(value).any():
+                    value[:] = state[name].ravel()
+            self[name] = values.reshape(-1, *first.sensors[name].channel.shape)
+
+    def last(self, name: str, start: Array | None = None) -> Array:
+        return np.full((len(self.time), *self.sensors[name].channel.shape), np.nan)

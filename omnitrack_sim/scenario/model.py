@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -29,20 +30,15 @@ from omnitrack_sim.base.naming import name_of, named, shipped_files
 from omnitrack_sim.base.reading import NAME_PATTERN, by_kind
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table, symbol_of
-from omnitrack_sim.pipes import Route, route, route_through
+from omnitrack_sim.pipes import Port, Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
-from omnitrack_sim.pipes.network import End, Network
-from omnitrack_sim.record.display import RobotDisplay
+from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, robot_class
+from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.robot import (
-    ROBOTS,
-    SPECIAL,
-    RobotOfKind,
-    SceneOptions,
-    robot_class,
-)
+from omnitrack_sim.robots.robot import SPECIAL, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -191,13 +187,8 @@ class Scenario(Table):
         )
         return self.robot.to_spec(self.route.network, options)
 
-    @property
-    def display(self) -> RobotDisplay:
-        """Looks of the robot in films and on pages."""
-        return self.robot.display
-
     @cached_property
-    def bores(self) -> dict[End, float]:
+    def bores(self) -> dict[Port, float]:
         """Bore radius, m, at each port that the robot passes, or with an unknown map may come into,
         in order."""
         line, parts = self.route, self.route.network.parts
@@ -266,7 +257,7 @@ class Scenario(Table):
         Raises:
             InputError: there is no such class.
         """
-        return controller_of(self.control.kind, self.robot.controllers)
+        return controller_of(self.control.kind, self.robot.controllers())
 
     @property
     def control_parameters(self) -> Any:
@@ -341,7 +332,7 @@ class Scenario(Table):
         return self.route.centreline.length - self.robot.length / 2 - self.robot.nose_room
 
     @property
-    def plates(self) -> tuple[tuple[int, str], ...]:
+    def plates(self) -> tuple[Port, ...]:
         """Ports (part index, port) that a plate or cap closes."""
         mission = self.planner or self.exploration
         return self.route.network.closed_ends if mission is None else mission.plates
@@ -426,6 +417,9 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     with gathered(faults):
         scenario.robot.check()
     faults += _meaningless(scenario)
+    if scenario.sensing.kind == "onboard":
+        with gathered(faults):
+            odometry_of(scenario.robot)
     # What follows lays out pipes and plans, which needs tables that are valid by themselves.
     period, step = scenario.record.period, scenario.physics.control_period
     if not is_multiple(period, step):
@@ -500,7 +494,7 @@ def _meaningless(scenario: Scenario) -> Iterator[Fault]:
     """Keys that mean nothing to the robot of the scenario."""
     robot = scenario.robot
     for path, value in SPECIAL.items():
-        given = reduce(getattr, path.split("."), scenario)
+        given = attrgetter(path)(scenario)
         if path not in robot.understands and given != value:
             problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
             yield Fault(path, f"{problem}; leave it at {value!r}")
@@ -525,7 +519,7 @@ def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(f"sensing.{table.camera}.{key}", problem, choices)
 
 
-def _bores_out_of_reach(scenario: Scenario, bores: Mapping[End, float]) -> Iterator[Fault]:
+def _bores_out_of_reach(scenario: Scenario, bores: Mapping[Port, float]) -> Iterator[Fault]:
     """The first bore that the robot does not fit."""
     for (index, port), radius in bores.items():
         misfit = scenario.robot.misfit(2 * radius)

@@ -1,4 +1,4 @@
-"""Stays of a robot in the true pipes of its run, and when it has seen each of these.
+"""Passages of a robot through the true pipes of its run, and when it has seen each of these.
 
 Pictures show true pipes. A robot that explores has a map of its own, whose parts differ from the
 true ones in number, order, names and sizes, and its legs lead through that: nothing here is taken
@@ -37,8 +37,8 @@ distance from any other, so that no part is overlooked."""
 
 
 @dataclass(frozen=True)
-class Stay:
-    """Stay of a robot's centre in one of the true parts, on one leg and in one gear.
+class PassageSpan:
+    """Samples in which a robot's centre passes one true part, on one leg and in one gear.
 
     Attributes:
         part: the part.
@@ -58,8 +58,8 @@ class Stay:
         return SHADES.get(self.words, SHADES["straight"])
 
 
-def stays(result: Result, trajectory: Trajectory) -> list[Stay]:
-    """Return the stays of a run in order of time, by its record or the valid part of it."""
+def passage_spans(result: Result, trajectory: Trajectory) -> list[PassageSpan]:
+    """Return the passages of a run in order of time, by its record or the valid part of it."""
     leg, gear = trajectory["leg"].astype(int), trajectory["gear"]
     if result.map is None:
         routes = result.routes()
@@ -75,7 +75,7 @@ def stays(result: Result, trajectory: Trajectory) -> list[Stay]:
             (every[inside[first]], _words(every[inside[first]], position[[first, last]]))
             for first, last in runs
         ]
-    return [Stay(*part, *rows) for part, rows in zip(parts, runs, strict=True)]
+    return [PassageSpan(*part, *rows) for part, rows in zip(parts, runs, strict=True)]
 
 
 def _words(part: Part, ends: Array) -> str:

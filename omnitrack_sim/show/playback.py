@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.record.display import CarriedCamera
+from omnitrack_sim.record.display import CarriedCamera, Moment
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
@@ -91,17 +91,17 @@ class Playback:
 def playback_of(result: Result, coarse: bool = True) -> Playback:
     """Return the playback of a scenario's run; ``coarse`` faces are enough for films."""
     scenario, trajectory = result.scenario, sound(result)
-    display, robot = scenario.display, scenario.robot
-    model = display.looks(result.pipes, robot, scenario.plates, coarse).compile()
+    robot, display = scenario.robot, scenario.robot.display
+    model = display.spec(result.pipes, scenario.plates, coarse).compile()
     seen = np.flatnonzero(model.geom_group == ROBOT_GROUP).tolist()
     position, samples = trajectory["position"], len(trajectory.time)
     return Playback(
         model=model,
         network=result.pipes,
         time=trajectory.time,
-        qpos=display.poses(model, trajectory, robot),
+        qpos=display.poses(model, trajectory),
         seen=tuple(seen),
-        casting=tuple(geom for geom in seen if display.casts(model.geom(geom).name)),
+        casting=tuple(geom for geom in seen if display.casts_shadow(model.geom(geom).name)),
         body=model.body(robot.chassis).id,
         position=position,
         ahead=matrix_from_quaternion(trajectory["quaternion"])[:, :, 2],
@@ -110,7 +110,7 @@ def playback_of(result: Result, coarse: bool = True) -> Playback:
         backward=trajectory["gear"] < 0,
         estimate=trajectory.channels.get("position_estimate", position),
         mocap=np.zeros((samples, model.nmocap, 7)),
-        mounts={"onboard": display.onboard(robot)},
+        mounts={"onboard": display.camera},
     )
 
 
@@ -130,13 +130,19 @@ def _path(trajectory: Trajectory) -> NDArray[np.intp]:
     return np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | new_leg))
 
 
+def moment_of(trajectory: Trajectory, row: int, part: str) -> Moment:
+    """Return sample ``row`` of a record, with the robot's centre in the part of this name."""
+    phase = trajectory.phases[int(trajectory["phase"][row])]
+    return Moment(trajectory.time[row], phase, part, lambda name: trajectory[name][row])
+
+
 def sound(result: Result) -> Trajectory:
     """Return the trajectory of a run, diverged samples replaced by the last finite one.
 
     Raises:
         RenderError: no sample is sound.
     """
-    trajectory, names = result.trajectory, result.scenario.display.finite
+    trajectory, names = result.trajectory, result.scenario.robot.display.finite
     values = [trajectory.qpos, *(trajectory[name] for name in names)]
     rows = sound_rows([value.reshape(len(trajectory.time), -1) for value in values])
     if (rows == np.arange(len(rows))).all():

@@ -29,7 +29,7 @@ from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.show.film.overlay import ForceArrows
 from omnitrack_sim.show.film.stage import STANDARD
-from omnitrack_sim.show.landmarks import Landmarks, Stay
+from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
 from omnitrack_sim.show.plots.run_figures import plot_recording
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
@@ -41,7 +41,7 @@ from omnitrack_sim.show.replay.contents import (
     page_data,
 )
 from omnitrack_sim.show.surfaces import DRAWN
-from omnitrack_sim.walls.around import InPipe, Pipes
+from omnitrack_sim.walls.around import AxisPoints, Pipes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -284,8 +284,8 @@ class Recording:
         return poses
 
     @cached_property
-    def places(self) -> InPipe:
-        """Places of the body in the pipes, (T,); see ``Pipes.locate``."""
+    def places(self) -> AxisPoints:
+        """Nearest points on the pipes' axes to the body, (T,); see ``Pipes.locate``."""
         return self.pipes.locate(self.bodies[:, self.body, :3])
 
     def progress(self) -> tuple[Array, Array]:
@@ -337,11 +337,11 @@ class Recording:
             name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
         }
 
-    def stays(self) -> list[Stay]:
-        """Return the stays of the body in the parts, in order of time."""
+    def passage_spans(self) -> list[PassageSpan]:
+        """Return the passages of the body through the parts, in order of time."""
         index, parts = self.places.part, self.pipes.assembly.parts
         runs = [(parts[index[a]], a, b) for a, b in spans(index) if index[a] >= 0]
-        return [Stay(part, part.fitting.kind, a, b) for part, a, b in runs]
+        return [PassageSpan(part, part.fitting.kind, a, b) for part, a, b in runs]
 
     # What pictures and pages show
 
@@ -470,7 +470,7 @@ class Recording:
             network=self.pipes.assembly,
             time=self.time,
             curves=self.curves(),
-            stays=self.stays(),
+            spans=self.passage_spans(),
         )
 
     def replay_data(self) -> dict[str, Any]:
@@ -482,7 +482,7 @@ class Recording:
             playback=playback,
             curves={name: curve.values for name, curve in self.curves().items()},
             phases=[],
-            fittings=fittings_table(self.stays(), playback, leg=None),
+            fittings=fittings_table(self.passage_spans(), playback, leg=None),
             events={"events": [], "notes": []},
             arrows=self._arrows(),
             onboard=mounts[0] if mounts else None,

@@ -31,7 +31,7 @@ from omnitrack_sim.robots.control import (
     with_command_rows,
 )
 from omnitrack_sim.robots.plant import Plant, Start
-from omnitrack_sim.robots.sensor import Sensor, State
+from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
 from omnitrack_sim.sim.legs import Legs
@@ -160,7 +160,8 @@ class Simulation:
         own = [*robot.channels.values(), *(sensor.channel for sensor in sensors)]
         pull = self._tail.channels if self._tail else ()
         self.channels: tuple[Channel, ...] = (*own, *self.senses.recorded, *pull)
-        self.recorder = Recorder(self.phases, recorded(self.channels))
+        schema, together = recorded(self.channels), moments_together(self.n)
+        self.recorder = Recorder(self.phases, schema, read_together, together)
         self._settle(self.active, np.zeros(self.n, bool))
 
     def __repr__(self) -> str:
@@ -314,13 +315,12 @@ class Simulation:
 
     def _record(self) -> None:
         location, legs, held = self.location, self.legs, self._command
-        measured = [c.name for c in self.recorder.schema.values() if c.source == "plant"]
         if held.phase.max() >= len(self.phases):
             raise ValueError(f"command.phase is {held.phase.max()}; phases are {self.phases}")
         self.recorder.sample(
             self.plant.qpos,
+            self.readings,
             {
-                **{name: self.readings[name] for name in ("time", *measured)},
                 "leg": legs.number,
                 "gear": legs.gear,
                 "distance": location.distance,

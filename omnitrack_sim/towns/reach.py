@@ -18,14 +18,15 @@ from scipy.special import ndtr
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Passage
+from omnitrack_sim.pipes import Passage, Port
 from omnitrack_sim.pipes.centreline import Segment
-from omnitrack_sim.pipes.network import End, Network, both_ways
+from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.tail import Tether
-from omnitrack_sim.towns.passport import FEATURES, SETTINGS, Passport, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.passport import Passport
 
 NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
@@ -118,7 +119,8 @@ class ReachMap:
         paths: the way to each part that is reached, by its name.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> reach.parts[1].name, reach.parts[1].probability  # tees were not tried
         ('tee_low', 0.0)
@@ -278,7 +280,8 @@ def map_reach(
         InputError: there is no such opening, or no passport for that friction.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> len(reach.parts) == len(reach.network.fittings), reach.openings
         (True, ('foot',))
@@ -349,7 +352,7 @@ class _Planner:
         gravity: Sequence[float],
     ) -> None:
         low, high = friction
-        least, most = SETTINGS.friction
+        least, most = TRIED.friction
         if not least <= low <= high <= most:
             problem = f"is {low:g}:{high:g}; two numbers from {least:g} to {most:g}, ascending"
             raise InputError(Fault("friction", problem))
@@ -360,7 +363,7 @@ class _Planner:
         count = 1 if low == high else NUMERICS.frictions
         self.friction = low + (high - low) * (np.arange(count) + 0.5) / count
         self.joined = both_ways(network.pipes.joints)
-        self.ways: dict[End, list[_Way]] = {}
+        self.ways: dict[Port, list[_Way]] = {}
         self.rows: dict[Edge, int] = {}
 
     def prepare(self, progress: Callable[[float], Any]) -> None:
@@ -393,7 +396,7 @@ class _Planner:
         progress: Callable[[float], Any],
     ) -> _Tables:
         """Tables of all ways, kind by kind; their lengths, m, by row."""
-        pulls = np.linspace(0.0, SETTINGS.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
+        pulls = np.linspace(0.0, TRIED.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
         shape = (len(self.rows), len(self.friction), len(pulls))
         tables = np.full((7, *shape), np.nan)
         tables[0], reasons = -np.inf, [""] * len(self.rows)
@@ -446,7 +449,7 @@ class _Planner:
             f"unknown: {kind} with {', '.join(outside) or 'features that were not tried together'}"
         )
 
-    def starts(self, launch: str) -> Iterator[End]:
+    def starts(self, launch: str) -> Iterator[Port]:
         """Yield the ports through which the robot goes into parts from an opening."""
         names = [fitting.name for fitting in self.network.fittings]
         try:
@@ -480,9 +483,9 @@ class _Planner:
         )
         order = itertools.count()
         waiting = [(0.0, next(order), end, begin) for end in self.starts(launch)]
-        blocked: list[tuple[float, int, End, str]] = []
+        blocked: list[tuple[float, int, Port, str]] = []
         best: dict[int, tuple[float, _Label]] = {}
-        done: set[End] = set()
+        done: set[Port] = set()
         while waiting:
             cost, _, enter, label = heapq.heappop(waiting)
             if enter in done:
@@ -511,7 +514,7 @@ class _Planner:
         if self.tether is not None and out > self.tether.length:
             return f"tether: {self.tether.length:g} m are used up"
         drag, slack = self._pull(label, way)
-        if self.tether is not None and drag > SETTINGS.pull * self.weight:
+        if self.tether is not None and drag > TRIED.pull * self.weight:
             return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
         if tables.reasons[way.row]:
             return f"{tables.reasons[way.row]} ({name})"
@@ -558,14 +561,14 @@ class _Planner:
         return float(nodes[-1, 1]), float(nodes[-1, 2])
 
     def _reasons(
-        self, blocked: Sequence[tuple[float, int, End, str]], reached: set[int]
+        self, blocked: Sequence[tuple[float, int, Port, str]], reached: set[int]
     ) -> dict[int, str]:
         """Return what keeps the robot from each part out of reach: the nearest block before
         it."""
         reasons: dict[int, str] = {}
         waiting = list(blocked)
         heapq.heapify(waiting)
-        seen: set[End] = set()
+        seen: set[Port] = set()
         while waiting:
             cost, order, enter, reason = heapq.heappop(waiting)
             if enter in seen:

@@ -298,8 +298,8 @@ def _check_arguments(
         raise InputError(faults)
 
 
-class InPipe(NamedTuple):
-    """Places of points in pipes.
+class AxisPoints(NamedTuple):
+    """Nearest points on the axes of pipes to some points, and clearances from the walls.
 
     Attributes:
         part: (...,) number of the part in the assembly; -1 outside all port planes.
@@ -367,7 +367,7 @@ class Pipes:
         in a bore, negative within a wall, NaN outside the port planes of all fittings."""
         return self.locate(points).clearance
 
-    def locate(self, points: ArrayLike) -> InPipe:
+    def locate(self, points: ArrayLike) -> AxisPoints:
         """Return where points (..., 3) m, world frame, lie in the pipes.
 
         Example:
@@ -385,7 +385,7 @@ class Pipes:
             wall = self.assembly.parts[index].port(port)
             before = (wall.position - flat) @ wall.rotation[:, 2]
             distance = np.where(part == index, np.minimum(distance, before), distance)
-        return InPipe(
+        return AxisPoints(
             part[0].astype(int).reshape(shape)[()],
             line.astype(int).reshape(shape)[()],
             arc_length.reshape(shape),

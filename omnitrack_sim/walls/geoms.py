@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.pipes import Assembly
+from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.walls.record import (
@@ -205,9 +205,7 @@ def _add_field(
     _add_geom(body or spec.worldbody, name, kind, **shape, **attributes)
 
 
-def _line_ends(
-    network: Assembly, end: tuple[int, str], other: tuple[int, str] | None, rims: bool
-) -> bool:
+def _line_ends(network: Assembly, end: Port, other: Port | None, rims: bool) -> bool:
     """Return whether contact of a line ends at port ``end``, joined to ``other`` or open, where
     it may have a rim of its own."""
     if other is None:
@@ -228,7 +226,7 @@ PLATE_THICKNESS = 0.006
 def add_plates(
     spec: mujoco.MjSpec,
     network: Assembly,
-    plates: Sequence[tuple[int, str]],
+    plates: Sequence[Port],
     looks: bool = False,
     thickness: float = PLATE_THICKNESS,
     overlap: float = 0.0,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Fitting, Part
+from omnitrack_sim.pipes import Fitting, Part, Port
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import (
     INTEGER,
@@ -498,8 +498,6 @@ def nearest(parts, maps, points, robots, count, work, rows):
     return 0
 
 
-Port = tuple[int, str]
-"""A part's index in its map, and the name of a port of it."""
 _TRACE = CFUNCTYPE(
     INTEGER, *(NUMBERS, NUMBERS, NUMBERS, WORD, NUMBERS, WORD, NUMBERS, NUMBER, NUMBERS, NUMBERS)
 )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
-from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes import Elbow, Fitting, Part, Port, Reducer, Straight, Tee, attached
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -142,9 +142,9 @@ STILL = Pose(np.eye(3), np.zeros(3))
 """Pose of the camera at the last picture, in its frame then."""
 
 
-Map = tuple[tuple[Part, ...], tuple[tuple[int, str], ...]]
+Map = tuple[tuple[Part, ...], tuple[Port, ...]]
 """Parts, and the ports of them that a plate closes."""
-WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[tuple[int, str]]]], RayWalls]
+WallMaker = Callable[[Sequence[Sequence[Part]], Sequence[Sequence[Port]]], RayWalls]
 """Makes walls of maps and the ports that plates close, such as ``walls.rays.RayWalls``."""
 
 

@@ -33,7 +33,7 @@ CLEARANCE = 0.3
 """Between pipes that cross, m, as mains are laid."""
 PLATE = 0.25
 """Length of the cap at a port that nothing leads on from, bores."""
-End = tuple[str, int]
+PipeEnd = tuple[str, int]
 
 
 @dataclass
@@ -49,7 +49,7 @@ class _Town:
 
     drawing: Drawing
     settings: ImportSettings
-    at_nodes: dict[str, list[End]]
+    at_nodes: dict[str, list[PipeEnd]]
     tight: set[str] = field(default_factory=set)
     moved: dict[str, float] = field(default_factory=dict)
     junctions: dict[str, Junction] = field(default_factory=dict)

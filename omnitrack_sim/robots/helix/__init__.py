@@ -94,7 +94,7 @@ class Helix(Robot):
     )
     friction: Positive = quantity(0.8, "1", "assumed", "of the skin, where the walls state none")
 
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.helix:MEASURES"
+    kind: ClassVar[str] = "helix"
 
     def angles(self, phase: Any, twist: float) -> Array:
         """Return the joints' angles (..., 16) rad at phases (...) rad of the gait."""

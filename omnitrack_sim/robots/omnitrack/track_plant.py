@@ -22,7 +22,6 @@ from omnitrack_sim.robots.omnitrack.body import (
     MODULE_ENDS,
     add_robot,
     friction_tendons,
-    lug_pitch,
     spring_free_length,
 )
 from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out, seen
@@ -30,7 +29,7 @@ from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
 from omnitrack_sim.robots.robot import GRAVITY, SceneOptions
-from omnitrack_sim.robots.sensor import Sensor
+from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
 
@@ -126,7 +125,7 @@ class TrackPlant(Plant):
     def _bind(self) -> None:
         self._at = _addresses(self.model)
         b, model, at = self._batch, self.model, self._at
-        self._pitch_of_lugs = lug_pitch(self._body)
+        self._pitch_of_lugs = self._body.lug_pitch
         self._force_range = b.expand("actuator_forcerange")
         self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
         self._body_conaffinity = b.expand("body_conaffinity")
@@ -357,10 +356,14 @@ class TrackDiagnosis(Diagnosis):
         self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
         self._samples = np.zeros(n, int)
-        self._mean, self._sample = np.zeros((2, n, 6, 3))
+        self._mean = np.zeros((n, 6, 3))
+        self._together = moments_together(n)
+        # Readings, command of the belts, saturated motors and robots that a sample is due of.
+        self._pending: list[tuple[Mapping[str, Array], Array, NDArray, NDArray[np.bool_]]] = []
 
     def reset(self, rows: NDArray[np.intp]) -> None:
         """See ``Diagnosis``."""
+        self._add_up()
         self._mean[rows], self._samples[rows] = 0.0, 0
 
     def average(
@@ -370,25 +373,49 @@ class TrackDiagnosis(Diagnosis):
         saturated: NDArray[np.bool_],
         due: NDArray[np.bool_],
     ) -> None:
-        """See ``Diagnosis``."""
-        self._samples += due
+        """See ``Diagnosis``; samples are added up some at a time, or when a cause is asked for."""
+        self._pending.append((readings, command.belt_speed, saturated, due))
+        if len(self._pending) == self._together:
+            self._add_up()
+
+    @property
+    def mean(self) -> Array:
+        """Averages (n, 6, 3) that the cause of a failure is read from, by the rows above."""
+        self._add_up()
+        return self._mean
+
+    def _add_up(self) -> None:
+        """Add the pending samples to the averages."""
+        if not self._pending:
+            return
+        moments, commands, saturated, dues = zip(*self._pending, strict=True)
+        self._pending = []
+        read_together(moments, ("normal_force", "slip_ratio", "belt_speed", "roll"))
+
+        def each(name: str) -> Array:
+            return np.array([readings[name] for readings in moments])
+
+        command, due = np.array(commands), np.array(dues)
+        sample = np.empty((len(moments), *self._mean.shape))  # (k, n, 6, 3)
+        sample[:, :, NORMAL_FORCE] = each("normal_force")
+        sample[:, :, SLIP_RATIO] = np.abs(each("slip_ratio"))
+        sample[:, :, SATURATED] = saturated
+        sample[:, :, BELT_SPEED] = each("belt_speed") * np.sign(command)
+        sample[:, :, BELT_COMMAND] = np.abs(command)
+        sample[:, :, ROLL_COSINE] = np.abs(np.cos(each("roll")))
+        count = self._samples + due.cumsum(axis=0)
+        self._samples = count[-1]
         # A plain mean until the memory is full.
-        part = np.maximum(self._period / self._memory, 1 / np.maximum(self._samples, 1))
-        weight = np.where(due, part, 0.0)[:, None, None]
-        sample, belt_command = self._sample, command.belt_speed
-        sample[:, NORMAL_FORCE] = readings["normal_force"]
-        np.abs(readings["slip_ratio"], out=sample[:, SLIP_RATIO])
-        sample[:, SATURATED] = saturated
-        np.multiply(readings["belt_speed"], np.sign(belt_command), out=sample[:, BELT_SPEED])
-        np.abs(belt_command, out=sample[:, BELT_COMMAND])
-        np.abs(np.cos(readings["roll"]), out=sample[:, ROLL_COSINE])
-        self._mean += weight * (sample - self._mean)
+        part = np.maximum(self._period / self._memory, 1 / np.maximum(count, 1))
+        weight = np.where(due, part, 0.0)[..., None, None]
+        for i in range(len(sample)):
+            self._mean += weight[i] * (sample[i] - self._mean)
 
     def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
         """See ``Diagnosis``."""
         if self.lies_across(robot, location):
             return Outcome.WEDGED
-        mean, limits, passage = self._mean[robot], self.limits, int(location.passage[robot])
+        mean, limits, passage = self.mean[robot], self.limits, int(location.passage[robot])
         running = limits.stalled_speed * mean[BELT_COMMAND]
         # At its limit and slower than asked: a motor that only works hard is not stalled.
         stalled = (mean[SATURATED] > 0.5) & (mean[BELT_SPEED] < running)
@@ -409,7 +436,7 @@ class TrackDiagnosis(Diagnosis):
 
     def words(self, robot: int, time: float) -> str:
         """See ``Diagnosis``."""
-        mean = self._mean[robot]
+        mean = self.mean[robot]
         forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
         slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
         return (

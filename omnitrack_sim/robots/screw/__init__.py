@@ -90,7 +90,7 @@ class Screw(Robot):
         0.0088, "kg m²", "derived", "of the motor behind its gears: 9e-9 kg m² times 986.41²"
     )
 
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.screw:MEASURES"
+    kind: ClassVar[str] = "screw"
 
     @property
     def lever(self) -> float:

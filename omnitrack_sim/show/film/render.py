@@ -42,8 +42,8 @@ from omnitrack_sim.show.film.overlay import (
 )
 from omnitrack_sim.show.film.shots import PANEL
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.landmarks import Landmarks, stays
-from omnitrack_sim.show.playback import playback_of, sound
+from omnitrack_sim.show.landmarks import Landmarks, passage_spans
+from omnitrack_sim.show.playback import moment_of, playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
 
@@ -263,11 +263,12 @@ def run_stage(
 
 def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:
     """Return the function that gives the text of a run's status panel at a sample."""
-    visits, status = stays(result, trajectory), result.scenario.display.status
-    begins = [stay.first for stay in visits]
+    passages, display = passage_spans(result, trajectory), result.scenario.robot.display
+    begins = [passage.first for passage in passages]
 
     def text(row: int) -> StatusText:
-        return status(trajectory, row, visits[bisect_right(begins, row) - 1].part.name)
+        part = passages[bisect_right(begins, row) - 1].part.name
+        return display.status(moment_of(trajectory, row, part))
 
     return text
 
@@ -501,8 +502,8 @@ def strip_times(result: Result | Recording, count: int = FRAMES) -> list[float]:
     there is none, and of a recording, evenly over the whole."""
     time = _time(result)
     first, last = time[[0, -1]].tolist()
-    visits = [] if isinstance(result, Recording) else stays(result, result.trajectory)
-    bends = [stay for stay in visits if not stay.part.fitting.is_plain]
+    passages = [] if isinstance(result, Recording) else passage_spans(result, result.trajectory)
+    bends = [passage for passage in passages if not passage.part.fitting.is_plain]
     if bends:
         first = max(first, float(time[bends[0].first]) - BEFORE)
         last = min(last, float(time[bends[-1].last]) + BEFORE)

@@ -23,7 +23,7 @@ from omnitrack_sim.record.timeline import (
 )
 from omnitrack_sim.record.trajectory import Trajectory, spans
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import SHADES, stays
+from omnitrack_sim.show.landmarks import SHADES, passage_spans
 from omnitrack_sim.show.plots.network_figure import (
     PIPE,
     draw_names,
@@ -368,14 +368,14 @@ class _Mission:
         strip.set_ylim(0, top)
         leg, time = self.trajectory["leg"].astype(int), self.trajectory.time
         shades: dict[str, str] = {}
-        for stay in stays(self.result, self.trajectory):
-            shade = shades[stay.words] = stay.colour
-            start, end = float(time[stay.first]), float(time[stay.last])
+        for span in passage_spans(self.result, self.trajectory):
+            shade = shades[span.words] = span.colour
+            start, end = float(time[span.first]), float(time[span.last])
             for axis in panels:
                 axis.axvspan(start, end, color=shade, linewidth=0, zorder=0)
             strip.fill_between([start, end], self.legs, top, color=shade, linewidth=0)
             strip.plot([start, start], [self.legs, top], color="white", linewidth=1.2)
-            self._name_band(strip, stay.part.name, (start, end), (self.legs, top))
+            self._name_band(strip, span.part.name, (start, end), (self.legs, top))
         if self.legs:
             self._name_legs(strip, leg)
         order = [words for words in dict.fromkeys([*SHADES, *shades]) if words in shades]

@@ -22,11 +22,11 @@ from omnitrack_sim.record.channels import (
     Vector,
 )
 from omnitrack_sim.record.display import Curve
-from omnitrack_sim.record.metrics import KNOWN
+from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import Stay
+from omnitrack_sim.show.landmarks import PassageSpan
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -195,7 +195,7 @@ def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
     axis.axhline(0.0, color="white", lw=0.6, zorder=1.6)
     axis.plot(trajectory.time, error, color=INK)
     # Before the robot knows its orientation the band is a full circle wide: it would set the scale.
-    sure = trajectory["theta5_std"] < KNOWN
+    sure = trajectory["theta5_std"] < MAX_KNOWN_STD
     shown = np.isfinite(error) & np.isfinite(band) & (sure if sure.any() else True)
     half = display.span / 2
     if shown.any():
@@ -327,7 +327,7 @@ def plot_summary(
 def _summary(result: Result) -> Figure:
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
-    summary = result.scenario.display.summary
+    summary = result.scenario.robot.display.summary
     named = _named_lines(result)
     above = _ABOVE + _LEGEND * max(0, len(named) - 1)  # the first has the place of the modules
     grid = PanelGrid(len(summary) + bool(errors), len(summary[0]), above)
@@ -356,7 +356,7 @@ def _named_lines(result: Result) -> dict[str, list[Any]]:
     from matplotlib.lines import Line2D
 
     legends: dict[str, list[Any]] = {}
-    for channel, _ in (panel for row in result.scenario.display.summary for panel in row):
+    for channel, _ in (panel for row in result.scenario.robot.display.summary for panel in row):
         schema = result.trajectory.schema[channel]
         looks = _named_looks(result.trajectory, schema).values() if schema.names else ()
         if looks and all("color" in look for look in looks):
@@ -379,7 +379,7 @@ def _line_handles(result: Result, estimates: bool) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    columns = result.scenario.display.page.columns
+    columns = result.scenario.robot.display.columns
     lines: list[Any] = [
         Line2D([], [], color=colour, label=name, **LINES[i])
         for i, (name, colour) in enumerate(columns)
@@ -580,7 +580,7 @@ def plot_recording(
     network: Assembly,
     time: Array,
     curves: Mapping[str, Curve],
-    stays: Sequence[Stay],
+    spans: Sequence[PassageSpan],
 ) -> Figure:
     """Draw the figure of ``Recording.plot``.
 
@@ -590,7 +590,7 @@ def plot_recording(
         network: the pipes.
         time: (T,) s.
         curves: by name; ``position`` (T, 3) m is drawn into the pipes, too.
-        stays: of the body in the parts.
+        spans: of the body in the parts.
     """
 
     def draw() -> Figure:
@@ -617,7 +617,7 @@ def plot_recording(
         for number, curve in enumerate(curves.values()):
             last = number + COLUMNS >= len(curves)
             axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
-            _draw_curve(axis, time, curve, stays)
+            _draw_curve(axis, time, curve, spans)
         duration = f"{len(time)} samples, {time[-1] - time[0]:.2f} s"
         headline(grid.figure, title, duration, LEFT)
         return grid.figure
@@ -625,11 +625,11 @@ def plot_recording(
     return page(draw, path, None)
 
 
-def _draw_curve(axis: Axes, time: Array, curve: Curve, stays: Sequence[Stay]) -> None:
+def _draw_curve(axis: Axes, time: Array, curve: Curve, spans: Sequence[PassageSpan]) -> None:
     """Draw one panel, with the parts as bands behind it."""
     display = curve.display
-    for stay in stays:
-        axis.axvspan(time[stay.first], time[stay.last], color=stay.colour, lw=0, zorder=0)
+    for span in spans:
+        axis.axvspan(time[span.first], time[span.last], color=span.colour, lw=0, zorder=0)
     shown = display.scale * curve.values
     for column, values in enumerate(shown.T):
         look: dict[str, Any] = {"color": INK}

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, PageDisplay, Track
+from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, Track
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
-from omnitrack_sim.show.landmarks import Landmarks, Stay
+from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
@@ -162,21 +162,23 @@ class PageRun:
         }
 
 
-def plotted(trajectory: Trajectory, display: PageDisplay) -> list[str]:
-    """Channels that have a plot: the robot's, and those of a user's own sensors."""
+def plotted(trajectory: Trajectory, plots: Sequence[str]) -> list[str]:
+    """Return the channels with a plot: the robot's ``plots``, and those of a user's own sensors."""
     own = [
         name
         for name, channel in trajectory.schema.items()
-        if name not in {*RECORDED, *display.plotted} and len(channel.columns) <= MOST_COLUMNS
+        if name not in {*RECORDED, *plots} and len(channel.columns) <= MOST_COLUMNS
     ]
-    return [*display.plotted, *own]
+    return [*plots, *own]
 
 
-def curves_of(trajectory: Trajectory, display: PageDisplay) -> dict[str, Array]:
-    """The channels that are shown, by name."""
-    names = plotted(trajectory, display)
+def curves_of(
+    trajectory: Trajectory, plots: Sequence[str], more: Sequence[str]
+) -> dict[str, Array]:
+    """Return the channels that are plotted and ``more``, by name."""
+    names = plotted(trajectory, plots)
     commands = [trajectory.schema[name].display.command for name in names]
-    names += [*filter(None, commands), *display.kept]
+    names += [*filter(None, commands), *more]
     return {name: trajectory[name] for name in names}
 
 
@@ -195,21 +197,21 @@ def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
 
 
 def fittings_table(
-    stays: Iterable[Stay], playback: Playback, leg: Array | None
+    passages: Iterable[PassageSpan], playback: Playback, leg: Array | None
 ) -> list[dict[str, Any]]:
     """The fittings that the robot's centre was in, in order, with times in s; ``leg`` (T,) is the
     index of the leg where there are several."""
     return [
         {
-            "name": stay.part.name,
-            "manoeuvre": stay.words,
-            "colour": stay.colour,
-            "leg": None if leg is None else int(leg[stay.first]) + 1,
-            "tail": bool(playback.backward[stay.first]),
-            "start": float(playback.time[stay.first]),
-            "end": float(playback.time[stay.last]),
+            "name": passage.part.name,
+            "manoeuvre": passage.words,
+            "colour": passage.colour,
+            "leg": None if leg is None else int(leg[passage.first]) + 1,
+            "tail": bool(playback.backward[passage.first]),
+            "start": float(playback.time[passage.first]),
+            "end": float(playback.time[passage.last]),
         }
-        for stay in stays
+        for passage in passages
     ]
 
 

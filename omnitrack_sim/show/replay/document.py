@@ -20,7 +20,7 @@ from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.comparison import compare as compare_results
 from omnitrack_sim.results.comparison import value_row
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import Landmarks, stays
+from omnitrack_sim.show.landmarks import Landmarks, passage_spans
 from omnitrack_sim.show.playback import playback_of, sound
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.show.recording import Recording
@@ -152,7 +152,7 @@ def _part_mismatch(one: Result, other: Result) -> str:
 
 def replay_data(runs: list[Result]) -> dict[str, Any]:
     """Collect the data of the page of one or two runs, of which the first one brings the pipes."""
-    first, pack, display = runs[0], contents.Pack(), runs[0].scenario.display.page
+    first, pack, display = runs[0], contents.Pack(), runs[0].scenario.robot.display
     trajectory, schema = sound(first), first.trajectory.schema
     with np.errstate(invalid="ignore", over="ignore"):  # of physics that has diverged
         pages = [_page_run(run) for run in runs]
@@ -164,8 +164,8 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
         else contents.map_table(pages[0].playback, landmarks, pack),
         "pictures": contents.pictures_table(first.album, trajectory),
         "panels": [
-            {"channel": name, "first": name in display.first, **asdict(schema[name].display)}
-            for name in contents.plotted(first.trajectory, display)
+            {"channel": name, "first": name in display.first_plots, **asdict(schema[name].display)}
+            for name in contents.plotted(first.trajectory, display.plots)
         ],
         "columns": [
             [name, [round(255 * part) for part in colour]] for name, colour in display.columns
@@ -180,27 +180,27 @@ def replay_data(runs: list[Result]) -> dict[str, Any]:
 def _page_run(result: Result) -> contents.PageRun:
     """Collect the contents of a page for one run, including its robot."""
     trajectory, robot = sound(result), result.scenario.robot
-    playback, display = playback_of(result, coarse=False), result.scenario.display.page
+    playback, display = playback_of(result, coarse=False), robot.display
     bodies = [playback.model.body(name).id for name in display.badges]
     badges = contents.body_poses(playback, bodies)
     return contents.PageRun(
         heading=heading_table(result),
         playback=playback,
-        curves=contents.curves_of(trajectory, display),
+        curves=contents.curves_of(trajectory, display.plots, display.page_channels),
         phases=contents.phases_table(trajectory),
         fittings=contents.fittings_table(
-            stays(result, trajectory),
+            passage_spans(result, trajectory),
             playback,
             trajectory["leg"] if len(result.routes()) > 1 else None,
         ),
         events=contents.events_table(result),
         arrows=display.arrows(trajectory, list(np.moveaxis(badges, 1, 0))),
-        onboard=display.onboard(robot),
+        onboard=display.page_camera,
         scale=robot.length_scale,
         badges=display.badges,
         tracks=display.tracks,
         travel=display.travel(trajectory),
-        pitch=display.pitch(robot),
+        pitch=display.track_pitch,
     )
 
 

@@ -20,7 +20,7 @@ from omnitrack_sim.base.rotations import (
     unit,
 )
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.display import Lines
+from omnitrack_sim.record.display import Lines, Moment
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
@@ -245,6 +245,11 @@ class ShownRun:
     routes: RouteMap
 
     @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        raise NotImplementedError
+
+    @property
     def location(self) -> Location:
         """Location of the robot, as of a batch of one."""
         raise NotImplementedError
@@ -267,8 +272,8 @@ class ShownRun:
 
     def figures(self) -> Lines:
         """Return figures of the robot at the moment."""
-        robot = self.scenario.robot
-        return self.scenario.display.figures(self.value, self.routes, self.location, robot)
+        moment = Moment(self.time, "", "", self.value)
+        return self.scenario.robot.display.measurements(moment, self.routes, self.location)
 
 
 class LiveRun(ShownRun):
@@ -278,7 +283,8 @@ class LiveRun(ShownRun):
     def __init__(self, simulation: Simulation, model: mujoco.MjModel) -> None:
         self.simulation = simulation
         self.scenario, self.routes = simulation.scenarios[0], simulation.legs.routes
-        self._looks = self.scenario.display.live(model, self.scenario.robot)
+        self._model, self._display = model, self.scenario.robot.display
+        self._travel = np.zeros(len({track.column for track in self._display.tracks.values()}))
 
     @property
     def time(self) -> float:
@@ -302,12 +308,13 @@ class LiveRun(ShownRun):
     def step(self) -> None:
         """Take one control step."""
         self.simulation.step()
-        self._looks.advance(self.value, self.simulation.period)
+        if self._display.track_speed:
+            self._travel += self.value(self._display.track_speed) * self.simulation.period
 
     def qpos(self) -> Array:
         """Return the joint positions (nq,) as they are shown."""
         qpos = np.array(self.simulation.plant.qpos[0])
-        self._looks.place(qpos)
+        self._display.place_tracks(self._model, qpos, self._travel)
         return qpos
 
     def status(self) -> Lines:
@@ -328,8 +335,7 @@ class SavedRun(ShownRun):
         self._result, self.row, self.scenario = result, 0, result.scenario
         self._trajectory = sound(result)
         self.count = len(self._trajectory.time)
-        robot = self.scenario.robot
-        self._qpos = self.scenario.display.poses(model, self._trajectory, robot)
+        self._qpos = self.scenario.robot.display.poses(model, self._trajectory)
         self.routes = RouteMap(result.routes())
 
     @property

@@ -1,5 +1,7 @@
-"""Conversion of decisions to commands, the same for a policy in a run and for a learner in an
-environment; and the controller that runs a policy file."""
+"""Conversion of decisions to commands, and the controller that runs a policy.
+
+A policy in a run and a learner in an environment share the conversion.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, hel
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.robots.omnitrack.policy.features import (
     ACTIONS,
     PREVIEW,
@@ -74,6 +76,7 @@ class Decisions:
     Attributes:
         actings: ways to act by name.
         of_truth: features that the robot's own sensors do not give.
+        measured: see ``InputDecisions``.
         ranges: values that each episode draws evenly, with their ranges, by dotted path.
         hold: control steps of a decision period.
         action: (n, 4), the last decision; 0 before the first one.
@@ -83,6 +86,7 @@ class Decisions:
 
     actings: ClassVar[Mapping[str, Acting]] = ACTINGS
     of_truth: ClassVar[tuple[Feature, ...]] = tuple(f for f in TRUTH if f not in PREVIEW)
+    measured: ClassVar[bool] = True
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
         "world.friction": (0.6, 1.0),
         "robot.preload": (20.0, 30.0),
@@ -105,7 +109,7 @@ class Decisions:
         self._base: Any = None  # a shipped controller, with ``reset``
         self.phases: tuple[str, ...] = ("decide",)
         if acting.base is not None:
-            base: Any = controller_of(acting.base, CONTROLLERS)
+            base: Any = controller_of(acting.base, Omnitrack.controllers())
             parameters = BASE_PARAMETERS.get(acting.base, {})
             self._defaults = [parameters_model(base)(**parameters)] * n
             self._base = base(replace(setup, parameters=self._defaults))
@@ -162,7 +166,7 @@ class Decisions:
         self._tick += 1
         setup, limit = self.setup, self.setup.settings.speed_limit[:, None]
         self._forward = held_belt_sign(observation.roll, self._band, self._forward)
-        speed = self.action[:, :3] * self.acting.speed * limit * self._forward
+        speed = self.action[:, :3] * limit * self._forward
         turned = self.action[:, 3] * setup.robot.roll_rate * setup.period  # (n,) rad
         if self._base is None:
             self.roll = self.roll + turned[:, None]
@@ -180,7 +184,7 @@ class Decisions:
 
     def _lean(self, turned: Array, rests: NDArray[np.bool_]) -> None:
         """Move the roll beside the base's by ``turned`` (n,) rad, and back where the base rests."""
-        reach = np.inf if self.acting.roll_reach is None else self.acting.roll_reach
+        reach = self.acting.roll_reach
         step = self.setup.robot.roll_rate * self.setup.period
         back = -np.minimum(np.maximum(self._offset, -step), step)
         offset = self._offset + np.where(rests, back, turned)
@@ -206,7 +210,7 @@ class PolicyTable(Table):
     """``[control.parameters]`` of the controller ``policy``."""
 
     policy: Annotated[str, Field(max_length=4096), FileName("sha256")]
-    """A shipped policy by name, or a policy file, relative to the scenario."""
+    """A shipped policy by name, a policy file, relative to the scenario, or ``module:Object``."""
     sha256: Annotated[str | None, Field(validate_default=True)] = None
     """Of that file. Left out, it is filled in; another file than it says is refused, so that a
     saved run repeats itself or says why not."""
@@ -225,7 +229,7 @@ class PolicyTable(Table):
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "policy" not in info.data:
             return sha256  # reported at the file's own key
-        digest = load_policy(info.data["policy"]).sha256
+        digest = load_policy(info.data["policy"]).sha256 or None
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")
         return digest
@@ -243,7 +247,7 @@ class PolicyController:
         self.phases: tuple[str, ...] = ()
         for name in dict.fromkeys(names):
             policy = load_policy(name)
-            decisions = Decisions(setup, policy.read, policy.acting)
+            decisions = Decisions(setup, policy.inputs, policy.acting)
             own = np.array([other == name for other in names])
             self._parts.append((own, policy, decisions))
             self._first.append(len(self.phases))

@@ -1,63 +1,61 @@
-"""Policies: a network in NumPy, and the files that hold it: arrays and one entry of JSON, nothing
-that could be executed."""
+"""Policies: actions from named features, by a network in NumPy that a file holds or by a callable.
+
+A file is an ``.npz`` of numbers and names; nothing in it is executed.
+"""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import io
-import math
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
 
-from omnitrack_sim.base.arguments import check_is
-from omnitrack_sim.base.bounds import LARGEST_WEIGHT, MOST_LAYERS, MOST_POLICY_BYTES, MOST_WIDTH
+from omnitrack_sim.base.bounds import MAX_LAYERS, MAX_POLICY_BYTES, MAX_WEIGHT, MAX_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
-from omnitrack_sim.base.naming import ByName, shipped_files
-from omnitrack_sim.base.reading import checked, is_file, parsed
+from omnitrack_sim.base.naming import ByName, named, shipped_files
+from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Table
-from omnitrack_sim.base.text import counted, strict_json
+from omnitrack_sim.base.text import counted
 from omnitrack_sim.base.writing import npz_of, write_file
-from omnitrack_sim.robots.feature import DECISION_PERIOD, Feature, FloatRows
+from omnitrack_sim.robots.feature import Feature, FloatRows
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURES, features_of
 
-HEADER = "policy"
-"""Name of the entry of JSON, as bytes of UTF-8."""
-Word = Annotated[str, Field(max_length=200)]
+
+@dataclass(frozen=True)
+class Acting:
+    """Conversion of decisions to commands.
+
+    Attributes:
+        name: of this conversion.
+        base: the shipped controller to whose command the decision is added; none: the decision is
+            the command. While the base stands or backs off, the decision counts for nothing.
+        roll_reach: by how much the roll may be off that of the base, rad.
+    """
+
+    name: str
+    base: str | None = None
+    roll_reach: float = np.inf
 
 
-class Acting(Table):
-    """Conversion of decisions to commands."""
-
-    name: Word
-    """Of this conversion."""
-    base: Literal["jacobian", "paper", "equal"] | None = None
-    """The shipped controller to whose command the decision is added; none: it is the command.
-    While the base stands or backs off, the decision counts for nothing."""
-    speed: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Part of the speed limit that an action of 1 stands for."""
-    roll_reach: Annotated[float, Field(ge=0, le=math.pi)] | None = None
-    """By how much the roll may be off that of the base, rad; none: by any angle."""
-
-
-DIRECT = Acting(name="direct")
+DIRECT = Acting("direct")
 # Where walls are slippery and the way leads down, a turn has to be driven otherwise than the base
 # drives it, so belts may do anything. 0.3 rad of roll turn the robot by 6 degrees, half the safe
 # range of theta5.
-RESIDUAL = Acting(name="residual", base="jacobian", roll_reach=0.3)
+RESIDUAL = Acting("residual", base="jacobian", roll_reach=0.3)
 ACTINGS: Mapping[str, Acting] = ByName({acting.name: acting for acting in (DIRECT, RESIDUAL)})
-"""Ways to act by name."""
+"""Conversions of decisions to commands by name."""
 
 
+TEXTS = ("features", "activation", "output", "acting", "note")
+"""Arrays of a policy file that hold text; all others hold numbers."""
 TILE = 16
 """Rows that are evaluated together: the products of a layer of 64 to 64 then take 0.5 MB and stay
 in the processor's cache. 64 rows take twice as long in one tile."""
@@ -72,21 +70,21 @@ def _elu(x: Array) -> Array:
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 
-def _cut(x: Array) -> Array:
+def _clip(x: Array) -> Array:
     return np.minimum(np.maximum(x, -1.0), 1.0)
 
 
 ACTIVATIONS: Mapping[str, Callable[[Array], Array]] = ByName(
     {"tanh": np.tanh, "relu": _relu, "elu": _elu}
 )
-"""Between layers, by name."""
-OUTPUTS: Mapping[str, Callable[[Array], Array]] = ByName({"clip": _cut, "tanh": np.tanh})
-"""Behind the last layer, by name: both end within -1 and 1."""
+"""Activations between layers, by name."""
+OUTPUTS: Mapping[str, Callable[[Array], Array]] = ByName({"clip": _clip, "tanh": np.tanh})
+"""Functions behind the last layer, by name: both end within -1 and 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mlp:
-    """Layers with an activation between them, of normalised entries.
+    """Multilayer perceptron of normalised entries.
 
     It is evaluated in double precision, and all sums are taken in one order, so that a row gives
     the same bytes alone and among any number of others. Matrix products of BLAS do not.
@@ -94,9 +92,9 @@ class Mlp:
     Attributes:
         weights: (inputs, outputs) of each layer, the first one first.
         biases: (outputs,) of each layer.
-        mean: (inputs,) subtracted from the entries, ...
-        std: ... (inputs,) by which they are divided then, ...
-        reach: ... and size at which they are cut off.
+        mean: (inputs,) subtracted from the entries; 0 if left out.
+        std: (inputs,) by which they are divided then; 1 if left out.
+        reach: size at which they are cut off then.
         activation: between layers, see ``ACTIVATIONS``.
         output: behind the last layer, see ``OUTPUTS``.
 
@@ -106,8 +104,8 @@ class Mlp:
 
     weights: Sequence[Array]
     biases: Sequence[Array]
-    mean: Array
-    std: Array
+    mean: ArrayLike = 0.0
+    std: ArrayLike = 1.0
     reach: float = 10.0
     activation: str = "tanh"
     output: str = "clip"
@@ -117,43 +115,39 @@ class Mlp:
             if getattr(self, name) not in known:
                 choices = ", ".join(known)
                 raise ValueError(f"{name} is {getattr(self, name)!r} (choose from: {choices})")
-        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.weights) != len(self.biases):
+        if not 1 <= len(self.weights) <= MAX_LAYERS or len(self.weights) != len(self.biases):
             counts = f"{len(self.weights)} weights and {len(self.biases)} biases"
-            raise ValueError(f"has {counts}; as many of each, 1 to {MOST_LAYERS}")
+            raise ValueError(f"has {counts}; as many of each, 1 to {MAX_LAYERS}")
         for name in ("weights", "biases"):
             object.__setattr__(self, name, [np.array(a, float) for a in getattr(self, name)])
         for name in ("mean", "std"):
-            object.__setattr__(self, name, np.array(getattr(self, name), float))
+            value = np.array(getattr(self, name), float)
+            object.__setattr__(self, name, np.full(self.inputs, value) if not value.ndim else value)
         self._check_shapes()
         self._check_numbers()
 
     def _check_shapes(self) -> None:
         width = self.inputs
-        wanted: dict[str, tuple[Array, tuple[int, ...]]] = {
-            "mean": (self.mean, (width,)),
-            "std": (self.std, (width,)),
-        }
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            outputs = weight.shape[1] if weight.ndim == 2 else bias.shape[0] if bias.ndim else 1
-            wanted[f"weight_{i}"] = weight, (width, outputs)
-            wanted[f"bias_{i}"] = bias, (outputs,)
+        shapes = {"mean": (width,), "std": (width,)}
+        for i, bias in enumerate(self.biases):
+            outputs = bias.shape[0] if bias.ndim else 0
+            shapes |= {f"weight_{i}": (width, outputs), f"bias_{i}": (outputs,)}
             width = outputs
-        for name, (array, shape) in wanted.items():
-            if array.shape != shape:
-                raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
-            if not all(1 <= size <= MOST_WIDTH for size in shape):
-                raise ValueError(f"{name} has shape {shape}; widths go from 1 to {MOST_WIDTH}")
+        for name, shape in shapes.items():
+            if self.arrays[name].shape != shape:
+                raise ValueError(f"{name} has shape {self.arrays[name].shape}, expected {shape}")
+            if not all(1 <= size <= MAX_WIDTH for size in shape):
+                raise ValueError(f"{name} has shape {shape}; widths go from 1 to {MAX_WIDTH}")
 
     def _check_numbers(self) -> None:
         for name, array in self.arrays.items():
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} holds what is not a number, or infinite")
-            if np.abs(array).max() > LARGEST_WEIGHT:
-                raise ValueError(f"{name} holds numbers larger than {LARGEST_WEIGHT:g}")
-        if not (self.std > 1 / LARGEST_WEIGHT).all():
-            raise ValueError(f"std holds numbers that are not larger than {1 / LARGEST_WEIGHT:g}")
-        if not 0 < self.reach <= LARGEST_WEIGHT:
-            raise ValueError(f"reach is {self.reach}; above 0, at most {LARGEST_WEIGHT:g}")
+            if np.abs(array).max() > MAX_WEIGHT:
+                raise ValueError(f"{name} holds numbers larger than {MAX_WEIGHT:g}")
+        for name in ("std", "reach"):
+            if not (self.arrays[name] > 1 / MAX_WEIGHT).all():
+                raise ValueError(f"{name} holds numbers that are not larger than {1 / MAX_WEIGHT}")
 
     def __repr__(self) -> str:
         return f"Mlp({'-'.join(map(str, self.widths))}, {self.activation}, {self.output})"
@@ -161,10 +155,10 @@ class Mlp:
     @property
     def arrays(self) -> dict[str, Array]:
         """Its arrays by their names in a file."""
-        arrays = {"mean": self.mean, "std": self.std}
+        arrays = {"mean": self.mean, "std": self.std, "reach": self.reach}
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
-        return arrays
+        return {name: np.asarray(array) for name, array in arrays.items()}
 
     @property
     def inputs(self) -> int:
@@ -177,7 +171,7 @@ class Mlp:
         return (self.inputs, *(len(bias) for bias in self.biases))
 
     def __call__(self, entries: ArrayLike) -> FloatRows:
-        """Outputs (n, m) within -1 and 1 of entries (n, inputs).
+        """Return outputs (n, m) within -1 and 1 of entries (n, inputs).
 
         Raises:
             ValueError: entries of another shape.
@@ -190,7 +184,7 @@ class Mlp:
         return np.concatenate(tiles).astype(np.float32)
 
     def _tile(self, rows: Array) -> Array:
-        x = (rows - self.mean) / self.std
+        x = (rows - np.asarray(self.mean)) / np.asarray(self.std)
         x = np.minimum(np.maximum(x, -self.reach), self.reach)
         *hidden, last = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:
@@ -199,176 +193,104 @@ class Mlp:
 
 
 def _layer(x: Array, weight: Array, bias: Array) -> Array:
-    """``x @ weight + bias``. The sum goes over an axis that is not the last one, where NumPy adds
-    row after row."""
+    """Return ``x @ weight + bias``, with sums whose order does not depend on the number of rows."""
+    # The sum goes over an axis that is not the last one, where NumPy adds row after row.
     return np.add.reduce(x[:, :, None] * weight, axis=1) + bias
-
-
-class FeatureEntry(Table):
-    """One feature, as it was when the policy was trained."""
-
-    name: Word
-    size: Annotated[int, Field(ge=1)]
-    unit: Word
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, name: str, feature: Feature) -> Self:
-        """Describe a feature that is known by ``name``."""
-        low, high = float(feature.low), float(feature.high)
-        return cls(name=name, size=feature.size, unit=feature.unit, low=low, high=high)
-
-    def feature(self) -> Feature:
-        """The feature of that name.
-
-        Raises:
-            ValueError: there is none, or it is another one by now.
-        """
-        try:
-            features = features_of([self.name])
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        if len(features) != 1:
-            raise ValueError(f"features: {self.name!r} is a set of them, not one")
-        now = FeatureEntry.of(self.name, features[0])
-        if now != self:
-            raise ValueError(f"features: was made for {self._told()}, which is now {now._told()}")
-        return features[0]
-
-    def _told(self) -> str:
-        numbers = "1 number" if self.size == 1 else f"{self.size} numbers"
-        return f"{self.name!r} of {numbers} from {self.low:g} to {self.high:g} {self.unit}"
-
-
-class TrainingRecord(Table):
-    """Record of a policy's training."""
-
-    command: Annotated[str, Field(max_length=2000)] = ""
-    """That trained it."""
-    seed: int | None = None
-    """Of the training."""
-    steps: Annotated[int, Field(ge=0)] | None = None
-    """Decisions that it was trained for."""
-    date: Word = ""
-    """Of the training, as ISO 8601 has it."""
-    package_version: Word = ""
-    """Of omnitrack_sim."""
-    note: Annotated[str, Field(max_length=2000)] = ""
-    """Anything else, such as the scenarios that it was trained on."""
-
-
-class Header(Table):
-    """The JSON entry of a policy file."""
-
-    format: Literal[1]
-    architecture: Literal["mlp"]
-    activation: Word
-    output: Word
-    reach: float
-    features: Annotated[tuple[FeatureEntry, ...], Field(min_length=1, max_length=200)]
-    actions: tuple[Word, ...]
-    decision_period_s: float
-    acting: Acting
-    record: TrainingRecord = TrainingRecord()
-
-    @model_validator(mode="after")
-    def _is_for_these_actions(self) -> Self:
-        for key, now in (("actions", ACTIONS), ("decision_period_s", DECISION_PERIOD)):
-            made_for = getattr(self, key)
-            if made_for != now:
-                raise ValueError(f"{key}: was made for {made_for}, and here it is {now}")
-        return self
 
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A trained controller: entries in, actions out.
+    """A learned controller: actions from the entries of named features.
 
     Attributes:
-        network: from entries to actions.
+        network: callable from entries (n, k) to actions (n, 4) within -1 and 1; an ``Mlp``, or any
+            other. Each row should depend on its own entries alone.
         features: names of single features, in the order of the entries.
         acting: conversion of its decisions to commands.
-        record: of its training.
-        sha256: of its file; empty before it is written.
+        note: how it was trained.
+        sha256: of its file; empty where it was read from none.
 
     Raises:
         ValueError: the network takes or gives another number of entries.
-        TypeError: ``features`` holds something else than names.
+        TypeError: ``network`` cannot be called, or ``features`` holds something else than names.
         InputError: a name is not that of a feature.
 
     Example:
         >>> import numpy as np
         >>> import omnitrack_sim as ot
-        >>> policy = ot.load_policy("tee_turn")
-        >>> entries = sum(feature.size for feature in policy.read)
+        >>> policy = ot.Policy(lambda entries: np.tile([0.5, 0.5, 0.5, 0.0], (len(entries), 1)),
+        ...                    ["tilt", "theta5"])
+        >>> entries = sum(feature.size for feature in policy.inputs)
         >>> policy(np.zeros((5, entries))).shape
         (5, 4)
     """
 
-    network: Mlp
-    features: tuple[str, ...]
+    network: Callable[[FloatRows], ArrayLike]
+    features: Sequence[str]
     acting: Acting = DIRECT
-    record: TrainingRecord = field(default_factory=TrainingRecord)
+    note: str = ""
     sha256: str = ""
 
     def __post_init__(self) -> None:
-        check_is(Mlp, "network", self.network)
+        if not callable(self.network):
+            raise TypeError(f"network: is {self.network!r}; it must be a callable")
         object.__setattr__(self, "features", named_features(self.features))
-        entries = sum(feature.size for feature in self.read)
-        inputs, outputs = self.network.widths[0], self.network.widths[-1]
-        if inputs != entries:
-            raise ValueError(f"takes {inputs} entries, and its features have {entries}")
-        if outputs != len(ACTIONS):
-            raise ValueError(f"gives {outputs} numbers, and an action has {len(ACTIONS)}")
+        entries = sum(feature.size for feature in self.inputs)
+        if isinstance(self.network, Mlp) and self.network.inputs != entries:
+            wrong = f"takes {self.network.inputs} entries, and its features have {entries}"
+            raise ValueError(wrong)
+        shape = self(np.zeros((1, entries), np.float32)).shape
+        if shape != (1, len(ACTIONS)):
+            raise ValueError(f"gives {shape} for one robot, and an action is (1, {len(ACTIONS)})")
 
     def __repr__(self) -> str:
         known = f"{counted(len(self.features), 'feature')}, {self.acting.name}"
         return f"Policy({self.network}, {known}{self.sha256 and f', sha256 {self.sha256[:12]}'})"
 
     @property
-    def read(self) -> tuple[Feature, ...]:
+    def inputs(self) -> tuple[Feature, ...]:
         """The features themselves."""
         return features_of(self.features)
 
-    def __call__(self, entries: ArrayLike) -> FloatRows:
-        """Actions (n, 4) of entries (n, k).
+    def __call__(self, entries: FloatRows) -> FloatRows:
+        """Return actions (n, 4) of entries (n, k).
 
         Raises:
             ValueError: entries of another shape.
         """
-        return self.network(entries)
-
-    def header(self) -> Header:
-        """Return the JSON entry of its file."""
-        known = zip(self.features, self.read, strict=True)
-        return Header(
-            format=1,
-            architecture="mlp",
-            activation=self.network.activation,
-            output=self.network.output,
-            reach=self.network.reach,
-            features=tuple(FeatureEntry.of(name, feature) for name, feature in known),
-            actions=ACTIONS,
-            decision_period_s=DECISION_PERIOD,
-            acting=self.acting,
-            record=self.record,
-        )
+        return np.asarray(self.network(entries), np.float32)
 
     def save(self, path: str | Path) -> None:
         """Write a policy file, whole or not at all; equal policies give equal bytes.
 
         Raises:
+            TypeError: its network is no ``Mlp``.
+            ValueError: its conversion of decisions to commands is none of ``ACTINGS``.
             OutputError: it cannot be written there.
         """
-        text = strict_json(self.header().model_dump(mode="json"))
-        header = np.frombuffer(text.encode(), np.uint8)
-        write_file(path, npz_of({HEADER: header, **self.network.arrays}))
+        if not isinstance(self.network, Mlp):
+            raise TypeError(f"network: is {self.network!r}; a file holds an Mlp")
+        if self.acting not in ACTINGS.values():
+            choices = ", ".join(ACTINGS)
+            raise ValueError(f"acting: is {self.acting}; a file names one of: {choices}")
+        texts = {
+            "features": self.features,
+            "activation": self.network.activation,
+            "output": self.network.output,
+            "acting": self.acting.name,
+            "note": self.note,
+        }
+        arrays = {name: np.array(text) for name, text in texts.items()}
+        write_file(path, npz_of(arrays | {"ranges": _ranges(self.inputs)} | self.network.arrays))
+
+
+def _ranges(features: Sequence[Feature]) -> Array:
+    """Return the least and the largest value (k, 2) of each feature, in its unit."""
+    return np.array([(feature.low, feature.high) for feature in features], float)
 
 
 def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
-    """The names of single features, as ``Policy.features`` has them, of names as ``features_of``
-    takes them.
+    """Return the names of single features of names as ``features_of`` takes them.
 
     Raises:
         InputError: there is no such feature, or a list of a user's own is named: a file needs a
@@ -386,7 +308,9 @@ def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def load_policy(source: str | Path) -> Policy:
-    """Read a policy file, or a shipped policy by name. Nothing in it is executed.
+    """Read a policy file or a shipped policy by name, or import a policy ``module:Object``.
+
+    Nothing in a file is executed; only a feature ``module:Object`` that it names is imported.
 
     Raises:
         PolicyError: no such file, or it is damaged, too large, or made for something else.
@@ -397,106 +321,96 @@ def load_policy(source: str | Path) -> Policy:
         >>> policy.acting.name, policy.network.widths[-1]
         ('residual', 4)
     """
-    path = policy_path(source)
-    try:
-        status = path.stat()
-        if status.st_size > MOST_POLICY_BYTES:
-            raise ValueError(f"is too large: at most {MOST_POLICY_BYTES} bytes are read")
-        return _read(path, status.st_mtime_ns, status.st_size)
-    except OSError as error:
-        raise PolicyError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
-    except ValueError as error:
-        raise PolicyError(Fault(str(path), str(error))) from error
-    except InputError as error:
-        raise PolicyError([fault.at(f"{path}: {fault.where}") for fault in error.faults]) from error
-
-
-def policy_path(source: str | Path) -> Path:
-    """The file that is meant: by its path, or by the name of a shipped policy.
-
-    Raises:
-        PolicyError: there is none.
-    """
-    if is_file(Path(source)):
-        return Path(source)
     shipped = shipped_files("policies")
-    if str(source) in shipped:
-        return shipped[str(source)]
-    problem = "no such file, nor a shipped policy of that name"
-    raise PolicyError(Fault(str(source), problem, tuple(shipped), given=str(source)))
+    path = shipped.get(str(source), Path(source))
+    try:
+        if is_file(path):
+            return _read(path, path.stat().st_mtime_ns, path.stat().st_size)
+        if ":" not in str(source):
+            problem = "no such file, nor a shipped policy of that name"
+            raise PolicyError(Fault(str(source), problem, tuple(shipped), given=str(source)))
+        policy = named(str(source), "policy", {})
+        if not isinstance(policy, Policy):
+            raise ValueError("is no ot.Policy")
+        return policy
+    except OSError as error:
+        raise PolicyError(Fault(str(source), f"cannot be read: {error.strerror}")) from error
+    except ValueError as error:
+        raise PolicyError(Fault(str(source), str(error))) from error
+    except PolicyError:
+        raise
+    except InputError as error:
+        faults = [fault.at(f"{source}: {fault.where}") for fault in error.faults]
+        raise PolicyError(faults) from error
 
 
 @functools.lru_cache(maxsize=64)
-def _read(path: Path, changed: int, size: int) -> Policy:
-    """The policy of a file of that age and size."""
+def _read(path: Path, *_version: int) -> Policy:
+    """Return the policy of a file; another ``_version`` of it is read anew."""
     with path.open("rb") as file:
-        data = file.read(MOST_POLICY_BYTES + 1)
+        data = file.read(MAX_POLICY_BYTES + 1)
+    if len(data) > MAX_POLICY_BYTES:
+        raise ValueError(f"is too large: at most {MAX_POLICY_BYTES} bytes are read")
     arrays = _arrays(data)
-    header = _header(arrays)
-    # First, since other observations are the reason for shapes that do not fit.
-    for entry in header.features:
-        entry.feature()
-    count = sum(name.startswith("weight_") for name in arrays)
-    wanted = [f"{kind}_{i}" for i in range(count) for kind in ("weight", "bias")]
-    wanted += ["mean", "std", HEADER]
-    if set(wanted) != set(arrays):
-        odd = ", ".join(sorted(set(wanted) ^ set(arrays))[:5])
-        raise ValueError(f"holds not the arrays of an mlp; at odds: {odd}")
-    network = Mlp(
-        weights=[arrays[f"weight_{i}"] for i in range(count)],
-        biases=[arrays[f"bias_{i}"] for i in range(count)],
-        mean=arrays["mean"],
-        std=arrays["std"],
-        reach=header.reach,
-        activation=header.activation,
-        output=header.output,
-    )
-    names = tuple(entry.name for entry in header.features)
-    digest = hashlib.sha256(data).hexdigest()
-    return Policy(network, names, header.acting, header.record, digest)
+    texts = {name: arrays.pop(name) for name in TEXTS if name in arrays}
+    features = [str(name) for name in texts.pop("features")]
+    _check_ranges(features, arrays.pop("ranges", None))
+    words: dict[str, Any] = {name: str(text.item()) for name, text in texts.items()}
+    acting, note = words.pop("acting", DIRECT.name), words.pop("note", "")
+    if acting not in ACTINGS:
+        raise ValueError(f"acting is {acting!r} (choose from: {', '.join(ACTINGS)})")
+    layers = range(sum(name.startswith("weight_") for name in arrays))
+    weights, biases = ([arrays.pop(f"{kind}_{i}") for i in layers] for kind in ("weight", "bias"))
+    if "reach" in arrays:
+        words["reach"] = float(arrays.pop("reach").item())
+    network = Mlp(weights, biases, **arrays, **words)
+    return Policy(network, features, ACTINGS[acting], note, hashlib.sha256(data).hexdigest())
+
+
+def _check_ranges(features: Sequence[str], ranges: Array | None) -> None:
+    """Raise a ``ValueError`` if a feature has another range by now, or there is none such."""
+    known = _ranges(features_of(features))
+    made = known if ranges is None else ranges
+    if made.shape != known.shape:
+        raise ValueError(f"ranges has shape {made.shape}, expected {known.shape}")
+    for name, (low, high), (low_now, high_now) in zip(features, made, known, strict=True):
+        if (low, high) != (low_now, high_now):
+            was, now = f"{name!r} from {low:g} to {high:g}", f"from {low_now:g} to {high_now:g}"
+            raise ValueError(f"features: was made for {was}, which is now {now}")
 
 
 def _arrays(data: bytes) -> dict[str, NDArray]:
-    """The arrays of an npz, none of objects, and together no larger than a policy may be.
+    """Return the arrays of a policy file by name, none of objects, all of them known.
 
     Raises:
-        ValueError: it is no npz, or damaged, or too large.
+        ValueError: it is no npz, damaged, too large, or has not the arrays of a policy.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            entries = archive.infolist()
-            if len(entries) > 2 * MOST_LAYERS + 3:
-                raise ValueError(f"holds {len(entries)} arrays; at most {2 * MOST_LAYERS + 3}")
             # Before anything is unpacked: a small archive may hold more than the memory.
-            if sum(entry.file_size for entry in entries) > MOST_POLICY_BYTES:
-                raise ValueError(f"unpacks to more than {MOST_POLICY_BYTES} bytes")
-            arrays = {
-                entry.filename.removesuffix(".npy"): np.load(
-                    # An array of objects would be unpickled, which executes what the file says.
-                    io.BytesIO(archive.read(entry)),
-                    allow_pickle=False,
-                )
-                for entry in entries
-            }
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_POLICY_BYTES:
+                raise ValueError(f"unpacks to more than {MAX_POLICY_BYTES} bytes")
+            _check_names([name.removesuffix(".npy") for name in archive.namelist()])
+        # An array of objects would be unpickled, which executes what the file says.
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = dict(archive)
     except zipfile.BadZipFile as error:
         raise ValueError(f"is no policy file, or damaged: {error}") from error
     except (EOFError, MemoryError, NotImplementedError, RuntimeError, zlib.error) as error:
         raise ValueError(f"is damaged: {error}") from error
     for name, array in arrays.items():
-        if array.dtype.kind not in "fu":
-            raise ValueError(f"holds {name}, an array of {array.dtype}: no plain numbers")
+        if array.dtype.kind not in ("U" if name in TEXTS else "fiu"):
+            kind = "text" if name in TEXTS else "plain numbers"
+            raise ValueError(f"holds {name}, an array of {array.dtype}: no {kind}")
     return arrays
 
 
-def _header(arrays: Mapping[str, NDArray]) -> Header:
-    """Read the JSON entry of a policy file."""
-    text = arrays.get(HEADER)
-    if text is None or text.dtype != np.uint8 or text.ndim != 1:
-        raise ValueError(f"has no entry {HEADER!r}, so it is no policy file")
-    try:
-        data = parsed(text.tobytes().decode(), "JSON")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"has an entry {HEADER!r} that is no text: {error}") from error
-    if not isinstance(data, dict):
-        raise ValueError(f"has an entry {HEADER!r} that is no table")
-    return checked(Header, data, PolicyError)
+def _check_names(names: Sequence[str]) -> None:
+    """Raise a ``ValueError`` if these are not the names of the arrays of a policy."""
+    layers = max(1, min(MAX_LAYERS, sum(name.startswith("weight_") for name in names)))
+    needed = {f"{kind}_{i}" for i in range(layers) for kind in ("weight", "bias")} | {"features"}
+    optional = {"mean", "std", "reach", "ranges", *TEXTS}
+    problems = {"lacks": needed - set(names), "has unknown": set(names) - needed - optional}
+    for problem, odd in problems.items():
+        if odd:
+            raise ValueError(f"{problem} arrays: {', '.join(sorted(odd)[:5])}")
