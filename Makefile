@@ -1,13 +1,17 @@
 # make demo: run the tee turn and leave results, plot, video and replay page in
-# out/tee_turn.
-# make test: run the whole test suite. Both set up .venv and the system libraries first.
+# out/tee_turn; sets up the package alone in .venv.
+# make test: run the whole test suite; adds what tests, checks and pages need. Both set up the
+# system libraries first. Another Python, or a second environment: PYTHON=python3.13 VENV=.venv-3.13
 # make quick: run laws of every room in less than a minute.
 # make docs: build the documentation into out/site, strictly.
 # make figures: make the figures and tables of README and docs anew, hours; PARTS="NAME ..." of
 # docs/figures.toml makes these alone.
 PYTHON ?= python3
-BIN := .venv/bin
-READY := .venv/.ready
+VENV ?= .venv
+BIN := $(VENV)/bin
+PACKAGE := $(VENV)/.package
+READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 
@@ -17,9 +21,9 @@ unexport PYTHONDONTWRITEBYTECODE
 # spinning, would cost recognition a twentieth of its time.
 test: export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test quick check docs figures models bench tutorial egl screen clean
+.PHONY: demo test quick check docs figures models bench tutorial lowest egl screen clean
 
-demo: $(READY) egl
+demo: $(PACKAGE) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
 	@echo "To play it, open $(CURDIR)/out/tee_turn/replay.html in a browser"
 
@@ -40,6 +44,7 @@ check: $(READY)
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/omnitrack models --check
+	$(BIN)/python docs/site/tables.py --check
 
 docs: $(READY)
 	$(BIN)/python docs/site/build.py
@@ -56,17 +61,28 @@ figures: $(READY) egl screen
 tutorial: $(READY)
 	$(BIN)/python docs/tutorials/tutorial.py
 
-# A bare Debian has python3 without ensurepip: python3-venv brings it. Of 173 MB of libraries the
-# tests import 32: libraries are compiled to bytecode as they are imported.
-$(READY): pyproject.toml
+# A bare Debian has python3 without ensurepip: python3-venv brings it.
+$(PACKAGE): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  if [ "$$(id -u)" = 0 ]; then apt-get update -qq && apt-get install -y -qq python3-venv; \
 	  else echo "Python's venv is missing. Run: sudo apt-get install -y python3-venv"; exit 1; fi; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable . --group dev
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(PIP) --upgrade 'pip>=25.1'
+	@$(PIP) --no-compile --editable .
 	@touch $@
+
+# Of 173 MB of libraries the tests import 32: libraries are compiled to bytecode as they are
+# imported.
+$(READY): $(PACKAGE)
+	@$(PIP) --no-compile --group dev
+	@touch $@
+
+# The lowest releases that pyproject.toml allows, but for the tools of `make check`.
+lowest: $(READY)
+	$(PIP) uv
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv pip install --resolution lowest-direct --only-binary :all: \
+	  --no-binary omnitrack_sim --editable . --group test
 
 # Offscreen rendering needs Mesa's EGL. Without it everything but pictures works.
 egl:
@@ -86,4 +102,4 @@ screen:
 	else echo "The tests of pages and windows are left out. For them, run: sudo apt-get install -y $(SCREEN_PACKAGES)"; fi
 
 clean:
-	rm -rf .venv out dist build .pytest_cache .ruff_cache
+	rm -rf $(VENV) out dist build .pytest_cache .ruff_cache

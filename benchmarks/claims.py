@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from textwrap import fill
 
-from omnitrack_sim.paper.claim import Claim, tally
+from omnitrack_sim.paper.claim import Finding, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
 from omnitrack_sim.robots.robot import STANDARD
 
@@ -20,9 +20,10 @@ def cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def row(claim: Claim) -> str:
-    """A claim: verdict, source, what the paper says, what is measured."""
-    return f"| {' | '.join(map(cell, (claim.label, claim.source, claim.paper, claim.measured)))} |"
+def row(finding: Finding) -> str:
+    """Return a row: verdict, source, what the paper says, what is measured."""
+    claim, measured = finding.claim, finding.measurement.measured
+    return f"| {' | '.join(map(cell, (finding.label, claim.source, claim.paper, measured)))} |"
 
 
 def main() -> None:
@@ -31,19 +32,19 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
     given = parser.parse_args()
-    claims = reproduce(given.out, robot=given.robot, quick=given.quick)
+    findings = reproduce(given.out, robot=given.robot, quick=given.quick)
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
-    counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
+    counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
     extent = f"The {made['form']} form"
     if given.robot == STANDARD:
         extent += f", seed {made['seed']}: {made['runs']} runs, "
         extent += f"{made['simulated_s']:.0f} simulated seconds"
     print(f"## extent\n\n{fill(f'{extent}. {counts}.', 100)}\n")
-    changed = "\n".join(f"* {claim.difference}" for claim in claims if claim.difference)
+    changed = "\n".join(f"* {finding.difference}" for finding in findings if finding.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")
     print("## claims\n\n| verdict | source | paper | measured |\n|---|---|---|---|")
-    print("\n".join(map(row, claims)))
+    print("\n".join(map(row, findings)))
 
 
 if __name__ == "__main__":

@@ -53,6 +53,11 @@ from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
 from .robots.feature import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
+from .robots.odometry import BodyReadings as BodyReadings
+from .robots.odometry import Limbs as Limbs
+from .robots.odometry import LookAround as LookAround
+from .robots.odometry import Motion as Motion
+from .robots.odometry import Odometry as Odometry
 from .robots.omnitrack.control.command import Command as Command
 from .robots.omnitrack.drive import DRIVES as DRIVES
 from .robots.omnitrack.drive import Drive as Drive

@@ -23,7 +23,7 @@ def test_a_picture_that_fits_badly_moves_no_robot_to_the_end_of_the_pipe_seen_so
     """One that is 7 % too dim, in pipe that goes on beyond what is on the map: no position along
     the pipe is better than another."""
     table = SensingTable(camera=camera)
-    mount = Mount(camera_of(table), Omnitrack())
+    mount = Mount(camera_of(table), Omnitrack().length / 2)
     known = RayWalls([pipe(1.0)], unknown=[[(0, "end")]])
     which, gravity = np.zeros(1, np.intp), np.zeros((1, 3))
     candidates = Candidates(table.filter, mount, known, which, gravity)

@@ -35,7 +35,7 @@ def claim(slip: dict[str, float], **changes: object):
         for radius in ("240", "90")
         for kind in ELBOW_DRIVES
     }
-    return turns.differential(runs)
+    return turns.differential_slips_less(runs)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_the_differential_has_to_pass_and_to_slip_less_than_equal_speeds(slip, o
     others = {"equal": 100.0, "paper": 90.0, "jacobian": 20.0}
     found = claim(others | {"differential": slip}, outcome=outcome)
     assert found.verdict is verdict
-    assert f"differential {slip:.0f} and {slip:.0f} mm" in found.measured
+    assert f"differential {slip:.0f} and {slip:.0f} mm" in found.measurement.measured
     assert found.changed == (verdict is ClaimVerdict.FAILS)
 
 

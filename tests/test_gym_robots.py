@@ -25,13 +25,14 @@ def test_gymnasium_finds_nothing_wrong_with_the_presser():
     assert set(env.unwrapped.entries) >= {"joint_position", "joint_speed", "tilt", "weight"}
 
 
-def test_a_climber_has_the_features_of_the_truth():
-    """Modules with chains, as the package's own robot has, and no sensors."""
+def test_a_climber_observes_by_its_own_sensors():
+    """Modules with chains, as the package's own robot has; a snake's joints nothing measures."""
     env = env_of("robots/climber_elbow", **BRIEF)
     assert env.reset(seed=1)[0].shape == env.observation_space.shape
     assert env.action_space.shape == (4,)
-    with pytest.raises(ot.InputError, match="'onboard', which this robot has not"):
-        env_of("robots/climber_elbow", sensing="onboard")
+    assert env.unwrapped.scenario.sensing.kind == "onboard"
+    with pytest.raises(ot.InputError, match="'onboard', and no sensors of this robot"):
+        env_of("robots/snake_elbow", sensing="onboard")
 
 
 def test_a_presser_drives_as_its_controller_does():

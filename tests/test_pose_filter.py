@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnitrack_sim.autonomy.candidates import of_arms
+from omnitrack_sim.autonomy.candidates import of_limbs
 from omnitrack_sim.autonomy.pose_filter import (
     BIAS,
     POSE,
@@ -16,7 +16,9 @@ from omnitrack_sim.autonomy.pose_filter import (
 )
 from omnitrack_sim.base.rotations import Array, Pose, rotation_vector, turned_by
 from omnitrack_sim.pipes import Part, Tee
+from omnitrack_sim.robots.odometry import BodyReadings, Motion
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
+from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -53,14 +55,14 @@ def test_the_bias_of_the_gyro_is_learned_and_taken_off() -> None:
     sign, and from then on the estimate stays for half a minute without any."""
     pose = filter_of()
     for step in range(3000):
-        pose.advance(STILL, BIAS_OF_GYRO[None] * PERIOD, STILL, PERIOD)
+        pose.advance(Motion.along(STILL), BIAS_OF_GYRO[None] * PERIOD, STILL, PERIOD)
         if step % 50 == 49:
             measure_rotation(pose, np.eye(3), 1e-4)
     assert pose.bias[0] == pytest.approx(BIAS_OF_GYRO, rel=0.02, abs=2e-5)
     assert pose.covariance[0, BIAS, BIAS].diagonal().max() < np.radians(0.05) ** 2 / 100
     before = pose.rotation[0]
     for _ in range(1500):
-        pose.advance(STILL, BIAS_OF_GYRO[None] * PERIOD, STILL, PERIOD)
+        pose.advance(Motion.along(STILL), BIAS_OF_GYRO[None] * PERIOD, STILL, PERIOD)
     drift = rotation_vector((pose.rotation[0] @ before.T)[None])[0]
     assert np.abs(drift).max() < 0.05 * np.abs(BIAS_OF_GYRO).max() * 30
 
@@ -71,7 +73,7 @@ def test_the_pose_follows_belts_and_gyro() -> None:
     angle = np.pi / 2 / steps
     for _ in range(steps):
         travel, turned = np.array([radius * angle]), np.array([[0.0, angle, 0.0]])
-        pose.advance(travel, turned, STILL, PERIOD)
+        pose.advance(Motion.along(travel), turned, STILL, PERIOD)
     assert pose.position[0] == pytest.approx([radius, 0.0, radius], abs=1e-5)
     expected = turned_by(np.array([[0.0, np.pi / 2, 0.0]]))[0]
     assert pose.rotation[0] == pytest.approx(expected, abs=1e-9)
@@ -83,7 +85,7 @@ def test_belts_that_slip_get_less_far(skid: float, slip: float) -> None:
     half of their travel in the turn before."""
     pose = filter_of()
     pose.slip = np.ones(1)
-    pose.advance(np.array([0.01]), np.zeros((1, 3)), np.array([skid]), PERIOD)
+    pose.advance(Motion.along(np.array([0.01])), np.zeros((1, 3)), np.array([skid]), PERIOD)
     assert pose.position[0, 2] == pytest.approx(0.01 * (1 - slip))
     assert 0 < pose.covariance[0, SLIP, SLIP] <= 1
     pose.settle(np.ones(1, bool))
@@ -107,7 +109,9 @@ def touch(along: float, slide: float) -> tuple[Array, Array]:
     covariance = np.diag([0.003**2] * 3 + [0.03**2] * 3)[None]
     slides, walls = np.array([[slide, 0.0, 0.0]]), RayWalls([[TEE]])
     pose = position[None], frame[None], covariance
-    return of_arms(Omnitrack(), walls, np.zeros(1, int), *pose, slides, 0.002)
+    body = BodyReadings(*np.zeros((2, 1, 3)), slides, np.zeros((1, 3)))
+    limbs = TrackOdometry(Omnitrack()).limbs(body)
+    return of_limbs(limbs, walls, np.zeros(1, int), *pose, 0.002)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, rotation_about
+from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.sensor import MOST_UNREAD, State, moments_together, read_together
 from omnitrack_sim.senses.draws import keys
@@ -214,9 +215,9 @@ def test_noise_of_the_gyro_is_white(period: float) -> None:
     table = SensingTable(imu=ImuTable(gyro_bias_deg=0.0, gyro_walk_deg=0.0, gyro_noise_deg=0.01))
     n, state = 1, state_of()
     state.qpos[:, 3] = 1.0
-    gyro = Proprioception(table, ot.Omnitrack(), period, 0.006, n)
-    gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), np.ones(n), state)
-    angles = np.array([gyro.read(state).turned[0] for _ in range(2000)])
+    gyro = Proprioception(table, TrackOdometry(ot.Omnitrack()), period, state)
+    gyro.reset(np.arange(n), keys(["a"]), np.zeros((n, 3)), [ot.Omnitrack()], state)
+    angles = np.array([gyro.read(state).rotation[0] for _ in range(2000)])
     assert angles.std() == pytest.approx(np.radians(0.01) * np.sqrt(period), rel=0.05)
     assert abs(angles.mean()) < 4 * angles.std() / np.sqrt(angles.size)
 

@@ -1,13 +1,12 @@
 """The reproduction: which runs, how claims are measured on them, and the page."""
 
-import ast
 import html.parser
-import inspect
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from claim_samples import sample_claim
+from claim_samples import sample_finding
 from samples import sample_result
 
 from omnitrack_sim import Outcome, load_scenario, override
@@ -18,7 +17,7 @@ from omnitrack_sim.paper import reproduce as command
 from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.experiments import (
     GRAVITIES,
-    least_preload,
+    min_preload,
     random_tee_turns,
     run_all,
     scenarios,
@@ -29,7 +28,7 @@ from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
 
-CLAIM = sample_claim(ClaimVerdict.HOLDS, paper='says <b> & "c"')
+FINDING = sample_finding(ClaimVerdict.HOLDS, paper='says <b> & "c"')
 
 
 @pytest.fixture(scope="module")
@@ -81,18 +80,18 @@ def test_random_trials_repeat_and_cover_all_gravities():
 
 def test_claims_of_driving_hold(runs):
     """Climb, mean speed, opposite motion, no-motion line, sign change, unequal arms."""
-    measures = (
-        driving.climb,
-        driving.mean_speed,
-        driving.past_180,
+    claims = (
+        driving.vertical_climb,
+        driving.eq9_mean_speed,
+        driving.opposite_motion_past_180,
         driving.no_motion_line,
-        driving.sign_change,
+        driving.sign_change_after_alignment,
     )
-    for measure in (*measures, driving.unequal_arms, turns.compression):
-        found = measure(runs)
+    for claim in (*claims, driving.eq8_unequal_arms, turns.asymmetrical_compression):
+        found = claim(runs)
         assert found.verdict is ClaimVerdict.HOLDS, found
         assert not found.changed, found
-        assert found.how
+        assert found.claim.how
 
 
 def test_claims_can_fail(runs):
@@ -101,19 +100,19 @@ def test_claims_can_fail(runs):
     wrong = {"no_motion_line": runs["vertical_climb"], "rolled_past_180": runs["vertical_climb"]}
     upright = runs["rolling_upright"]
     same = {"rolling_upright": upright, "rolling_flat": upright}
-    for measure, given in (
+    for claim, given in (
         (driving.no_motion_line, wrong),
-        (driving.past_180, wrong),
-        (driving.unequal_arms, same),
+        (driving.opposite_motion_past_180, wrong),
+        (driving.eq8_unequal_arms, same),
     ):
-        found = measure(given)
+        found = claim(given)
         assert found.verdict is ClaimVerdict.FAILS
         assert found.changed
 
 
 def test_least_preload_is_the_friction_law():
     """m g / (3 mu)."""
-    assert least_preload(Omnitrack(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
+    assert min_preload(Omnitrack(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
 
 
 def test_rate_counts_and_gives_its_interval(runs):
@@ -142,7 +141,7 @@ def test_page_needs_no_network_and_escapes_text():
     """Pictures are inside, links lead within the page, the paper's words are not markup."""
     figure = ReportFigure("x", "A caption", b"<svg/>", "svg+xml")
     stills = ReportFigure("y", "A run", b"not shown", "jpeg")
-    text = page([CLAIM], [figure, stills], {"seed": 7}, ["A remark."])
+    text = page([FINDING], [figure, stills], {"seed": 7}, ["A remark."])
     links = _Links()
     links.feed(text)
     assert len(links.sources) == 2
@@ -165,17 +164,22 @@ def fails(runs):
     raise ValueError("no such colour")
 
 
-@pytest.mark.parametrize("module", [driving, turns])
-def test_claims_name_figures_of_the_page(module):
-    """Each figure that a claim says shows it is drawn."""
-    keywords = [
-        node
-        for node in ast.walk(ast.parse(inspect.getsource(module)))
-        if isinstance(node, ast.keyword) and node.arg == "figures"
-    ]
-    names = {name for keyword in keywords for name in ast.literal_eval(keyword.value)}
+def test_claims_name_figures_of_the_page():
+    """Each figure that a claim says shows it is drawn, and each claim has a name of its own."""
+    names = {name for claim in command.CLAIMS for name in claim.figures}
     assert names
     assert names <= set(command.FIGURES)
+    assert len({claim.id for claim in command.CLAIMS}) == len(command.CLAIMS)
+
+
+def test_limits_of_a_claim_decide_and_stand_in_its_statement(runs):
+    """A climb that is 1 % off holds within 1 % and fails within a millionth of it."""
+    claim = driving.vertical_climb
+    strict = replace(claim, limits={"percent": 1e-6})
+    assert "within 1 % straight up" in claim.text
+    assert "within 1e-06 % straight up" in strict.text
+    assert claim(runs).verdict is ClaimVerdict.HOLDS
+    assert strict(runs).verdict is ClaimVerdict.FAILS
 
 
 def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
@@ -183,13 +187,13 @@ def test_pictures_that_fail_cost_no_claim(tmp_path, monkeypatch):
     good = partial(plot_singularity, figure="sector")
     drawn = {"good": ("A sector.", lambda runs: good(TurnCase())), "bad": ("Nothing.", fails)}
     monkeypatch.setattr(command, "run_all", lambda *_: {})
-    monkeypatch.setattr(command, "measure", lambda *_: [CLAIM])
+    monkeypatch.setattr(command, "measure", lambda *_: [FINDING])
     monkeypatch.setattr(command, "_provenance", lambda *_: {"seed": 7})
     monkeypatch.setattr(command, "FIGURES", drawn)
     monkeypatch.setattr(command, "STRIPS", {"unknown": "Stills of no run."})
     no_stills = pytest.warns(PictureWarning, match="no stills unknown")
     with no_stills, pytest.warns(PictureWarning, match="no figure bad: no such colour"):
-        assert command.reproduce(tmp_path / "paper", quick=True) == [CLAIM]
+        assert command.reproduce(tmp_path / "paper", quick=True) == [FINDING]
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
     assert found == {"paper/claims.json", "paper/figures/good.svg", "paper/report.html"}
     text = (tmp_path / "paper" / "report.html").read_text()

@@ -4,77 +4,82 @@ from __future__ import annotations
 
 import json
 import re
-from typing import ClassVar
 
 import pytest
-from claim_samples import sample_claim
 from commands import omnitrack
 from documents import page
 from test_robots import Ball
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Sample
-from omnitrack_sim.paper.reproduce import claims_of, reproduce
+from omnitrack_sim.paper.claim import Measurement, Sample, claim
+from omnitrack_sim.paper.reproduce import measure_robot, reproduce
+from omnitrack_sim.paper.robots import claims_of
 from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
 from omnitrack_sim.scenario import override
 from omnitrack_sim.sim.run import run_batch
 
 MEASURED = sorted(
-    kind for kind in set(ROBOTS) - {STANDARD} if kind != "mjcf" and robot_class(kind).claims
+    kind for kind in set(ROBOTS) - {STANDARD} if kind != "mjcf" and claims_of(robot_class(kind))
 )
 
 
 class Roller(Ball):
     """A robot of somebody's own, of which two things are claimed."""
 
-    claims: ClassVar[str] = "test_robot_claims:ROLLER"
+    @classmethod
+    def claims(cls):
+        return rolls, stops
 
 
-def _rolls(quick: bool) -> Claim:
-    return sample_claim(ClaimVerdict.HOLDS, id="rolls", measured="3 mm" if quick else "4 mm")
+SAYS = {"source": "nobody", "paper": "says", "statement": "true if", "how": "by hand"}
 
 
-def _stops(quick: bool) -> list[Claim]:
-    return [sample_claim(ClaimVerdict.FAILS, ClaimVerdict.HOLDS, id="stops")]
+@claim(**SAYS)
+def rolls(quick: bool) -> Measurement:
+    return Measurement("3 mm" if quick else "4 mm", True)
 
 
-ROLLER = (_rolls, _stops)
+@claim(**SAYS)
+def stops(quick: bool) -> Measurement:
+    return Measurement("5 mm", False)
+
+
 KIND = "test_robot_claims:Roller"
 
 
 def test_a_robot_brings_its_claims_by_its_class(tmp_path):
     """They are measured in their order, in the form asked for; the page is the robot's alone."""
     steps: list[tuple[float, str]] = []
-    claims = reproduce(
+    findings = reproduce(
         tmp_path / "a", robot=KIND, quick=True, progress=lambda *step: steps.append(step)
     )
-    assert [claim.id for claim in claims] == ["rolls", "stops"]
-    assert claims[0].measured == "3 mm"
-    assert all(claim.quick for claim in claims)
-    assert steps == [(0.0, "_rolls"), (0.5, "_stops")]
+    assert [finding.claim.id for finding in findings] == ["rolls", "stops"]
+    assert findings[0].measurement.measured == "3 mm"
+    assert all(finding.quick for finding in findings)
+    assert steps == [(0.0, "rolls"), (0.5, "stops")]
     data = json.loads((tmp_path / "a" / "claims.json").read_text())
     assert data["provenance"]["form"] == "quick"
     assert [row["changed"] for row in data["claims"]] == [False, True]
     text = (tmp_path / "a" / "report.html").read_text()
     assert f"<h1>{KIND}, reproduced</h1>" in text
     assert "Figures" not in text
-    assert claims_of(KIND)[0].measured == "4 mm"
+    assert measure_robot(KIND)[0].measurement.measured == "4 mm"
 
 
 def test_a_robot_without_claims_is_refused(tmp_path):
     """Nothing is written, and the command says why."""
-    with pytest.raises(InputError, match="names no claims"):
+    with pytest.raises(InputError, match="has no claims"):
         reproduce(tmp_path / "a", robot="test_robots:Ball")
     done = omnitrack("reproduce", "mjcf", "--out", str(tmp_path / "b"))
     assert done.returncode == 2
-    assert "names no claims" in done.stderr
+    assert "has no claims" in done.stderr
     assert not list(tmp_path.iterdir())
 
 
 STUDIES = {
-    "climber": ("tee", "assumed"),
-    "helix": ("fittings",),
-    "screw": ("elbows", "tee", "assumed"),
+    "climber": ("tee", "assumed_sizes"),
+    "helix": ("helix_fittings",),
+    "screw": ("elbows", "tee", "assumed_sizes"),
 }
 """Measures of which nothing is judged: some seconds of their runs tell as much as all."""
 
@@ -94,14 +99,15 @@ def test_pages_say_of_claims_what_the_code_gives(kind, monkeypatch):
     table = page(kind).partition(f"<!-- made by: claims_{kind} claims -->")[2].partition("<!--")[0]
     cells = [re.split(r" \| ", line.strip("| \n")) for line in table.splitlines() if "|" in line]
     rows = {(source, words): (verdict, figure) for verdict, source, words, figure in cells[2:]}
-    claims = claims_of(kind, quick=True, progress=lambda part, name: begun.append(name))
-    assert len(claims) == len(rows)
-    for claim in claims:
+    findings = measure_robot(kind, quick=True, progress=lambda part, name: begun.append(name))
+    assert len(findings) == len(rows)
+    for finding in findings:
+        claim, measured = finding.claim, finding.measurement.measured
         verdict, figure = rows[claim.source, claim.paper]
-        assert not claim.changed, claim.difference
+        assert not finding.changed, finding.difference
         assert claim.expected == verdict, claim.id
         if claim.sample is Sample.SAME:
-            assert alike(claim.measured, figure), (claim.id, claim.measured, figure)
+            assert alike(measured, figure), (claim.id, measured, figure)
 
 
 NUMBER = re.compile(r"\d+(?:\.(\d+))?")

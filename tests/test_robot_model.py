@@ -10,7 +10,7 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.body import add_robot, lug_pitch
+from omnitrack_sim.robots.omnitrack.body import add_robot
 from omnitrack_sim.robots.omnitrack.published import add_turning_robot
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.walls.geoms import new_spec
@@ -87,7 +87,7 @@ def test_rows_of_lugs_are_the_same_from_either_end() -> None:
     for track in ("upper_1", "lower_3"):
         names = [f"lug_{track}_{i}" for i in range(ROBOT.lugs_per_track)]
         z = np.array([model().geom(name).pos[2] for name in names])
-        assert np.diff(z) == pytest.approx(lug_pitch(ROBOT))
+        assert np.diff(z) == pytest.approx(ROBOT.lug_pitch)
         assert z == pytest.approx(-z[::-1], abs=1e-12)
 
 

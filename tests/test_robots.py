@@ -178,7 +178,7 @@ def test_a_robot_that_does_not_fit_is_refused():
         ({"robot": {"kind": "presser", "prelaod": 3}}, "robot.prelaod", "preload"),
         ({"robot": "gone.xml"}, "robot.file", "cannot be read"),
         ({"robot": "presser", "physics": {"collider": "primitives"}}, "physics.collider", "kind"),
-        ({"robot": "presser", "sensing": {"kind": "onboard"}}, "sensing.kind", "kind"),
+        ({"robot": "snake", "sensing": {"kind": "onboard"}}, "sensing.kind", "odometry"),
         ({"robot": "presser", "start": {"roll_deg": 20}}, "start.roll_deg", "kind"),
         ({"robot": "presser", "control": {"kind": "jacobian"}}, "control.kind", "own"),
     ],

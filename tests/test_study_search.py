@@ -93,7 +93,7 @@ def test_the_front_of_two_quadratics_is_the_line_between_their_optima():
     one, other = np.array([0.2, 0.3]), np.array([0.7, 0.6])
 
     def evaluate(candidates):
-        values = [np.array(one.values) for one in candidates]
+        values = [np.array(candidate.values) for candidate in candidates]
         return [Measured((((v - one) ** 2).sum(), ((v - other) ** 2).sum())) for v in values]
 
     history = explore(plan, evaluate)

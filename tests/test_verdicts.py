@@ -5,13 +5,13 @@ from functools import partial
 from itertools import product
 
 import pytest
-from claim_samples import sample_claim
+from claim_samples import sample_finding
 from samples import sample_result
 from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
 from omnitrack_sim.paper import driving
-from omnitrack_sim.paper.claim import ClaimVerdict, Sample, tally, verdict_of
+from omnitrack_sim.paper.claim import ClaimVerdict, Measurement, Sample, tally
 from omnitrack_sim.paper.reproduce import ReportFigure, page
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
@@ -20,7 +20,9 @@ HOLDS, CALIBRATED, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
 def test_a_contradiction_takes_another_statement_that_comes_out():
     """Only then; a statement that comes out itself holds whatever else the paper says."""
-    found = [verdict_of(holds, other) for holds, other in product((True, False), repeat=2)]
+    found = [
+        Measurement("", holds, other).verdict for holds, other in product((True, False), repeat=2)
+    ]
     assert found == [HOLDS, HOLDS, CONTRADICTION, FAILS]
 
 
@@ -35,21 +37,25 @@ def test_the_printed_margin_is_held_against_the_printed_sector(
     """11.73 degrees come out. That the paper contradicts itself follows from its two figures."""
     monkeypatch.setattr(driving, "_SECTOR", sector)
     monkeypatch.setattr(driving, "_MARGIN", margin)
-    found = {claim.id: claim for claim in driving.region({})}
-    assert found["singularity_margin"].verdict is verdict
-    assert found["singularity_success_rate"].verdict is CALIBRATED
-    assert found["singularity_margin"].changed == (verdict is not CONTRADICTION)
+    found = driving.singularity_margin({})
+    assert found.verdict is verdict
+    assert driving.singularity_success_rate({}).verdict is CALIBRATED
+    assert found.changed == (verdict is not CONTRADICTION)
 
 
 def test_what_the_reach_was_inferred_from_does_not_hold(monkeypatch):
     """The reach was inferred from 96.54 degrees, so the sector and both rates come out whatever is
     true: they are calibrated. With another reach they fail."""
-    names = [f"singularity_{name}" for name in ("sector", "failure_rate", "success_rate")]
+    claims = (
+        driving.singularity_sector,
+        driving.singularity_failure_rate,
+        driving.singularity_success_rate,
+    )
     for reach, verdict in ((0.0961, CALIBRATED), (0.094, FAILS)):
         monkeypatch.setattr(driving, "TurnCase", partial(TurnCase, reach=reach))
-        found = {claim.id: claim for claim in driving.region({})}
-        assert [found[name].verdict for name in names] == [verdict] * 3
-        assert [found[name].changed for name in names] == [verdict is FAILS] * 3
+        found = [claim({}) for claim in claims]
+        assert [finding.verdict for finding in found] == [verdict] * 3
+        assert [finding.changed for finding in found] == [verdict is FAILS] * 3
 
 
 @pytest.mark.parametrize(
@@ -60,28 +66,28 @@ def test_the_lever_is_l_or_half_of_the_bore_or_neither(lever, verdict, monkeypat
     """Eq. 18 says l = 52.4 mm and Eq. 20 D/2 = 80 mm; which of them comes out makes the verdict."""
     monkeypatch.setattr(driving, "lever_of", lambda results: (lever, lever))
     runs = {f"elbow_{radius}_jacobian": [sample_result()] for radius in (240, 90)}
-    assert driving.jacobian(runs).verdict is verdict
+    assert driving.eq18_jacobian(runs).verdict is verdict
 
 
 def test_what_does_not_hold_has_a_reason():
     """The recorded one, or that none is known for a verdict that was not expected; a claim that is
     not expected to hold cannot be made without one."""
-    assert sample_claim(FAILS).reason == "it slips"
-    assert sample_claim(CONTRADICTION).reason == "it slips"
-    for claim in (sample_claim(HOLDS, FAILS), sample_claim(STUDY), sample_claim(CALIBRATED)):
+    assert sample_finding(FAILS).reason == "it slips"
+    assert sample_finding(CONTRADICTION).reason == "it slips"
+    for claim in (sample_finding(HOLDS, FAILS), sample_finding(STUDY), sample_finding(CALIBRATED)):
         assert claim.reason == ""
-    assert sample_claim(FAILS, HOLDS).reason == "Not known; expected was: holds."
+    assert sample_finding(FAILS, HOLDS).reason == "Not known; expected was: holds."
     for verdict in (CONTRADICTION, FAILS):
         with pytest.raises(ValueError, match="gives no reason"):
-            sample_claim(verdict, why="")
+            sample_finding(verdict, why="")
 
 
 def test_a_study_is_not_judged():
     """Neither its verdict nor the expected one can be another."""
-    assert sample_claim(STUDY, HOLDS).expected is STUDY
-    with pytest.raises(ValueError, match="is a study and is judged"):
-        sample_claim(FAILS, STUDY)
-    assert sample_claim(STUDY, quick=True, sample=Sample.EVERY).decided
+    for verdict, expected in ((STUDY, HOLDS), (FAILS, STUDY)):
+        with pytest.raises(ValueError, match=f"{expected} came out as {verdict}"):
+            sample_finding(verdict, expected)
+    assert sample_finding(STUDY, quick=True, sample=Sample.EVERY).decided
 
 
 @pytest.mark.parametrize(
@@ -93,13 +99,13 @@ def test_the_quick_form_changes_only_what_its_runs_decide(sample, changed):
     none. In the full form each other verdict is a change."""
     opposite = {HOLDS: FAILS, FAILS: HOLDS}
     for verdict, expected in opposite.items():
-        claim = sample_claim(verdict, expected, sample=sample)
+        claim = sample_finding(verdict, expected, sample=sample)
         assert claim.changed
         assert claim.difference == f"a_b: expected {expected}, came out {verdict}"
-        quick = sample_claim(verdict, expected, sample=sample, quick=True)
+        quick = sample_finding(verdict, expected, sample=sample, quick=True)
         assert quick.changed == (verdict in changed)
         assert quick.difference.endswith("too few runs to decide") == (verdict not in changed)
-    assert not sample_claim(FAILS, sample=sample, quick=True).difference
+    assert not sample_finding(FAILS, sample=sample, quick=True).difference
 
 
 def _printed(claims, monkeypatch, *options):
@@ -112,14 +118,14 @@ def _printed(claims, monkeypatch, *options):
 @pytest.mark.parametrize("options", [(), ("--json",)], ids=["table", "json"])
 def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options, monkeypatch):
     """Whatever the verdicts are; which one changed stands on standard error."""
-    expected = [sample_claim(verdict) for verdict in ClaimVerdict]
+    expected = [sample_finding(verdict) for verdict in ClaimVerdict]
     status, _, told = _printed(expected, monkeypatch, *options)
     assert (status, told) == (0, "")
-    few = sample_claim(HOLDS, FAILS, id="c_d", sample=Sample.EVERY, quick=True)
+    few = sample_finding(HOLDS, FAILS, id="c_d", sample=Sample.EVERY, quick=True)
     status, _, told = _printed([*expected, few], monkeypatch, *options)
     assert status == 0
     assert "not decided: c_d: expected does not come out, came out holds; the quick" in told
-    changed = sample_claim(FAILS, HOLDS, id="e_f")
+    changed = sample_finding(FAILS, HOLDS, id="e_f")
     status, _, told = _printed([*expected, changed], monkeypatch, *options)
     assert status == 1
     assert "changed: e_f: expected holds, came out does not come out" in told
@@ -127,8 +133,8 @@ def test_the_exit_status_is_0_as_expected_and_1_where_a_verdict_changed(options,
 
 def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
     """Of all kinds."""
-    claims = [sample_claim(verdict, id=verdict.name.lower()) for verdict in ClaimVerdict]
-    long = sample_claim(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
+    claims = [sample_finding(verdict, id=verdict.name.lower()) for verdict in ClaimVerdict]
+    long = sample_finding(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
     _, text, _ = _printed([*claims, long], monkeypatch)
     assert "a_claim_with_a_long_name" in text
     text = " ".join(text.split())
@@ -141,7 +147,7 @@ def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
 
 def test_claims_go_to_json(monkeypatch):
     """Verdict, the expected one, the reason, and whether it is decided and changed."""
-    claim = sample_claim(FAILS, HOLDS, sample=Sample.AVERAGE, quick=True, figures=("elbow_90",))
+    claim = sample_finding(FAILS, HOLDS, sample=Sample.AVERAGE, quick=True, figures=("elbow_90",))
     _, text, _ = _printed([claim], monkeypatch, "--json")
     (row,) = json.loads(text)
     assert (row["verdict"], row["expected"]) == ("does not come out", "holds")
@@ -157,9 +163,9 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
     """A chip at the claim, in the table and below each figure that shows it; a change stands at the
     top."""
     claims = [
-        sample_claim(FAILS, id="slips", figures=("elbow_90",)),
-        sample_claim(HOLDS, FAILS, id="turns"),
-        sample_claim(STUDY, id="asks"),
+        sample_finding(FAILS, id="slips", figures=("elbow_90",)),
+        sample_finding(HOLDS, FAILS, id="turns"),
+        sample_finding(STUDY, id="asks"),
     ]
     pictures = [
         ReportFigure(name, name, b"<svg/>", "svg+xml") for name in ("elbow_90", "elbow_240")

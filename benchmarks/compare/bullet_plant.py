@@ -19,7 +19,6 @@ from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaterni
 from omnitrack_sim.robots.omnitrack import as_omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
     FREE_SPRING_LENGTH,
-    lug_pitch,
     lug_places,
     spring_free_length,
 )
@@ -332,7 +331,7 @@ class BulletPlant:
 
     def _move_rows_back(self) -> None:
         """Chains are endless: a row of lugs that has moved by a pitch is moved back by it."""
-        pitch = lug_pitch(self.robot)
+        pitch = self.robot.lug_pitch
         travel = self.qpos[0, 7:].reshape(3, JOINTS_PER_MODULE)[:, UPPER:]
         back = pitch * np.round(travel / pitch)
         for module, track in zip(*np.nonzero(back), strict=True):

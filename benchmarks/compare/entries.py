@@ -17,7 +17,7 @@ from peer_walls import MeshSettings, convex_walls, flex_walls, sdf_walls
 from omnitrack_sim import override
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot, lug_pitch
+from omnitrack_sim.robots.omnitrack.body import LUG_CONAFFINITY, LUG_CONTYPE, add_robot
 from omnitrack_sim.robots.omnitrack.track import line_record
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.scenario import Scenario
@@ -170,7 +170,7 @@ def probe_walls(entry: Entry, scenario: Scenario, part: Part, count: int) -> tup
         shape = {
             "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
             "size": [radius, 1e-9, 0],
-            "userdata": line_record(lug_pitch(scenario.robot), scenario.robot.scale),
+            "userdata": line_record(scenario.robot.lug_pitch, scenario.robot.scale),
         }
     probe.add_geom(
         contype=LUG_CONTYPE, conaffinity=LUG_CONAFFINITY, priority=1, margin=PROBE_REACH, **shape

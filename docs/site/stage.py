@@ -13,7 +13,6 @@ from pathlib import Path
 
 from commands import write_commands
 from reference import write_reference
-from tables import with_tables
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -78,7 +77,7 @@ def stage(target: Path) -> list[str]:
     for source, page in pages().items():
         if source == CONTENTS:
             continue
-        text = with_tables(_redirected(source, target, shown, broken))
+        text = _redirected(source, target, shown, broken)
         if page == "index":
             text += _toctrees()
         (target / f"{page}{source.suffix}").write_text(text, encoding="utf-8")

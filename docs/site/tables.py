@@ -1,8 +1,12 @@
 """Tables of pages that are made from the code, which says each row once.
 
-    python docs/site/tables.py docs/reference/scenarios.md
+    python docs/site/tables.py --write
 
-prints a page with its tables.
+makes the tables of all pages anew, and ``--check`` names the pages whose tables differ from the
+code. On a page a table stands between two marks:
+
+    <!-- table: scenarios -->
+    <!-- end -->
 """
 
 from __future__ import annotations
@@ -44,7 +48,10 @@ from omnitrack_sim.trials.bench import Suite
 from omnitrack_sim.trials.study import Final, Objective, StudyFile, Variable
 from omnitrack_sim.trials.sweep import SweepFile
 
-MARK = re.compile(r"^\*Table: (.+)\*$", re.MULTILINE)
+ROOT = Path(__file__).parents[2]
+MARK = re.compile(
+    r"^<!-- table: (?P<name>.+) -->\n(?P<body>(?:\|.*\n)*)<!-- end -->$", re.MULTILINE
+)
 Row = tuple[str, ...]
 
 
@@ -228,15 +235,40 @@ TABLES: dict[str, Callable[[], str]] = {
 """Further tables by name."""
 
 
+def made(name: str) -> str:
+    """Return the table of a name, as Markdown."""
+    return TABLES[name]() if name in TABLES else table(KEYS, rows_of(MODELS[name]))
+
+
 def with_tables(text: str) -> str:
-    """Return a page with a table in the place of each mark."""
+    """Return a page with its tables made anew."""
     return MARK.sub(
-        lambda match: (
-            TABLES[match[1]]() if match[1] in TABLES else table(KEYS, rows_of(MODELS[match[1]]))
-        ),
-        text,
+        lambda mark: f"<!-- table: {mark['name']} -->\n{made(mark['name'])}\n<!-- end -->", text
     )
 
 
+def pages_to_write() -> dict[Path, str]:
+    """Return the pages whose tables differ from the code, with what they should be."""
+    pages = {page: page.read_text(encoding="utf-8") for page in sorted(ROOT.glob("docs/**/*.md"))}
+    new = {page: with_tables(text) for page, text in pages.items()}
+    return {page: text for page, text in new.items() if text != pages[page]}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write or check the tables of all pages; returns the exit status."""
+    if list(arguments) not in (["--write"], ["--check"]):
+        print("usage: python docs/site/tables.py --write | --check", file=sys.stderr)
+        return 2
+    differing = pages_to_write()
+    for page, text in differing.items():
+        print(f"differs: {page.relative_to(ROOT)}")
+        if arguments[0] == "--write":
+            page.write_text(text, encoding="utf-8")
+    if differing and arguments[0] == "--check":
+        print("run `python docs/site/tables.py --write`")
+        return 1
+    return 0
+
+
 if __name__ == "__main__":
-    print(with_tables(Path(sys.argv[1]).read_text(encoding="utf-8")), end="")
+    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""Compare poses of robots with their pictures, arms and gravity, on the maps that they know."""
+"""Compare poses of robots with their pictures, limbs and gravity, on the maps that they know."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pose_filter import POSE
 from omnitrack_sim.base.rotations import Array, cross, dot, orthonormal, skew, turned_by
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
+from omnitrack_sim.robots.odometry import Limbs
 from omnitrack_sim.senses.optics import Mount
 from omnitrack_sim.senses.settings import FilterTable
 from omnitrack_sim.walls.rays import BEYOND, LIT, NORMALS, PART, RANGE, RayWalls
@@ -18,7 +18,7 @@ from omnitrack_sim.walls.rays import BEYOND, LIT, NORMALS, PART, RANGE, RayWalls
 
 @dataclass(frozen=True)
 class CandidateSettings:
-    """Tolerances of comparing poses with pictures, arms and gravity.
+    """Tolerances of comparing poses with pictures, limbs and gravity.
 
     Attributes:
         least_incidence: sine of the angle between a ray and its wall below which the wall's tangent
@@ -26,7 +26,6 @@ class CandidateSettings:
         nearest, farthest: bounds of a range in a picture from close by, as parts of the range
             before.
         huber: residual, in standard deviations, from which on it is down-weighted (Huber).
-        stop_margin: m, from its outer stop at which an arm may touch no wall.
         least_share: part of a picture's pixels that have to be comparable for a misfit of the map.
         most_error: residual, in standard deviations, at which the cost of a pixel stays: at an edge
             between near and far wall a pixel is as wrong as it can be.
@@ -46,7 +45,6 @@ class CandidateSettings:
     nearest: float = 0.7
     farthest: float = 1.4
     huber: float = 2.0
-    stop_margin: float = 0.0005
     least_share: float = 0.1
     most_error: float = 3.0
     shift: float = 5e-4
@@ -106,45 +104,31 @@ def reprojected(
     return near
 
 
-_ARMS = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES), np.zeros(3)], axis=-1)
-_ALONG = np.linspace(-0.5, 0.5, 5)
-"""Points of a track at which it may touch a wall, as parts of its length from its middle."""
-
-
-def of_arms(
-    robot: Omnitrack,
+def of_limbs(
+    limbs: Limbs,
     walls: RayWalls,
     which: NDArray[np.intp],
     position: Array,
     rotation: Array,
     covariance: Array,
-    slide: Array,
     std: float,
 ) -> tuple[Array, Array]:
-    """Measurement that pressed modules touch the wall where their arms reach.
-
-    A track is straight, so it comes out until one point of it touches: in a bend an end, at the
-    mouth of a branch what lies on the rim.
+    """Measurement that pressed limbs touch the wall where they reach.
 
     Args:
-        robot: shared by all.
+        limbs: of the robots.
         walls: of the maps.
         which: (n,) map of each robot.
         position: (n, 3) m, estimate.
         rotation: (n, 3, 3), estimate.
         covariance: (n, 6, 6) of the estimate.
-        slide: (n, 3) m, of the arms.
         std: m, standard deviation of the place of a contact.
 
     Returns:
         Information matrix and vector, see ``normal_equations``.
     """
-    n = len(slide)
-    outermost = robot.slide_range[1] - CANDIDATES.stop_margin
-    reach = robot.nominal_pipe_radius + slide  # (n, 3) m
-    points = np.outer(robot.contact_length * _ALONG, [0.0, 0.0, 1.0])
-    place = reach[:, :, None, None] * _ARMS[:, None] + points  # (n, 3, p, 3), robot frame
-    lever = np.einsum("nij,nmkj->nmki", rotation, place).reshape(n, -1, 3)
+    place = limbs.points  # (n, b, p, 3), robot frame
+    lever = np.einsum("nij,nmkj->nmki", rotation, place).reshape(len(place), -1, 3)
     distance, gradient, part = walls.nearest(which, position[:, None] + lever)
     distance, part = distance.reshape(place.shape[:3]), part.reshape(place.shape[:3])
     # Jacobian of the distances to the pose: of the position, then of the rotation.
@@ -153,10 +137,10 @@ def of_arms(
     gap = np.take_along_axis(distance, touching, axis=-1)[..., 0]
     slopes = slopes.reshape(*place.shape[:3], POSE)
     slopes = np.take_along_axis(slopes, touching[..., None], axis=2)[:, :, 0]
-    # What neither the doubt of the contact nor that of the pose explains is an arm that swings out
+    # What neither the doubt of the contact nor that of the pose explains is a limb that swings out
     # over an opening, and touches nothing.
     doubt = np.einsum("nmi,nij,nmj->nm", slopes, covariance, slopes) + std**2
-    held = (slide < outermost) & np.all(part >= 0, axis=-1)
+    held = limbs.pressed & np.all(part >= 0, axis=-1)
     held &= gap**2 < CANDIDATES.most_error**2 * doubt
     return normal_equations(slopes, -gap, held * huber(gap / std) / std**2)
 

@@ -16,8 +16,8 @@ from omnitrack_sim.autonomy.candidates import (
     median,
     moments,
     normal_equations,
-    of_arms,
     of_gravity,
+    of_limbs,
     probabilities,
 )
 from omnitrack_sim.autonomy.pose_filter import (
@@ -38,10 +38,9 @@ from omnitrack_sim.base.rotations import (
     with_rows,
     wrap_angle,
 )
-from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
+from omnitrack_sim.robots.odometry import Limbs, Odometry
 from omnitrack_sim.senses.optics import Mount
-from omnitrack_sim.senses.proprioception import Felt
+from omnitrack_sim.senses.proprioception import ProprioceptiveReadings
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -109,8 +108,8 @@ class Localiser:
 
     Args:
         table: ``[sensing]``.
-        robot: shared by all.
-        mount: its cameras.
+        odometry: of the robots.
+        mount: their cameras.
         walls: of the maps.
         which: (n,) map of each robot.
         period: s, between two control steps.
@@ -126,17 +125,18 @@ class Localiser:
     def __init__(
         self,
         table: SensingTable,
-        robot: Omnitrack,
+        odometry: Odometry,
         mount: Mount,
         walls: RayWalls,
         which: NDArray[np.intp],
         period: float,
     ) -> None:
-        self._table, self._robot, self._walls, self._which = table, robot, walls, which
+        self._table, self._odometry, self._walls, self._which = table, odometry, walls, which
         self._period, self._rate = period, mount.camera.optics.rate
         n = len(which)
         self._gravity = np.zeros((n, 3))
-        self.filter = PoseFilter(n, table.filter, table.imu, robot.nominal_pipe_radius)
+        self._radius = odometry.robot.nominal_bore / 2
+        self.filter = PoseFilter(n, table.filter, table.imu, self._radius)
         self._candidates = Candidates(table.filter, mount, walls, which, self._gravity)
         self.pixels = self._candidates.pixels
         self.misfit, self.unknown = np.zeros(n), np.zeros(n, bool)
@@ -148,7 +148,6 @@ class Localiser:
         self._evidence = np.zeros((n, LOCALISER.all_turns))  # of all pictures against each turn
         self._mismatch = np.zeros(n)  # s, for which pictures have not matched the map
         self._steps = max(1, round(LOCALISER.touch_period / period))
-        self._slide = np.zeros((n, 3))
         self._arriving: deque[tuple[int, Shot]] = deque()
         self.shot: Shot | None = None
 
@@ -169,51 +168,50 @@ class Localiser:
         held = -np.einsum("nji,nj->ni", rotation, gravity)
         set_rows(self._candidates, rows, held=held)
         set_rows(self, rows, unknown=not self._table.start.theta5_known, misfit=0.0, _mismatch=0.0)
-        set_rows(self, rows, _force=0.0, _felt=0, _slide=0.0, _rest=0, _evidence=0.0)
+        set_rows(self, rows, _force=0.0, _felt=0, _rest=0, _evidence=0.0)
         # Pictures that a robot took before its reset must not reach it afterwards.
         if self.shot is not None:
             self.shot = _without(self.shot, rows)
         self._arriving = deque((due, _without(shot, rows)) for due, shot in self._arriving)
 
-    def feel(self, felt: Felt) -> None:
-        """Predict the poses by belts and gyro, at every control step, and correct them by arms and
-        accelerometer when these are due."""
-        at_wall = felt.travel * belt_sign(felt.roll)
-        radius = self._robot.nominal_pipe_radius
-        by_belts = angular_velocity(at_wall, 0.0, radius)
-        differ = (by_belts - felt.turned)[:, :2] * radius
-        skid = np.sqrt((differ**2).sum(axis=-1))
-        self.filter.advance(at_wall.mean(axis=1), felt.turned, skid, self._period)
+    def predict(self, readings: ProprioceptiveReadings) -> None:
+        """Predict the poses by drives and gyro, at every control step, and correct them by limbs
+        and accelerometer when these are due."""
+        motion = self._odometry.motion(readings.body)
+        # Only what the drives' own doubt does not explain is slip.
+        differ = np.abs(motion.rotation - readings.rotation) - motion.rotation_std
+        skid = np.sqrt(((np.maximum(differ, 0.0) * self._radius) ** 2).sum(axis=-1))
+        self.filter.advance(motion, readings.rotation, skid, self._period)
         # Mean of the accelerometer over the period until its next use.
-        self._force = self._force + felt.force / self._steps
-        self._slide = felt.slide
+        self._force = self._force + readings.force / self._steps
         self._felt, self._clock = self._felt + 1, self._clock + 1
         due = self._felt % self._steps == 0
         if np.count_nonzero(due):
             self.filter.settle(due)
-            self._correct_by_touch(due)
+            self._correct_by_touch(due, self._odometry.limbs(readings.body))
             held = self._candidates.held
             self._candidates.held = np.where(due[:, None], self._force, held)
             self._force = np.where(due[:, None], 0.0, self._force)
 
-    def _correct_by_touch(self, due: NDArray[np.bool_]) -> None:
-        """Correct the poses of robots that are ``due`` (n,) by arms and gravity."""
+    def _correct_by_touch(self, due: NDArray[np.bool_], limbs: Limbs | None) -> None:
+        """Correct the poses of robots that are ``due`` (n,) by limbs and gravity."""
         pose, table = self.filter, self._table.filter
-        information, evidence = of_arms(
-            self._robot,
-            self._walls,
-            self._which,
-            pose.position,
-            pose.rotation,
-            pose.covariance[:, :POSE, :POSE],
-            self._slide,
-            table.arm_std,
-        )
-        more, further = of_gravity(
+        information, evidence = of_gravity(
             self._gravity, self._force, pose.rotation, table.force_std, ~self.unknown
         )
-        information = np.where(due[:, None, None], information + more, 0.0)
-        evidence = np.where(due[:, None], evidence + further, 0.0)
+        if limbs is not None:
+            more, further = of_limbs(
+                limbs,
+                self._walls,
+                self._which,
+                pose.position,
+                pose.rotation,
+                pose.covariance[:, :POSE, :POSE],
+                table.arm_std,
+            )
+            information, evidence = more + information, further + evidence
+        information = np.where(due[:, None, None], information, 0.0)
+        evidence = np.where(due[:, None], evidence, 0.0)
         pose.correct(information, evidence, pose.position.copy())
 
     @property

@@ -24,6 +24,7 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import INTEGER, NUMBER, NUMBERS, WORD, c_function, pointers
+from omnitrack_sim.robots.odometry import Motion
 from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
 PLACE, TURN, BIAS, SLIP = slice(0, 3), slice(3, 6), slice(6, 9), 9
@@ -84,22 +85,24 @@ class PoseFilter:
         set_rows(self, rows, position=position, rotation=rotation, covariance=covariance)
         set_rows(self, rows, bias=0.0, slip=0.0, _transition=np.eye(SIZE), _noise=0.0)
 
-    def advance(self, travel: Array, turned: Array, skid: Array, period: float) -> None:
+    def advance(self, motion: Motion, turned: Array, skid: Array, period: float) -> None:
         """Predict the poses after one control step.
 
         Args:
-            travel: (n,) m, of the belts.
+            motion: by the drives.
             turned: (n, 3) rad, by the gyro.
-            skid: (n,) m, at the wall, by which belts and gyro differ.
+            skid: (n,) m, at the wall, by which drives and gyro differ.
             period: s.
         """
+        travel = motion.travel
         table, imu, least = self._table, self._imu, POSE_FILTER.least_travel
         turned = turned - self.bias * period
         way = np.abs(travel)
         across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
         sharp = np.minimum(1.0, across * self._radius / np.maximum(way, least))
         differ = np.minimum(1.0, skid / np.maximum(way, least))
-        slip_std = table.slip_std + table.slip_turning * sharp + table.slip_noticed * differ
+        slip_std = table.slip_std + motion.slip_std
+        slip_std = slip_std + table.slip_turning * sharp + table.slip_noticed * differ
         # The belts drive along the axis that the robot has in the middle of the step.
         middle = self.rotation @ turned_by(turned / 2)
         ahead = middle[:, :, 2]

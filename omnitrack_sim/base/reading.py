@@ -26,7 +26,7 @@ from pydantic_core import PydanticCustomError
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ShippedKind, look_beside, shipped_files
-from omnitrack_sim.base.table import keys_at
+from omnitrack_sim.base.paths import Document
 from omnitrack_sim.base.text import nearest, shown
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
@@ -304,7 +304,7 @@ def checked(
     Raises:
         InputError: of class ``error``, with every fault.
     """
-    choices = choices_at or (lambda places: keys_at(model, data, places))
+    choices = choices_at or Document(model, data).keys_at
     plain, odd = _tidied(data)
     try:
         # From JSON, pydantic's strict mode takes lists for tuples and names for enums, but no

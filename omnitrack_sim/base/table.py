@@ -1,7 +1,4 @@
-"""Tables of a user's file: base class, units and meanings of keys, valid keys at a dotted path.
-
-Files leave out what has a default, so what may stand at a place does not follow from what does.
-"""
+"""Tables of a user's file: base class, units and meanings of keys."""
 
 from __future__ import annotations
 
@@ -9,15 +6,13 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from types import NoneType, UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
-from pydantic_core import PydanticUndefined, to_jsonable_python
 
 
 class Table(BaseModel):
@@ -139,77 +134,3 @@ Angle = Annotated[float, Field(ge=-3600, le=3600)]
 """An angle in degrees, up to ten turns either way."""
 Size = Annotated[float, Field(ge=1e-5, le=1000)]
 """A length of a pipe, m. The limits catch millimetres and keep the samples of a route in memory."""
-
-
-def model_of(annotation: Any, value: Any) -> type[BaseModel] | None:
-    """Return the model of the table at a place of type ``annotation`` that holds plain data
-    ``value``; None where no table belongs."""
-    annotation = _bare(annotation)
-    if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-        return None
-    if issubclass(annotation, Table) and isinstance(value, Mapping):
-        return annotation.model_for(value)
-    return annotation
-
-
-def keys_of(annotation: Any, value: Any) -> tuple[str, ...]:
-    """Valid keys of the table at a place; see ``model_of``."""
-    model = model_of(annotation, value)
-    if model is None:
-        return ()
-    return (*getattr(model, "OTHER_KEYS", ()), *model.model_fields)
-
-
-def below(annotation: Any, value: Any, key: str) -> Any:
-    """Type of the value below ``key`` at a place; None where it is unknown."""
-    model = model_of(annotation, value)
-    if model is not None:
-        info = model.model_fields.get(key)
-        return None if info is None else info.annotation
-    bare = _bare(annotation)
-    arguments = get_args(bare)
-    return arguments[0] if get_origin(bare) is tuple and arguments else None
-
-
-def index_of(items: Sequence[Any], key: str) -> int | None:
-    """Index that a key of a dotted path means in a list; None where there is no such item."""
-    # int() alone would take "+1", "1_0" and digits of other scripts, and be slow on huge ones.
-    index = int(key) if key.isascii() and key.isdecimal() and len(key) < 10 else len(items)
-    return index if index < len(items) and str(index) == key else None
-
-
-def inside(value: Any, key: str) -> Any:
-    """Value below ``key`` in a table or list; None where there is none."""
-    if isinstance(value, list):
-        index = index_of(value, key)
-        return None if index is None else value[index]
-    return value.get(key) if isinstance(value, Mapping) else None
-
-
-def keys_at(model: type[BaseModel], data: Any, places: Sequence[str]) -> tuple[str, ...]:
-    """Valid keys of the table at a path into plain data that a model is made from."""
-    annotation: Any = model
-    for key in places:
-        annotation, data = below(annotation, data, key), inside(data, key)
-    return keys_of(annotation, data)
-
-
-def default_of(annotation: Any, value: Any, key: str) -> Any:
-    """Default of ``key`` in a table as plain data; an empty table where there is no default."""
-    model = model_of(annotation, value)
-    info = None if model is None else model.model_fields.get(key)
-    default = None if info is None else info.get_default(call_default_factory=True)
-    return {} if default in (None, PydanticUndefined) else to_jsonable_python(default)
-
-
-def _bare(annotation: Any) -> Any:
-    """Strip a type of its metadata and of None."""
-    while True:
-        if get_origin(annotation) is Annotated:
-            annotation = get_args(annotation)[0]
-        elif get_origin(annotation) in (Union, UnionType):
-            kinds = [kind for kind in get_args(annotation) if kind is not NoneType]
-            # A union of several types has no keys of its own that could be offered as choices.
-            annotation = kinds[0] if len(kinds) == 1 else object
-        else:
-            return annotation

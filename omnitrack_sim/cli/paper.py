@@ -28,7 +28,7 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.paper.claim import Claim
+    from omnitrack_sim.paper.claim import Finding
 
 
 MOST_DEGREES = 1e6
@@ -250,34 +250,34 @@ def reproduce(
     ending = "" if robot == "omnitrack" else f"_{robot.rpartition(':')[2]}"
     folder = folder or Path(f"out/reproduce{ending}")
     with progress("reproduce", False) as report:
-        claims = reproduce_robot(folder, robot=robot, quick=quick, format=format, progress=report)
+        findings = reproduce_robot(folder, robot=robot, quick=quick, format=format, progress=report)
     if as_json:
-        print_json([claim.row() for claim in claims])
+        print_json([finding.row() for finding in findings])
     else:
-        _print_claims(claims, folder)
-    for claim in claims:
-        if claim.difference:
-            mark = "[red]changed[/]" if claim.changed else "[yellow]not decided[/]"
-            err.say(f"{mark}: {plain(claim.difference)}")
+        _print_findings(findings, folder)
+    for finding in findings:
+        if finding.difference:
+            mark = "[red]changed[/]" if finding.changed else "[yellow]not decided[/]"
+            err.say(f"{mark}: {plain(finding.difference)}")
     # Only a changed verdict fails; one that few trials could not decide does not.
-    raise typer.Exit(1 if any(claim.changed for claim in claims) else 0)
+    raise typer.Exit(1 if any(finding.changed for finding in findings) else 0)
 
 
-def _print_claims(claims: Sequence[Claim], folder: Path) -> None:
+def _print_findings(findings: Sequence[Finding], folder: Path) -> None:
     """Print verdicts with measurements, reasons of claims that do not hold, and counts."""
     from omnitrack_sim.paper.claim import tally
 
     table = plain_table("verdict", "claim", "measured")
     table.columns[1].no_wrap = True
-    for claim in claims:
-        table.add_row(_verdict(claim), claim.id, plain(claim.measured))
+    for finding in findings:
+        table.add_row(_verdict(finding), finding.claim.id, plain(finding.measurement.measured))
     out.print(table)
-    for claim in claims:
-        if claim.reason:
-            out.say(f"{claim.id}: {_verdict(claim)}. {plain(claim.reason)}")
-    counts = ", ".join(f"{verdict}: {count}" for verdict, count in tally(claims).items())
+    for finding in findings:
+        if finding.reason:
+            out.say(f"{finding.claim.id}: {_verdict(finding)}. {plain(finding.reason)}")
+    counts = ", ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
     out.say(f"{counts}; {plain(str(folder / 'report.html'))}")
 
 
-def _verdict(claim: Claim) -> str:
-    return f"[{COLOURS[claim.verdict.name]}]{claim.label}[/]"
+def _verdict(finding: Finding) -> str:
+    return f"[{COLOURS[finding.verdict.name]}]{finding.label}[/]"

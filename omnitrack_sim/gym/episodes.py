@@ -48,7 +48,7 @@ class EpisodeSampler:
         robot = (self._scenario() if self.alike else self._mission(0)).robot
         check_for(options, robot)
         self._drawn, senses = options.drawn(robot), options.senses(robot)
-        if "sensing.kind" in robot.understands:
+        if robot.odometry() is not None:
             self._changes = {"sensing.kind": senses} | self._changes
         if options.picture:
             # Cameras at both ends would take turns: the picture would jump from one to the other.

@@ -78,8 +78,8 @@ class EnvOptions(Table):
     def senses(self, robot: Robot) -> str:
         """The scenario's ``sensing.kind``."""
         # Features of the truth need it; any other set can be had from the robot's own sensors.
-        by_itself = "sensing.kind" in robot.understands and self.observation != "truth"
-        return self.sensing or ("onboard" if by_itself else "truth")
+        onboard = _is_measured(robot) and self.observation != "truth"
+        return self.sensing or ("onboard" if onboard else "truth")
 
     def drawn(self, robot: Robot) -> dict[str, Range]:
         """Least and largest value of what each trial of a robot draws, by dotted path."""
@@ -139,14 +139,20 @@ def check_for(options: EnvOptions, robot: Robot) -> None:
     if options.acting not in decisions.actings:
         choices = tuple(decisions.actings)
         faults.append(Fault("acting", f"is {options.acting!r}", choices, given=options.acting))
-    if onboard and "sensing.kind" not in robot.understands:
-        faults.append(Fault("sensing", "is 'onboard', which this robot has not", ("truth",)))
+    if onboard and not _is_measured(robot):
+        problem = "is 'onboard', and no sensors of this robot give its features"
+        faults.append(Fault("sensing", problem, ("truth",)))
     # Robots that observe the truth have no camera.
     if options.picture and not onboard:
         faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
     faults += _unseen(options, robot)
     if faults:
         raise InputError(faults)
+
+
+def _is_measured(robot: Robot) -> bool:
+    """Return whether a robot's own sensors give its features."""
+    return robot.decisions.measured and robot.odometry() is not None
 
 
 def _unseen(options: EnvOptions, robot: Robot) -> Sequence[Fault]:

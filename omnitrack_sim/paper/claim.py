@@ -1,13 +1,12 @@
-"""A statement of a paper with its measurement and expected verdict; and runs that claims about
-robots are measured on."""
+"""Claims of papers as data, their measurements and verdicts, and what measurements share."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,19 +29,6 @@ class ClaimVerdict(StrEnum):
     """The paper says nothing about it, so there is nothing to judge."""
 
 
-def verdict_of(holds: bool, other_holds: bool = False) -> ClaimVerdict:
-    """Return the verdict of a measurement.
-
-    Args:
-        holds: the paper's statement comes out.
-        other_holds: another statement of the paper does, which says something else about the same
-            thing. The paper contradicts itself where only the other one comes out.
-    """
-    if holds:
-        return ClaimVerdict.HOLDS
-    return ClaimVerdict.CONTRADICTION if other_holds else ClaimVerdict.FAILS
-
-
 class Sample(StrEnum):
     """Kind of sample, which says whether the fewer runs of the quick form can decide a claim."""
 
@@ -57,72 +43,142 @@ class Sample(StrEnum):
         return self is Sample.SAME
 
 
-_COLUMNS = (
-    *("id", "source", "paper", "statement", "measured", "uncertainty", "verdict", "expected"),
-    *("decided", "changed", "reason", "how", "note", "figures"),
-)
+class Measurement(NamedTuple):
+    """What the measurement of a claim found.
+
+    Attributes:
+        measured: the measured figure, with its unit.
+        holds: the paper's statement comes out; None of a study.
+        other_holds: another statement of the paper does, which says something else about the same
+            thing. The paper contradicts itself where only the other one comes out.
+        uncertainty: of the figure: interval, number of trials, or "exact".
+        calibrated: a parameter of the robot was chosen so that the statement comes out.
+    """
+
+    measured: str
+    holds: bool | None = None
+    other_holds: bool = False
+    uncertainty: str = "one run"
+    calibrated: bool = False
+
+    @property
+    def verdict(self) -> ClaimVerdict:
+        """Verdict that follows from the figures."""
+        if self.holds is None:
+            return ClaimVerdict.STUDY
+        if self.holds:
+            return ClaimVerdict.CALIBRATED if self.calibrated else ClaimVerdict.HOLDS
+        return ClaimVerdict.CONTRADICTION if self.other_holds else ClaimVerdict.FAILS
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement made measurable, and its measurement.
+    """A published statement made measurable, and the function that measures it.
 
     Attributes:
         id: short name, a word or two with underscores.
         source: place in the paper.
         paper: the paper's value or wording.
         statement: what is measured and when it counts as true, with tolerance and unit; of a study,
-            what is asked.
-        measured: the measured figure, with its unit.
-        verdict: result of the measurement.
+            what is asked. Limits stand in it by their names, as in ``{percent:g} %``.
         how: scenarios and number of runs, or the function.
-        uncertainty: of the measurement: interval, number of trials, or "exact".
-        expected: verdict of the full form of the package as it stands; another one is a change. Of
-            a study it is a study.
+        measure: called with the runs of the omnidirectional robot, or of another robot with whether
+            the quick form is asked for; limits are keywords.
+        limits: tolerances and bounds of the statement, by name.
+        expected: verdict of the full form of the package as it stands; another one is a change.
         why: the reason of the expected verdict, as far as it is known, where the claim is not
             expected to hold.
         note: further observations.
         figures: keys of ``reproduce.FIGURES`` that show it, of the omnidirectional robot.
         sample: verdicts that the runs of the quick form can decide.
-        quick: these are the runs of the quick form.
 
     Raises:
-        ValueError: a claim that is not expected to hold gives no reason, or a study has a verdict.
+        ValueError: a claim that is not expected to hold gives no reason.
     """
 
     id: str
     source: str
     paper: str
     statement: str
-    measured: str
-    verdict: ClaimVerdict
     how: str
-    uncertainty: str = "one run"
+    measure: Callable[..., Measurement]
+    limits: Mapping[str, float] = field(default_factory=dict)
     expected: ClaimVerdict = ClaimVerdict.HOLDS
     why: str = ""
     note: str = ""
     figures: tuple[str, ...] = ()
     sample: Sample = Sample.SAME
-    quick: bool = False
 
     def __post_init__(self) -> None:
         if self.expected in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS) and not self.why:
             raise ValueError(f"{self.id} gives no reason why it is expected not to hold")
-        if self.verdict is ClaimVerdict.STUDY:
-            object.__setattr__(self, "expected", ClaimVerdict.STUDY)  # the dataclass is frozen
-        elif self.expected is ClaimVerdict.STUDY:
-            raise ValueError(f"{self.id} is a study and is judged")
+
+    @property
+    def text(self) -> str:
+        """The statement with its limits."""
+        return self.statement.format(**self.limits)
+
+    def __call__(self, given: Any, quick: bool = False) -> Finding:
+        """Measure the claim.
+
+        Args:
+            given: runs of the omnidirectional robot; of another robot, whether the quick form is
+                asked for.
+            quick: the measurement is that of the quick form.
+        """
+        return Finding(self, self.measure(given, **self.limits), quick)
+
+
+def claim(**fields: Any) -> Callable[[Callable[..., Measurement]], Claim]:
+    """Return a decorator that makes a claim of its data and the function that measures it.
+
+    The claim has the function's name.
+    """
+    return lambda measure: Claim(id=measure.__name__, measure=measure, **fields)
+
+
+def study(**fields: Any) -> Callable[[Callable[..., Measurement]], Claim]:
+    """Return a decorator like ``claim``, of a question that the paper does not answer."""
+    return claim(expected=ClaimVerdict.STUDY, sample=Sample.AVERAGE, **fields)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim with its measurement.
+
+    Attributes:
+        claim: what was measured.
+        measurement: what came out.
+        quick: these are the runs of the quick form.
+
+    Raises:
+        ValueError: a study is judged, or a claim is not.
+    """
+
+    claim: Claim
+    measurement: Measurement
+    quick: bool = False
+
+    def __post_init__(self) -> None:
+        study = ClaimVerdict.STUDY
+        if (self.verdict is study) != (self.claim.expected is study):
+            raise ValueError(f"{self.claim.id}: {self.claim.expected} came out as {self.verdict}")
+
+    @property
+    def verdict(self) -> ClaimVerdict:
+        """Verdict that follows from the figures."""
+        return self.measurement.verdict
 
     @property
     def decided(self) -> bool:
         """True if there are enough runs for the verdict; there always are in the full form."""
         study = self.verdict is ClaimVerdict.STUDY
-        return not self.quick or study or self.sample.decides(self.verdict)
+        return not self.quick or study or self.claim.sample.decides(self.verdict)
 
     @property
     def changed(self) -> bool:
         """True if the verdict is decided, and not the expected one."""
-        return self.decided and self.verdict is not self.expected
+        return self.decided and self.verdict is not self.claim.expected
 
     @property
     def label(self) -> str:
@@ -132,9 +188,10 @@ class Claim:
     @property
     def difference(self) -> str:
         """Sentence with the expected verdict and the actual one; empty if they are the same."""
-        if self.verdict is self.expected:
+        expected = self.claim.expected
+        if self.verdict is expected:
             return ""
-        text = f"{self.id}: expected {self.expected}, came out {self.verdict}"
+        text = f"{self.claim.id}: expected {expected}, came out {self.verdict}"
         return text if self.decided else f"{text}; the quick form has too few runs to decide"
 
     @property
@@ -143,22 +200,33 @@ class Claim:
         if self.verdict not in (ClaimVerdict.CONTRADICTION, ClaimVerdict.FAILS):
             return ""
         # The reason given is that of the expected verdict and of no other.
-        known = self.verdict is self.expected
-        return self.why if known else f"Not known; expected was: {self.expected}."
+        known = self.verdict is self.claim.expected
+        return self.claim.why if known else f"Not known; expected was: {self.claim.expected}."
 
     def row(self) -> dict[str, Any]:
-        """The claim as a table of claims.json."""
-        return {name: getattr(self, name) for name in _COLUMNS}
+        """The finding as a table of claims.json."""
+        claim, measurement = self.claim, self.measurement
+        return {
+            "id": claim.id,
+            "source": claim.source,
+            "paper": claim.paper,
+            "statement": claim.text,
+            "measured": measurement.measured,
+            "uncertainty": measurement.uncertainty,
+            "verdict": self.verdict,
+            "expected": claim.expected,
+            "decided": self.decided,
+            "changed": self.changed,
+            "reason": self.reason,
+            "how": claim.how,
+            "note": claim.note,
+            "figures": claim.figures,
+        }
 
 
-ClaimMeasure = Callable[[bool], Claim | list[Claim]]
-"""Function that measures claims about a robot; True asks for the quick form. ``Robot.claims`` names
-a tuple of them."""
-
-
-def tally(claims: Sequence[Claim]) -> dict[ClaimVerdict, int]:
-    """Count the claims of each verdict."""
-    count = Counter(claim.verdict for claim in claims)
+def tally(findings: Iterable[Finding]) -> dict[ClaimVerdict, int]:
+    """Count the findings of each verdict."""
+    count = Counter(finding.verdict for finding in findings)
     return {verdict: count[verdict] for verdict in ClaimVerdict}
 
 
@@ -202,22 +270,15 @@ def alone(scenario: str, changes: Iterable[Mapping[str, Any]]) -> list[Result]:
 
 
 def speed_of(result: Result, begin: float) -> float:
-    """Return the speed along the route, m/s, by a straight fitted to the samples after ``begin``
-    s."""
+    """Return the speed along the route, m/s, by a line fitted to samples after ``begin`` s."""
     time, s = result.trajectory.time, result.trajectory["distance"]
     return float(np.polyfit(time[time > begin], s[time > begin], 1)[0])
 
 
-def all_pass(results: Sequence[Result], **words: Any) -> Claim:
-    """Return the claim that every run reaches its goal; ``words`` are its further fields."""
+def passes(results: Sequence[Result]) -> Measurement:
+    """Return the measurement of the claim that every run reaches its goal."""
     passed, total, text = rate(results)
-    words |= {"measured": text, "uncertainty": "Wilson, 95 %", "sample": Sample.EVERY}
-    return Claim(verdict=verdict_of(passed == total), **words)
-
-
-def study(**words: Any) -> Claim:
-    """Return a claim about rates or averages of which the paper says nothing."""
-    return Claim(verdict=ClaimVerdict.STUDY, sample=Sample.AVERAGE, **words)
+    return Measurement(text, passed == total, uncertainty="Wilson, 95 %")
 
 
 FACTORS = 0.7, 1.4
@@ -225,8 +286,7 @@ FACTORS = 0.7, 1.4
 
 
 def varied(robot: Robot, names: Iterable[str]) -> list[dict[str, Any]]:
-    """Return changes of a scenario by which each named parameter of its robot is smaller and
-    larger."""
+    """Return changes of a scenario with each named parameter of its robot smaller and larger."""
     return [
         {f"robot.{name}": factor * getattr(robot, name)} for name in names for factor in FACTORS
     ]

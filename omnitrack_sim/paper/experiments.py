@@ -126,7 +126,7 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
                 climb,
                 {
                     "world.friction": friction,
-                    "robot.preload": factor * least_preload(as_omnitrack(climb.robot), friction),
+                    "robot.preload": factor * min_preload(as_omnitrack(climb.robot), friction),
                     # Enough for a start-up and the second in which the climb is judged.
                     "run.time_limit": 3.0,
                 },
@@ -173,6 +173,6 @@ def _orientations(
     return [override(base, {"start.theta5_deg": float(angle), **changes}) for angle in theta5_deg]
 
 
-def least_preload(robot: Omnitrack, friction: float) -> float:
+def min_preload(robot: Omnitrack, friction: float) -> float:
     """Least preload of a module, N, at which friction can hold the robot's weight: m g / (3 mu)."""
     return robot.mass * GRAVITY / (3 * friction)

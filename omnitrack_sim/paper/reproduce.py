@@ -11,7 +11,7 @@ import html
 import io
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -19,10 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.writing import check_folder, whole_folder, write_file
 from omnitrack_sim.paper import driving, turns
-from omnitrack_sim.paper.claim import Claim, ClaimMeasure, ClaimVerdict, tally
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Finding, tally
 from omnitrack_sim.paper.claim_figures import (
     along_figure,
     angular_velocity_figure,
@@ -32,6 +31,7 @@ from omnitrack_sim.paper.claim_figures import (
 )
 from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.region import plot_singularity
+from omnitrack_sim.paper.robots import claims_of
 from omnitrack_sim.results.provenance import environment, provenance_of
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.robots.robot import STANDARD, robot_class
@@ -47,36 +47,8 @@ if TYPE_CHECKING:
 
 
 CLAIMS_FILE = "claims.json"
-MEASURES: tuple[Callable[[Runs], Claim | list[Claim]], ...] = (
-    driving.mean_speed,
-    driving.unequal_arms,
-    driving.jacobian,
-    driving.region,
-    driving.climb,
-    driving.holonomic,
-    driving.sign_change,
-    driving.past_180,
-    driving.no_motion_line,
-    driving.preload,
-    driving.motors,
-    turns.eq20,
-    turns.straight_exit,
-    turns.short_elbow,
-    turns.preferred,
-    turns.compression,
-    turns.as_written,
-    turns.inner_slip,
-    turns.unaligned,
-    turns.towards_worst,
-    turns.falls_into_place,
-    turns.aligned,
-    turns.slippery,
-    turns.few_lugs,
-    turns.climb_then_turn,
-    turns.straight_over,
-    turns.differential,
-)
-"""Functions that measure the claims, in the order of the page."""
+CLAIMS: tuple[Claim, ...] = (*driving.CLAIMS, *turns.CLAIMS)
+"""Claims of the omnidirectional robot's paper, in the order of the page."""
 STRIPS = {
     "tee_turn_misaligned": "Tee turn from the worst orientation: roll, drive, turn, drive",
     "straight_over_aligned": "Straight over a tee, modules on either side",
@@ -109,9 +81,10 @@ def reproduce(
     quick: bool = False,
     format: str = "svg",
     progress: Progress | None = None,
-) -> list[Claim]:
-    """Measure published statements about a robot, and write ``claims.json``, ``report.html`` and,
-    of the omnidirectional one, ``figures/`` into ``directory``.
+) -> list[Finding]:
+    """Measure published statements about a robot, and write a folder with a page of them.
+
+    It holds ``claims.json``, ``report.html`` and, of the omnidirectional one, ``figures/``.
 
     Args:
         directory: made, or replaced if it holds an earlier reproduction. The claims are there
@@ -122,7 +95,7 @@ def reproduce(
         progress: called with the fraction done, 0 to 1, and a word about the run.
 
     Returns:
-        The claims in the order of the page.
+        The findings in the order of the page.
 
     Raises:
         OutputError: ``directory`` holds something else, or cannot be written.
@@ -133,12 +106,12 @@ def reproduce(
     standard = robot == STANDARD
     if standard:
         runs = run_all(scenarios(quick), progress)
-        claims, title = measure(runs, quick), TITLE
+        findings, title = measure(runs, quick), TITLE
     else:
         runs, title = {}, robot
-        claims = claims_of(robot, quick, progress)
+        findings = measure_robot(robot, quick, progress)
     provenance = _provenance(runs, quick)
-    rows = {"provenance": provenance, "claims": [claim.row() for claim in claims]}
+    rows = {"provenance": provenance, "claims": [finding.row() for finding in findings]}
     # Before anything is drawn: a figure that fails must not cost the claims.
     with whole_folder(directory, CLAIMS_FILE) as folder:
         if standard:
@@ -150,18 +123,20 @@ def reproduce(
     if missing:
         remarks.append(f"These figures could not be drawn: {missing}.")
     figures = [picture for picture in pictures.values() if picture is not None]
-    text = page(claims, figures, provenance, remarks, title)
+    text = page(findings, figures, provenance, remarks, title)
     write_file(Path(directory) / "report.html", text.encode())
-    return claims
+    return findings
 
 
-def measure(runs: Runs, quick: bool) -> list[Claim]:
-    """Return the claims of the paper, from the runs of the quick or of the full form."""
-    return [claim for function in MEASURES for claim in _claims(function(runs), quick)]
+def measure(runs: Runs, quick: bool) -> list[Finding]:
+    """Measure the claims of the paper on the runs of the quick or of the full form."""
+    return [claim(runs, quick) for claim in CLAIMS]
 
 
-def claims_of(robot: str, quick: bool = False, progress: Progress | None = None) -> list[Claim]:
-    """Measure the claims that a robot other than the omnidirectional one names by its class.
+def measure_robot(
+    robot: str, quick: bool = False, progress: Progress | None = None
+) -> list[Finding]:
+    """Measure the claims about a robot other than the omnidirectional one.
 
     Args:
         robot: its kind.
@@ -171,22 +146,15 @@ def claims_of(robot: str, quick: bool = False, progress: Progress | None = None)
     Raises:
         InputError: there is no such robot, or it has no claims.
     """
-    kind = robot_class(robot)
-    if not kind.claims:
-        raise InputError(Fault("ROBOT", f"{robot!r} names no claims: its class has no `claims`"))
-    measures: tuple[ClaimMeasure, ...] = named(kind.claims, "claims", {})
-    claims: list[Claim] = []
-    for i, function in enumerate(measures):
+    claims = claims_of(robot_class(robot))
+    if not claims:
+        raise InputError(Fault("ROBOT", f"{robot!r} has no claims: its class has no `claims`"))
+    findings: list[Finding] = []
+    for i, claim in enumerate(claims):
         if progress is not None:
-            progress(i / len(measures), function.__name__)
-        claims += _claims(function(quick), quick)
-    return claims
-
-
-def _claims(measured: Claim | list[Claim], quick: bool) -> list[Claim]:
-    """Claims that one function has measured, in one form."""
-    claims = measured if isinstance(measured, list) else [measured]
-    return [replace(claim, quick=quick) for claim in claims]
+            progress(i / len(claims), claim.id)
+        findings.append(claim(quick, quick))
+    return findings
 
 
 def _draw(runs: Runs, folder: Path, format: str) -> dict[str, ReportFigure | None]:
@@ -368,7 +336,7 @@ class ReportFigure:
 
 
 def page(
-    claims: Sequence[Claim],
+    findings: Sequence[Finding],
     figures: Sequence[ReportFigure],
     provenance: Mapping[str, Any],
     remarks: Sequence[str],
@@ -377,23 +345,23 @@ def page(
     """Return the whole page as HTML text.
 
     Args:
-        claims: in the order of the page.
+        findings: in the order of the page.
         figures: those that could be drawn.
         provenance: versions, commit, platform, runs.
         remarks: sentences below the title.
         title: name of the robot.
     """
-    sentences = [*remarks, *(f"{c.difference}." for c in claims if c.difference)]
-    counts = tally(claims).items()
+    sentences = [*remarks, *(f"{f.difference}." for f in findings if f.difference)]
+    counts = tally(findings).items()
     template = Path(__file__).with_name("report.html").read_text(encoding="utf-8")
-    drawn = "\n".join(_figure(figure, claims) for figure in figures)
+    drawn = "\n".join(_figure(figure, findings) for figure in figures)
     return Template(template).substitute(
         title=_text(title),
         remarks="\n".join(f'<p class="lead">{_text(text)}</p>' for text in sentences),
         tally="".join(f"<div><b>{count}</b>{verdict}</div>" for verdict, count in counts),
-        verdicts="\n".join(map(_row, claims)),
+        verdicts="\n".join(map(_row, findings)),
         figures=f"<h2>Figures</h2>\n{drawn}" if drawn else "",
-        claims="\n".join(map(_article, claims)),
+        claims="\n".join(map(_article, findings)),
         provenance="\n".join(
             f"<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>"
             for key, value in provenance.items()
@@ -405,46 +373,48 @@ def _text(value: Any) -> str:
     return html.escape(str(value))
 
 
-def _chip(claim: Claim) -> str:
-    return f'<span class="chip {claim.verdict.name.lower()}">{claim.label}</span>'
+def _chip(finding: Finding) -> str:
+    return f'<span class="chip {finding.verdict.name.lower()}">{finding.label}</span>'
 
 
-def _row(claim: Claim) -> str:
-    """A claim in the table of verdicts."""
-    reason = f"<br><small>{_text(claim.reason)}</small>" if claim.reason else ""
+def _row(finding: Finding) -> str:
+    """Return a finding in the table of verdicts."""
+    claim, measured = finding.claim, _text(finding.measurement.measured)
+    reason = f"<br><small>{_text(finding.reason)}</small>" if finding.reason else ""
     return (
-        f'<tr><td>{_chip(claim)}</td><td><a href="#{_text(claim.id)}">{_text(claim.paper)}</a><br>'
-        f"<small>{_text(claim.source)}</small></td><td>{_text(claim.measured)}{reason}</td></tr>"
+        f'<tr><td>{_chip(finding)}</td><td><a href="#{_text(claim.id)}">{_text(claim.paper)}</a>'
+        f"<br><small>{_text(claim.source)}</small></td><td>{measured}{reason}</td></tr>"
     )
 
 
-def _article(claim: Claim) -> str:
-    """Return a claim with all of its fields."""
-    question = "asked" if claim.verdict is ClaimVerdict.STUDY else "true if"
+def _article(finding: Finding) -> str:
+    """Return a finding with all of its fields."""
+    question = "asked" if finding.verdict is ClaimVerdict.STUDY else "true if"
+    claim, measurement = finding.claim, finding.measurement
     rows = (
         ("source", claim.source),
         ("paper", claim.paper),
-        (question, claim.statement),
-        ("measured", claim.measured),
-        ("how sure", claim.uncertainty),
+        (question, claim.text),
+        ("measured", measurement.measured),
+        ("how sure", measurement.uncertainty),
         ("expected", claim.expected),
         ("how", claim.how),
-        ("why", claim.reason),
+        ("why", finding.reason),
         ("beside it", claim.note),
     )
     entries = "".join(f"<dt>{name}</dt><dd>{_text(value)}</dd>" for name, value in rows if value)
     name = _text(claim.id)
-    return f'<article id="{name}"><h3>{_chip(claim)}{name}</h3><dl>{entries}</dl></article>'
+    return f'<article id="{name}"><h3>{_chip(finding)}{name}</h3><dl>{entries}</dl></article>'
 
 
-def _figure(figure: ReportFigure, claims: Sequence[Claim]) -> str:
-    """A figure, with the verdicts of the claims that it shows."""
+def _figure(figure: ReportFigure, findings: Sequence[Finding]) -> str:
+    """Return a figure, with the verdicts of the claims that it shows."""
     source = f"data:image/{figure.format};base64,{base64.b64encode(figure.data).decode()}"
     caption = _text(figure.caption)
     shown = "".join(
-        f'<br>{_chip(claim)}<a href="#{_text(claim.id)}">{_text(claim.id)}</a>'
-        for claim in claims
-        if figure.name in claim.figures
+        f'<br>{_chip(finding)}<a href="#{_text(finding.claim.id)}">{_text(finding.claim.id)}</a>'
+        for finding in findings
+        if figure.name in finding.claim.figures
     )
     return (
         f'<figure><img src="{source}" alt="{caption}">'

@@ -17,13 +17,13 @@ from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
 from omnitrack_sim.base.bounds import FARTHEST, MOST_TOWN_LENGTH, MOST_TOWN_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
+from omnitrack_sim.base.paths import Document
 from omnitrack_sim.base.reading import (
     NAME_PATTERN,
     NETWORK,
     by_kind,
     checked,
     faults_of,
-    keys_at,
     read_file,
 )
 from omnitrack_sim.base.rotations import TURNED, Pose, frame_along
@@ -253,8 +253,8 @@ class Network(Table):
         try:
             super().__init__(**data)
         except ValidationError as reason:
-            keys = partial(keys_at, Network, data)
-            raise NetworkError(faults_of(reason, keys, _fault)) from None
+            keys_at = Document(Network, data).keys_at
+            raise NetworkError(faults_of(reason, keys_at, _fault)) from None
 
     # Files are read by pydantic's strict rules, which it leaves where a class has its own __init__.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

@@ -45,11 +45,13 @@ class InputDecisions:
         action: (n, nu), the last decision; before the first one that of the inputs at the start.
         actings: ways to act by name; what each means is the class's own affair.
         of_truth: features that no robot's own sensors give.
+        measured: the default features are what the sensors of a robot with odometry measure.
         ranges: least and largest value of what each episode draws, by dotted path.
     """
 
     actings: ClassVar[Mapping[str, Any]] = {"direct": None}
     of_truth: ClassVar[tuple[Feature, ...]] = ()
+    measured: ClassVar[bool] = False
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
         "world.friction": (0.6, 1.0),
         "start.theta5_deg": (-180.0, 180.0),

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from omnitrack_sim.robots.display import RobotDisplay
+    from omnitrack_sim.robots.odometry import Odometry
 
 STANDARD = "omnitrack"
 """Kind of a robot of a file that does not say one."""
@@ -65,7 +66,6 @@ stated."""
 SPECIAL: Mapping[str, Any] = {
     "physics.collider": "exact",
     "start.roll_deg": 0.0,
-    "sensing.kind": "truth",
 }
 """Keys of a scenario that mean something to some robots alone, with what they are for all
 others."""
@@ -126,7 +126,6 @@ class Robot(QuantityModel):
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
             ``SPECIAL``.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
-        claims: ``module:MEASURES`` of what was published of it; see ``docs/how-to/any-robot.md``.
             Empty where nothing is measured.
         tether: that it drags along; None: it has none.
         slips: its metrics have the slip without load, which takes a short run of its own.
@@ -164,7 +163,6 @@ class Robot(QuantityModel):
     controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
-    claims: ClassVar[str] = ""
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 
@@ -239,6 +237,11 @@ class Robot(QuantityModel):
         """Return the control inputs (n, nu) of the robot's own gait; None: it has none, and its
         actuators stay as they are at the start."""
         return None
+
+    @classmethod
+    def claims(cls) -> Sequence[Any]:
+        """Return what was published of it, as claims; see docs/how-to/any-robot.md."""
+        return ()
 
     def parameters(self) -> list[Parameter]:
         """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
@@ -402,6 +405,11 @@ class Robot(QuantityModel):
         return RobotDisplay(self)
 
     # What is measured, and how it is judged
+
+    def odometry(self) -> Odometry | None:
+        """Return what its body measures of its motion, for runs by its own sensors
+        (``sensing.kind = "onboard"``); None: nothing is known of that."""
+        return None
 
     @property
     def channels(self) -> Mapping[str, Channel]:

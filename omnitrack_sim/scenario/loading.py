@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_origin
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.arguments import check_changes, check_is
 from omnitrack_sim.base.bounds import MOST_PARTS
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
+from omnitrack_sim.base.paths import Document, keys_of, value_at
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
-from omnitrack_sim.base.table import (
-    FileName,
-    below,
-    default_of,
-    index_of,
-    inside,
-    keys_of,
-    marks_of,
-)
+from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
@@ -58,103 +50,15 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
         if isinstance(control, dict):
             own = ("kind", "parameters")
             data["control"] = {key: item for key, item in control.items() if key not in own}
-    *before, last = path.split(".")
-    place, undo = data, None
-    for depth, key in enumerate([*before, last]):
-        fault = _fault_at(data, before[:depth], place, key)
-        if fault is not None and depth == 0:
-            every = _paths(_robot_kind(data), _control_kind(data))
-            whole = tuple(one for one in every if one.endswith(f".{path}"))
-            if whole:
-                fault = Fault("", "is the end of a path; give all of it", whole)
-        if fault is not None:
-            # Tables that were filled in on the way go again.
-            if undo is not None:
-                undo[0].clear()
-                undo[0].update(undo[1])
-            return fault.at(path)
-        at: Any = int(key) if isinstance(place, list) else key
-        if depth == len(before):
-            place[at] = value
-            _forget_digest(data, path, place)
-        else:
-            if isinstance(place, dict) and place.get(key) is None:
-                undo = undo or (place, dict(place))
-                place[key] = default_of(_kind_at(data, before[:depth]), place, key)
-            place = place[at]
-    return None
+    fault = _document(data).set(path, value)
+    if fault is None:
+        _forget_digest(data, path)
+    return fault
 
 
-def _fault_at(data: Any, before: Sequence[str], place: Any, key: str) -> Fault | None:
-    """Fault of a ``key`` that cannot stand in ``place``, at the path ``before``; None if it can."""
-    if isinstance(place, list):
-        choices = tuple(str(i) for i in range(len(place)))
-        return None if index_of(place, key) is not None else _nowhere(key, choices)
-    if not isinstance(place, dict):
-        return Fault("", f"{key!r} is below a plain value")
-    if key in place:
-        return None
-    kind = _kind_at(data, before)
-    # A controller's parameters are checked by its own model, which may take more than it lists.
-    is_open = get_origin(kind) is dict or tuple(before[:2]) == OPEN_TABLE
-    known = keys_of(kind, place)
-    return None if is_open or key in known else _nowhere(key, known)
-
-
-@lru_cache(maxsize=8)
-def _paths(robot: str, control: str) -> tuple[str, ...]:
-    """Paths of all keys of a scenario with these kinds of robot and controller, but those in
-    lists."""
-    return tuple(_keys_below({"robot": {"kind": robot}, "control": {"kind": control}}))
-
-
-def _keys_below(data: Mapping[str, Any], *before: str) -> Iterator[str]:
-    """Yield the paths of the keys below a place of a scenario, and of those in their tables."""
-    place: Any = data
-    for key in before:
-        place = inside(place, key)
-    for key in keys_of(_kind_at(data, before), {} if place is None else place):
-        yield ".".join([*before, key])
-        yield from _keys_below(data, *before, key)
-
-
-def _nowhere(key: str, choices: tuple[str, ...]) -> Fault:
-    return Fault("", f"there is no {key!r} here", choices, given=key)
-
-
-def spread(data: Any, path: str) -> list[str]:
-    """Expand ``*`` in a path to one path for each item of the list that may have the key.
-
-    Without ``*``, or where there is no list, the result is the path itself.
-    """
-    head, star, tail = path.partition(".*")
-    place = data
-    for key in head.split("."):
-        place = inside(place, key)
-    if not star or not isinstance(place, list):
-        return [path]
-    # Recursively, since a path may hold several stars.
-    every = [one for i in range(len(place)) for one in spread(data, f"{head}.{i}{tail}")]
-    return [one for one in every if _may_stand(data, one)] or [path]
-
-
-def _may_stand(data: Any, path: str) -> bool:
-    *before, key = path.split(".")
-    place = data
-    for each in before:
-        place = inside(place, each)
-    return inside(place, key) is not None or key in keys_of(_kind_at(data, before), place)
-
-
-def _kind_at(data: Any, places: Sequence[str]) -> Any:
-    """Type of the value at a path of a scenario; None where it is unknown."""
-    kind: Any = Scenario
-    whole = data
-    for depth, key in enumerate(places, start=1):
-        is_open = tuple(places[:depth]) == OPEN_TABLE
-        kind = _parameters_of(whole) if is_open else below(kind, data, key)
-        data = inside(data, key)
-    return kind
+def _document(data: Any) -> Document:
+    """Plain data of a scenario; the controller knows the keys of ``[control.parameters]``."""
+    return Document(Scenario, data, {OPEN_TABLE: _parameters_of})
 
 
 def _parameters_of(data: Any) -> Any:
@@ -167,19 +71,19 @@ def _parameters_of(data: Any) -> Any:
 
 def _control_kind(data: Any) -> str:
     """``control.kind`` of a scenario's data."""
-    kind = inside(inside(data, "control"), "kind")
+    kind = value_at(data, "control.kind")
     return str(ControlTable().kind if kind is None else kind)
 
 
-def _forget_digest(data: Any, path: str, place: Any) -> None:
+def _forget_digest(data: Any, path: str) -> None:
     """Remove the digest beside a key that now names another file."""
-    *before, key = path.split(".")
+    *before, key = keys_of(path)
     if tuple(before) != OPEN_TABLE:
         return
     model = _parameters_of(data)
     file = {} if model is None else marks_of(model, FileName)
     if key in file:
-        place.pop(file[key].digest, None)
+        value_at(data, ".".join(before)).pop(file[key].digest, None)
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -268,7 +172,7 @@ def _changed(
                 plain["network"] = network_data(beside(folder, network))
             except NetworkError:
                 continue  # reported when the network is read
-        for place in spread(plain, path):
+        for place in _document(plain).expand(path):
             fault = set_value(plain, place, value)
             faults += [fault] if fault else []
     return plain, faults
@@ -278,7 +182,7 @@ def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
     """Robot table with all values at its own scale, to which changes refer."""
     if not isinstance(robot, Mapping) or robot.get("kind", STANDARD) != STANDARD:
         return robot
-    changed = {path.split(".")[1] for path in changes if path.startswith("robot.")}
+    changed = {keys_of(path)[1] for path in changes if path.startswith("robot.")}
     # A change may mend the very value that makes the table invalid: then it is tried without it.
     for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
         try:
@@ -381,7 +285,7 @@ def _controllers_of(data: Mapping[str, Any]) -> Mapping[str, str]:
 
 def _robot_kind(data: Any) -> str:
     """``robot.kind`` of a scenario's data."""
-    kind = inside(inside(data, "robot"), "kind")
+    kind = value_at(data, "robot.kind")
     return STANDARD if kind is None else str(kind)
 
 
@@ -426,14 +330,7 @@ def _unread(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> l
 
 def read_back(data: Mapping[str, Any]) -> Scenario:
     """Return the scenario of a saved run, without importing the user's own objects it names."""
-
-    def choices(places: Sequence[str]) -> tuple[str, ...]:
-        place: Any = data
-        for key in places:
-            place = inside(place, key)
-        return keys_of(_kind_at(data, places), place)
-
-    return checked(Scenario, data, ScenarioError, choices_at=choices)
+    return checked(Scenario, data, ScenarioError, choices_at=_document(data).keys_at)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:

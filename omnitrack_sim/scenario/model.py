@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -34,6 +35,7 @@ from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.robot import (
     ROBOTS,
@@ -420,6 +422,9 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     with gathered(faults):
         scenario.robot.check()
     faults += _meaningless(scenario)
+    if scenario.sensing.kind == "onboard":
+        with gathered(faults):
+            odometry_of(scenario.robot)
     # What follows lays out pipes and plans, which needs tables that are valid by themselves.
     period, step = scenario.record.period, scenario.physics.control_period
     if not is_multiple(period, step):
@@ -494,7 +499,7 @@ def _meaningless(scenario: Scenario) -> Iterator[Fault]:
     """Keys that mean nothing to the robot of the scenario."""
     robot = scenario.robot
     for path, value in SPECIAL.items():
-        given = reduce(getattr, path.split("."), scenario)
+        given = attrgetter(path)(scenario)
         if path not in robot.understands and given != value:
             problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
             yield Fault(path, f"{problem}; leave it at {value!r}")

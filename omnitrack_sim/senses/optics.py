@@ -10,7 +10,6 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, heading, set_rows
 from omnitrack_sim.base.table import Part, Table, Unit
-from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.senses.draws import Keys
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -109,14 +108,19 @@ class Camera(Protocol):
 class Mount:
     """A camera at either end of a robot.
 
+    Args:
+        camera: of both ends.
+        lens: m, from the robot's centre to where a camera's ``ahead`` is 0; see ``Odometry.lens``.
+
     Attributes:
-        camera: as given. rays: (pixels², 3) unit vectors, camera frame, row by row.
+        camera: as given.
+        rays: (pixels², 3) unit vectors, camera frame, row by row.
         ahead: m, from the robot's centre to the lens.
     """
 
-    def __init__(self, camera: Camera, robot: Omnitrack) -> None:
+    def __init__(self, camera: Camera, lens: float) -> None:
         self.camera, self.rays = camera, rays_of(camera.optics)
-        self.ahead = robot.length / 2 + camera.optics.ahead
+        self.ahead = lens + camera.optics.ahead
 
     def lens(
         self, position: Array, rotation: Array, facing: NDArray[np.int_]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +25,15 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.route_map import Location
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Album, Pictures, coding_of
-from omnitrack_sim.robots.omnitrack import as_omnitrack
-from omnitrack_sim.robots.omnitrack.body import lug_pitch
-from omnitrack_sim.robots.omnitrack.control.command import Command, seen
-from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
 from omnitrack_sim.senses.optics import Eyes, Mount
-from omnitrack_sim.senses.proprioception import Felt, Proprioception
+from omnitrack_sim.senses.proprioception import Proprioception, ProprioceptiveReadings
 from omnitrack_sim.senses.settings import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
@@ -67,11 +65,6 @@ class RelocalisationSettings:
 
 RELOCALISATION = RelocalisationSettings()
 
-MOST_SPREAD = 0.15
-"""Nominal radii by which the slides of three arms may differ where they measure the bore: below,
-it comes out within 2.5 mm; beyond, an arm may hang free, and it came out 8 mm too small."""
-
-
 LEAST_NEARER = 0.25
 """Least part of a bend's radius at which a robot's centre counts as away from the bend's axis: at
 the axis, all points of the bend are equally near."""
@@ -98,10 +91,10 @@ class Onboard:
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
         first, n = scenarios[0], len(scenarios)
         table, period = _table(first), first.physics.control_period
-        self._robot = robot = as_omnitrack(first.robot)
+        self._robot, self._odometry = first.robot, odometry_of(first.robot)
         self._period, self._legs, self._table = period, legs, table
-        self._search = Search(table.search, robot, n)
-        mount = Mount(camera_of(table), robot)
+        self._search = Search(table.search, self._odometry, n)
+        mount = Mount(camera_of(table), self._odometry.lens)
         self.camera, optics = mount.camera, mount.camera.optics
         self._every = round(1 / (optics.rate * period))
         self._latency = round(optics.latency / period)
@@ -110,7 +103,7 @@ class Onboard:
         exploration, pipes = first.exploration, (first.route.network.parts, first.plates)
         parts, plates = pipes if exploration is None else exploration.in_sight()
         self.eyes = Eyes(mount, RayWalls([parts], [plates], dirty=True), n)
-        self._proprioception = Proprioception(table, robot, period, lug_pitch(robot), n)
+        self._proprioception = Proprioception(table, self._odometry, period, state)
         beliefs = [pilot.belief for pilot in legs.pilots]
         self._networks = [None if belief is None else belief.network for belief in beliefs]
         # Robots that make no map share the true one, with its caps and less its plates.
@@ -120,7 +113,7 @@ class Onboard:
             maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
             which = np.arange(n)
         self._walls = RayWalls(*zip(*maps, strict=True))
-        self.localiser = Localiser(table, robot, mount, self._walls, which, period)
+        self.localiser = Localiser(table, self._odometry, mount, self._walls, which, period)
         self._sight = CameraSight(self.eyes, table)
         self._true_sights = [scenario.sight for scenario in scenarios]
         self._comparable, self._right = np.zeros((2, n))  # looks that can be judged, and the right
@@ -133,17 +126,16 @@ class Onboard:
         self.recorded: Sequence[Channel] = ESTIMATES
         self.reset(np.arange(n), scenarios, state)
         self.channels: Sequence[Channel] = [
-            CHANNELS[name] for name in (*self.readings, "quaternion")
+            first.robot.channels[name] for name in (*self.readings, "quaternion")
         ]
 
     def reset(self, rows: NDArray[np.intp], scenarios: Sequence[Scenario], state: State) -> None:
         """See ``Senses``."""
         key = keys([_drawn_from(scenario) for scenario in scenarios])
         gravity = each(scenarios, "gravity").astype(float)
-        torque = np.array([as_omnitrack(s.robot).motor.torque_limit for s in scenarios])
         position, rotation = self._first_pose(rows, scenarios, key)
         self.eyes.reset(rows, key)
-        self._proprioception.reset(rows, key, gravity, torque, state)
+        self._proprioception.reset(rows, key, gravity, [s.robot for s in scenarios], state)
         self._search.reset(rows, each(scenarios, "cruise_speed"))
         for row in rows.tolist():
             self._renew(row)
@@ -157,7 +149,7 @@ class Onboard:
         self._state, n = state, len(self._tick)
         first = with_rows(np.zeros(n, bool), rows, True)
         self._shoot(np.ones(n, np.int_), first, first)
-        begun = self._observed(_at_rest(state))
+        begun = self._observed(self._proprioception.at_rest(state))
         self.readings = _Readings(
             (name, with_rows(self.readings.get(name, values), rows, values[rows]))
             for name, values in begun.items()
@@ -192,10 +184,10 @@ class Onboard:
         gear, self._state = self._legs.gear, state
         self._tick = self._tick + 1
         self._due = self._tick % self._every == 0
-        felt = self._proprioception.read(state)
+        measured = self._proprioception.read(state)
         pose = self.localiser.filter
         before = pose.position, pose.rotation
-        self.localiser.feel(felt)
+        self.localiser.predict(measured)
         # The estimate of a robot whose run is over stays as it was, however long the others run.
         pose.position = np.where(active[:, None], pose.position, before[0])
         pose.rotation = np.where(active[:, None, None], pose.rotation, before[1])
@@ -210,7 +202,7 @@ class Onboard:
             if np.count_nonzero(self.localiser.inconsistent & seeing):
                 self._look_along_the_way(self.location, gear, seeing)
             self._check_turns(self.location, gear, seeing)
-        self.readings = self._observed(felt)
+        self.readings = self._observed(measured)
 
     def _check_turns(
         self, location: Location, gear: NDArray[np.int_], active: NDArray[np.bool_]
@@ -309,10 +301,11 @@ class Onboard:
         self._relocated = []
         return near
 
-    def guard(self, command: Command) -> tuple[Command, NDArray[np.bool_]]:
+    def guard(self, command: Any) -> tuple[Any, NDArray[np.bool_]]:
         """See ``Senses``."""
-        roll = seen(self.readings, self._legs.gear, self.channels)["roll"]
-        return self._search.step(command, self.lost(), self.readings["time"], roll)
+        gear = self._legs.gear
+        readings = self._odometry.seen(self.readings, gear, self.channels)
+        return self._search.step(command, self.lost(), readings, gear)
 
     def lost(self) -> NDArray[np.bool_]:
         """Robots (n,) that do not know where they are: their pictures are not those of the map, or
@@ -335,16 +328,9 @@ class Onboard:
             self._judged(robot, gear, at),
             self._judged(robot, -gear) if back else None,
             at.rotation,
-            self._bore(self.readings["slide"][robot]),
+            float(self._odometry.bore(self._body)[robot]),
             float(self.distance_std[robot]),
         )
-
-    def _bore(self, slide: Array) -> float:
-        """Return the bore, m, by the slides (3,) of a robot's arms; not a number where it stands so
-        far off the middle that an arm may not touch."""
-        radius = self._robot.nominal_pipe_radius
-        off = float(np.ptp(slide)) > MOST_SPREAD * radius
-        return np.nan if off else 2 * (radius + float(slide.mean()))
 
     def _judged(self, robot: int, gear: int, estimate: Pose | None = None) -> Sighting | None:
         """Return a robot's view ahead; the recognition rate compares it with the truth."""
@@ -456,19 +442,15 @@ class Onboard:
         self.localiser.shoot(self.picture, facing, self._latency, due)
         self._pictures = self._pictures + due
 
-    def _observed(self, felt: Felt) -> Mapping[str, Array]:
+    def _observed(self, measured: ProprioceptiveReadings) -> Mapping[str, Array]:
         """Return the readings that controllers receive."""
-        pose = self.localiser.filter
+        pose, self._body = self.localiser.filter, measured.body
         return _Readings(
-            time=felt.time,
+            time=measured.time,
             position=pose.position,
             rotation=pose.rotation,
-            angular_velocity=felt.angular_velocity - pose.bias,
-            belt_speed=felt.belt_speed,
-            wall_speed=felt.belt_speed * belt_sign(felt.roll),
-            motor_torque=felt.motor_torque,
-            slide=felt.slide,
-            roll=felt.roll,
+            angular_velocity=measured.angular_velocity - pose.bias,
+            **self._odometry.observed(measured.body, self._period),
         )
 
     def estimates(self) -> Mapping[str, NDArray]:
@@ -498,13 +480,6 @@ class _Readings(dict[str, Array]):
             raise KeyError(name)
         value = self[name] = quaternion_from_matrix(self["rotation"])
         return value
-
-
-def _at_rest(state: State) -> Felt:
-    """Return proprioceptive measurements of robots at rest."""
-    known = {name: state[name] for name in ("time", "roll", "slide")}
-    nothing = {field.name: np.zeros_like(state["roll"]) for field in fields(Felt)}
-    return Felt(**nothing | known)
 
 
 def _table(scenario: Scenario) -> SensingTable:

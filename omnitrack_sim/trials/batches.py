@@ -69,32 +69,6 @@ def sha256_of(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
-def matches(data: Mapping[str, Any], path: str) -> list[str]:
-    """Return the paths in a plain scenario that ``path`` stands for; none if it leads nowhere.
-
-    That is the path itself; with ``*`` in it, one path for each item of the list that has the key.
-    """
-    places = [""]
-    for key in path.split("."):
-        longer = []
-        for place in places:
-            inside = value_at(data, place)
-            is_list = isinstance(inside, list)
-            there = [str(i) for i in range(len(inside))] if is_list else inside
-            keys = there if key == "*" and is_list else [key]
-            known = there if isinstance(there, list | dict) else ()
-            longer += [f"{place}.{k}".lstrip(".") for k in keys if k in known]
-        places = longer
-    return places
-
-
-def value_at(data: Any, path: str) -> Any:
-    """Return the value at a path that exists; for the empty path, all of ``data``."""
-    for key in filter(None, path.split(".")):
-        data = data[int(key)] if isinstance(data, list) else data[key]
-    return data
-
-
 def fitted(value: Any, present: Any) -> Any:
     """Return ``value`` as the kind of number that it replaces, so that 1 and 1.0 are one trial."""
     # JSON writes 1 and 1.0 differently, and the hash of a batch is made of JSON.

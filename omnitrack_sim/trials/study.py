@@ -20,12 +20,13 @@ from omnitrack_sim.base.bounds import (
     MOST_TRIALS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, StudyError, SweepError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, checked, read_file
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.scenario import Scenario, override
 from omnitrack_sim.trials.axes import Number, PathTable, above_low
-from omnitrack_sim.trials.batches import FORMAT, matches, sha256_of, value_at
+from omnitrack_sim.trials.batches import FORMAT, sha256_of
 from omnitrack_sim.trials.sweep import (
     Sweep,
     excess_samples,

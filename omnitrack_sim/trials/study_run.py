@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, StudyError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted, finite
 from omnitrack_sim.record.events import Outcome
@@ -36,8 +37,6 @@ from omnitrack_sim.trials.batches import (
     Trial,
     batched,
     fitted,
-    matches,
-    value_at,
 )
 from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
 from omnitrack_sim.trials.search import (

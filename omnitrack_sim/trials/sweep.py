@@ -23,6 +23,7 @@ from omnitrack_sim.base.bounds import (
     MOST_WORDS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
+from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN, SWEEP, beside, checked, read_file
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
@@ -46,9 +47,7 @@ from omnitrack_sim.trials.batches import (
     batched,
     changed,
     fitted,
-    matches,
     sha256_of,
-    value_at,
 )
 
 MOST_LISTED, MOST_GRID = 12, 24

@@ -10,15 +10,16 @@ import numpy as np
 
 from omnitrack_sim.paper.claim import (
     Claim,
-    ClaimMeasure,
     ClaimVerdict,
+    Measurement,
     Sample,
+    claim,
+    largest,
     rate,
     runs_of,
     slip_of,
     study,
     varied,
-    verdict_of,
 )
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.climber import Climber
@@ -72,47 +73,57 @@ def _slip(results: Sequence[Result]) -> tuple[float, str]:
     return max(parts), f"{passed} of {total} pass, slip {low:.1f} to {high:.1f} %"
 
 
-def climbing_in(quick: bool) -> Claim:
+@claim(
+    source=ABSTRACT,
+    paper="eliminates slipping of the tracks at pipe turns, in any orientation of the robot",
+    statement="climbing into an elbow of 1.5 bores it passes from every orientation, and the "
+    f"tracks slip by less than {100 * SLIP_LIMIT:.0f} % of their way",
+    how="climber; beside it robot.drive = three_motors; friction 0.8",
+    sample=Sample.EVERY,
+)
+def no_slip_in_bends(quick: bool) -> Measurement:
     """No slip in a bend that is climbed into, against three equal tracks."""
     results = _elbow(quick, "differential", UP)
     worst, words = _slip(results)
     _, equal = _slip(_elbow(quick, "three_motors", UP))
-    return Claim(
-        id="no_slip_in_bends",
-        source=ABSTRACT,
-        paper="eliminates slipping of the tracks at pipe turns, in any orientation of the robot",
-        statement="climbing into an elbow of 1.5 bores it passes from every orientation, and the "
-        f"tracks slip by less than {100 * SLIP_LIMIT:.0f} % of their way",
-        measured=f"{words} of the way; three equal motors: {equal}",
+    return Measurement(
+        f"{words} of the way; three equal motors: {equal}",
+        all(r.success for r in results) and worst < SLIP_LIMIT,
         uncertainty=f"{len(results)} orientations from 0 to 60 degrees",
-        verdict=verdict_of(all(r.success for r in results) and worst < SLIP_LIMIT),
-        how="climber; beside it robot.drive = three_motors; friction 0.8",
-        sample=Sample.EVERY,
     )
 
 
-def driving_down(quick: bool) -> Claim:
+@claim(
+    source="abstract of arXiv 2108.08243",
+    paper="eliminating slip and drag in the robot tracks during motion",
+    statement="as no_slip_in_bends, from a pipe in which it drives down",
+    how="climber, start.axis down",
+    expected=ClaimVerdict.FAILS,
+    why="It leaves the bend with its weight on the lower wall. A module that then hardly "
+    "touches takes no force, so that by equal forces its track races: a differential needs "
+    "all three on the wall.",
+    sample=Sample.EVERY,
+)
+def no_slip_driving_down(quick: bool) -> Measurement:
     """The same driven down into the bend."""
     results = _elbow(quick, "differential", DOWN)
     worst, words = _slip(results)
-    return Claim(
-        id="no_slip_driving_down",
-        source="abstract of arXiv 2108.08243",
-        paper="eliminating slip and drag in the robot tracks during motion",
-        statement="as no_slip_in_bends, from a pipe in which it drives down",
-        measured=f"driving down into the bend: {words}",
+    return Measurement(
+        f"driving down into the bend: {words}",
+        all(r.success for r in results) and worst < SLIP_LIMIT,
         uncertainty=f"{len(results)} orientations from 0 to 60 degrees",
-        verdict=verdict_of(all(r.success for r in results) and worst < SLIP_LIMIT),
-        expected=ClaimVerdict.FAILS,
-        why="It leaves the bend with its weight on the lower wall. A module that then hardly "
-        "touches takes no force, so that by equal forces its track races: a differential needs "
-        "all three on the wall.",
-        how="climber, start.axis down",
-        sample=Sample.EVERY,
     )
 
 
-def bend_speeds(quick: bool) -> Claim:
+@claim(
+    source=ABSTRACT,
+    paper="modulates the track speeds mechanically as it encounters the turns",
+    statement="over the middle half of an elbow of 1.5 bores each track runs at (R - D/2 cos "
+    "theta) / R of the mean speed, within {off:g}",
+    limits={"off": 0.1},
+    how="climber, belt_speed",
+)
+def bend_speeds(_quick: bool, off: float) -> Measurement:
     """Speeds of the tracks in the middle of the bend."""
     results = _elbow(True, "differential", UP)
     laws, speeds = [], []
@@ -125,35 +136,39 @@ def bend_speeds(quick: bool) -> Claim:
         speeds.append(speed / speed.mean())
     error = float(np.abs(np.array(speeds) - laws).max())
     mean, law = (" ".join(f"{v:.2f}" for v in values[0]) for values in (speeds, laws))
-    return Claim(
-        id="bend_speeds",
-        source=ABSTRACT,
-        paper="modulates the track speeds mechanically as it encounters the turns",
-        statement="over the middle half of an elbow of 1.5 bores each track runs at (R - D/2 cos "
-        "theta) / R of the mean speed, within 0.1",
-        measured=f"within {error:.3f}; theta5 = 0: {mean} by {law}",
+    return Measurement(
+        f"within {error:.3f}; theta5 = 0: {mean} by {law}",
+        error < off,
         uncertainty="two runs, means over the middle half of the bend",
-        verdict=verdict_of(error < 0.1),
-        how="climber, belt_speed",
     )
 
 
-def climbs(quick: bool) -> Claim:
+@claim(
+    source="title of arXiv 2112.02996",
+    paper="Modular Pipe Climber",
+    statement="climbs a vertical pipe within {percent:g} % of the speed that is asked of its motor",
+    limits={"percent": 5},
+    how="climber, straight, friction 0.8",
+)
+def climbs(_quick: bool, percent: float) -> Measurement:
     """The climb."""
     (result,) = _runs({"kind": "straight", "length": 0.3}, [{}])
-    speed, asked = result.metrics["mean_speed_m_s"], result.scenario.control.cruise_speed
-    return Claim(
-        id="climbs",
-        source="title of arXiv 2112.02996",
-        paper="Modular Pipe Climber",
-        statement="climbs a vertical pipe within 5 % of the speed that is asked of its motor",
-        measured=f"{1e3 * speed:.1f} mm/s of {1e3 * asked:.0f}",  # type: ignore[operator]
-        verdict=verdict_of(result.success and abs(speed / asked - 1) < 0.05),  # type: ignore
-        how="climber, straight, friction 0.8",
+    speed, asked = largest(result, "mean_speed_m_s"), result.scenario.control.cruise_speed
+    return Measurement(
+        f"{1e3 * speed:.1f} mm/s of {1e3 * asked:.0f}",
+        result.success and abs(speed / asked - 1) < percent / 100,
     )
 
 
-def tee(quick: bool) -> Claim:
+@study(
+    source="nothing published",
+    paper="what it does in a tee",
+    statement="how many orientations pass a tee",
+    how="climber, tee in a riser, friction 0.8",
+    note="A module over the opening takes no force, so that by equal forces the others get "
+    "none: its track races, and the robot stands, or falls into the opening.",
+)
+def tee(quick: bool) -> Measurement:
     """Claim: tees stop it."""
     angles = (0.0,) if quick else (-40.0, -20.0, 0.0, 20.0, 40.0, 60.0)
     parts = []
@@ -163,35 +178,37 @@ def tee(quick: bool) -> Claim:
         passed, total, _ = rate(results)
         ends = sorted({r.outcome.value for r in results if not r.success})
         parts.append(f"{words} {passed} of {total}" + (f" ({', '.join(ends)})" if ends else ""))
-    return study(
-        id="tee",
-        source="nothing published",
-        paper="what it does in a tee",
-        statement="how many orientations pass a tee",
-        measured="; ".join(parts),
+    return Measurement(
+        "; ".join(parts),
         uncertainty="one run an orientation",
-        how="climber, tee in a riser, friction 0.8",
-        note="A module over the opening takes no force, so that by equal forces the others get "
-        "none: its track races, and the robot stands, or falls into the opening.",
     )
 
 
-def assumed(quick: bool) -> Claim:
+@study(
+    source="nothing published",
+    paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
+    statement="what the elbow depends on: preload, stiffness, length of the tracks, clearance "
+    "and mass, one at a time",
+    how="climber, friction 0.8",
+)
+def assumed_sizes(quick: bool) -> Measurement:
     """The elbow with other sizes than those assumed."""
     names = ("preload", "spring_stiffness", "contact_length", "pitch_limit", "module_mass")
     cases = varied(Climber(), names[:1] if quick else names)
     results = _runs(ELBOW, ({**at(40.0), **case} for case in cases))
     _, words = _slip(results)
-    return study(
-        id="assumed_sizes",
-        source="nothing published",
-        paper="sizes 0.7 and 1.4 times as large, in a climbed elbow",
-        statement="what the elbow depends on: preload, stiffness, length of the tracks, clearance "
-        "and mass, one at a time",
-        measured=f"{words} of the way",
+    return Measurement(
+        f"{words} of the way",
         uncertainty="theta5 = 40 degrees, one run each",
-        how="climber, friction 0.8",
     )
 
 
-MEASURES: tuple[ClaimMeasure, ...] = (climbing_in, driving_down, bend_speeds, climbs, tee, assumed)
+CLAIMS: tuple[Claim, ...] = (
+    no_slip_in_bends,
+    no_slip_driving_down,
+    bend_speeds,
+    climbs,
+    tee,
+    assumed_sizes,
+)
+"""In the order of the page."""

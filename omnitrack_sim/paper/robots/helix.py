@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,13 +11,14 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.paper.claim import (
     Claim,
+    Measurement,
     Sample,
     alone,
+    claim,
     rate,
     runs_of,
     speed_of,
     study,
-    verdict_of,
 )
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.helix import JOINTS
@@ -58,76 +61,109 @@ def _smooth_speed(run: Result) -> float:
     return float(np.mean([robot.rolling_speed(robot.coil(a)) for a in _angles(run)[::10]]))
 
 
-def speed(quick: bool) -> list[Claim]:
-    """Speed along the pipe from phase rate and geometry, and up against down."""
+@cache  # claims share runs
+def _gaits(quick: bool) -> list[Result]:
+    """Return runs on the level, by gait."""
     gaits = [{}, {"robot.rate": 1.0}, {"robot.amplitude": 0.95}][: 1 if quick else 3]
-    compared = "one gait" if quick else "all three gaits"
-    runs = alone(ELBOW, (_straight(0.16, LEVEL, **gait) for gait in gaits))
-    laws = [_estimated_speed(run) for run in runs]
-    speeds = np.array([speed_of(run, SETTLED) for run in runs])
-    errors, rough = speeds / laws - 1, speeds / [_smooth_speed(run) for run in runs] - 1
-    climbs = alone(ELBOW, (_straight(0.16, way) for way in (UP, [0.0, 0.0, -1.0])))
-    loaded = [speed_of(run, SETTLED) for run in climbs]
-    return [
-        Claim(
-            id="helix_speed",
-            source=ENNER,
-            paper="its motion follows from joint angles alone",
-            statement="speed on the level within 5 % of that at which modules roll that touch",
-            measured=f"{1e3 * speeds[0]:.1f} by {1e3 * laws[0]:.1f} mm/s; {compared} "
-            f"{100 * errors.min():+.0f} to {100 * errors.max():+.0f} %",
-            uncertainty="w of 2 and 1 rad/s, A of 0.85 and 0.95 rad",
-            verdict=verdict_of(bool((np.abs(errors) < 0.05).all())),
-            sample=Sample.EVERY,
-            how="a level straight of 160 mm",
-        ),
-        Claim(
-            id="helix_smooth_speed",
-            source="a smooth helix that rolls",
-            paper="v = w (a + d) cos(lead), from phase rate and geometry",
-            statement="speed on the level within 10 % of it",
-            measured=f"{100 * rough.min():+.0f} to {100 * rough.max():+.0f} %",
-            uncertainty=compared,
-            verdict=verdict_of(bool((np.abs(rough) < 0.1).all())),
-            sample=Sample.EVERY,
-            how="a level straight of 160 mm",
-        ),
-        Claim(
-            id="helix_climb",
-            source=ENNER,
-            paper="traverses the inside of pipes",
-            statement="climbs, by more than 80 % of its speed downwards",
-            measured=f"up {1e3 * loaded[0]:.1f}, down {1e3 * loaded[1]:.1f} mm/s",
-            verdict=verdict_of(loaded[0] > 0.8 * loaded[1]),
-            how="a riser of 160 mm",
-        ),
-    ]
+    return alone(ELBOW, (_straight(0.16, LEVEL, **gait) for gait in gaits))
 
 
-def pipe_bore(quick: bool) -> Claim:
+def _speeds(runs: Sequence[Result]) -> Array:
+    """Return the speeds of runs once the gait has settled, m/s."""
+    return np.array([speed_of(run, SETTLED) for run in runs])
+
+
+def _compared(quick: bool) -> str:
+    return "one gait" if quick else "all three gaits"
+
+
+@claim(
+    source=ENNER,
+    paper="its motion follows from joint angles alone",
+    statement="speed on the level within {percent:g} % of that at which modules roll that touch",
+    limits={"percent": 5},
+    how="a level straight of 160 mm",
+    sample=Sample.EVERY,
+)
+def helix_speed(quick: bool, percent: float) -> Measurement:
+    """Compare the speed with that of joint angles, by the law of rolling modules."""
+    runs = _gaits(quick)
+    laws, speeds = [_estimated_speed(run) for run in runs], _speeds(runs)
+    errors = 100 * (speeds / laws - 1)
+    return Measurement(
+        f"{1e3 * speeds[0]:.1f} by {1e3 * laws[0]:.1f} mm/s; {_compared(quick)} "
+        f"{errors.min():+.0f} to {errors.max():+.0f} %",
+        bool((np.abs(errors) < percent).all()),
+        uncertainty="w of 2 and 1 rad/s, A of 0.85 and 0.95 rad",
+    )
+
+
+@claim(
+    source="a smooth helix that rolls",
+    paper="v = w (a + d) cos(lead), from phase rate and geometry",
+    statement="speed on the level within {percent:g} % of it",
+    limits={"percent": 10},
+    how="a level straight of 160 mm",
+    sample=Sample.EVERY,
+)
+def helix_smooth_speed(quick: bool, percent: float) -> Measurement:
+    """Compare the speed with that of a smooth helix."""
+    runs = _gaits(quick)
+    errors = 100 * (_speeds(runs) / [_smooth_speed(run) for run in runs] - 1)
+    return Measurement(
+        f"{errors.min():+.0f} to {errors.max():+.0f} %",
+        bool((np.abs(errors) < percent).all()),
+        uncertainty=_compared(quick),
+    )
+
+
+@claim(
+    source=ENNER,
+    paper="traverses the inside of pipes",
+    statement="climbs, by more than {percent:g} % of its speed downwards",
+    limits={"percent": 80},
+    how="a riser of 160 mm",
+)
+def helix_climb(_quick: bool, percent: float) -> Measurement:
+    """Compare the speed upwards with that downwards."""
+    up, down = _speeds(alone(ELBOW, (_straight(0.16, way) for way in (UP, [0.0, 0.0, -1.0]))))
+    return Measurement(
+        f"up {1e3 * up:.1f}, down {1e3 * down:.1f} mm/s", bool(up > percent / 100 * down)
+    )
+
+
+@claim(
+    source=ENNER,
+    paper="accurately estimates the diameter of the pipe from joint angles",
+    statement="mean over 3 s within {percent:g} % of the bore",
+    limits={"percent": 1},
+    how="risers of three bores, the gait of 160 mm",
+    sample=Sample.EVERY,
+)
+def helix_bore(quick: bool, percent: float) -> Measurement:
     """The pipe's diameter from joint angles."""
     bores = (0.155,) if quick else (0.155, 0.16, 0.165)
     runs = alone(ELBOW, (_straight(bore, UP) for bore in bores))
     estimates = [_estimated_bore(run) for run in runs]
     errors = np.array(estimates) / bores - 1
-    return Claim(
-        id="helix_bore",
-        source=ENNER,
-        paper="accurately estimates the diameter of the pipe from joint angles",
-        statement="mean over 3 s within 1 % of the bore",
-        measured=", ".join(
+    return Measurement(
+        ", ".join(
             f"{1e3 * estimate:.1f} for {1e3 * bore:.0f}"
             for estimate, bore in zip(estimates, bores, strict=True)
         )
         + " mm",
+        bool((100 * np.abs(errors) < percent).all()),
         uncertainty="one run each",
-        verdict=verdict_of(bool((np.abs(errors) < 0.01).all())),
-        sample=Sample.EVERY,
-        how="risers of three bores, the gait of 160 mm",
     )
 
 
-def fittings(quick: bool) -> Claim:
+@study(
+    source="this simulation",
+    paper="not stated: elbows and tees by the gait of straights",
+    statement="how often it passes an elbow of 1.5 D, and a tee straight over",
+    how="helix_elbow and helix_tee, random rolls and directions of gravity",
+)
+def helix_fittings(quick: bool) -> Measurement:
     """Claim: fittings that it passes."""
     rng = np.random.default_rng(7)
     starts = [
@@ -136,16 +172,17 @@ def fittings(quick: bool) -> Claim:
     ]
     names = ("elbow",) if quick else ("elbow", "tee")
     rates = [f"{name}s {rate(runs_of(f'robots/helix_{name}', starts))[2]}" for name in names]
-    return study(
-        id="helix_fittings",
-        source="this simulation",
-        paper="not stated: elbows and tees by the gait of straights",
-        statement="how often it passes an elbow of 1.5 D, and a tee straight over",
-        measured="; ".join(rates),
+    return Measurement(
+        "; ".join(rates),
         uncertainty="Wilson, 95 %",
-        how="helix_elbow and helix_tee, random rolls and directions of gravity",
     )
 
 
-MEASURES = (speed, pipe_bore, fittings)
-"""Functions that measure the claims, in the order of the page."""
+CLAIMS: tuple[Claim, ...] = (
+    helix_speed,
+    helix_smooth_speed,
+    helix_climb,
+    helix_bore,
+    helix_fittings,
+)
+"""In the order of the page."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from omnitrack_sim.paper.claim import (
     Claim,
     ClaimVerdict,
+    Measurement,
     Sample,
-    all_pass,
+    claim,
+    passes,
     rate,
     rate_text,
     runs_of,
     speed_of,
-    verdict_of,
 )
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
@@ -41,7 +43,13 @@ def _up(**changes: Any) -> dict[str, Any]:
     return {"pipes": riser, "start.distance": 0.6, "run.time_limit": 2.0, **changes}
 
 
-def climb_limit(quick: bool) -> Claim:
+@claim(
+    source="statics of three sprung arms",
+    paper="3 preload friction = weight",
+    statement="at 5 % more friction than that it climbs, at 5 % less it slides down",
+    how="friction of the walls over weight / (3 preload) from 0.9 to 1.1 in a riser",
+)
+def presser_climb_limit(_quick: bool) -> Measurement:
     """The weight that three springs hold."""
     robot = Presser()
     weight, grip = robot.mass * GRAVITY, 3 * robot.preload
@@ -50,81 +58,95 @@ def climb_limit(quick: bool) -> Claim:
     ways = [float(np.ptp(r.trajectory["distance"][[0, -1]])) for r in runs]
     climbed = [r.trajectory["distance"][-1] > 0.65 for r in runs]
     slid = [r.trajectory["distance"][-1] < 0.59 for r in runs]
-    return Claim(
-        id="presser_climb_limit",
-        source="statics of three sprung arms",
-        paper="3 preload friction = weight",
-        statement="at 5 % more friction than that it climbs, at 5 % less it slides down",
-        measured=", ".join(
+    return Measurement(
+        ", ".join(
             f"{part:.2f} {'up' if up else 'down'} {1e3 * way:.0f} mm"
             for part, up, way in zip(parts, climbed, ways, strict=True)
         ),
+        climbed == [False, False, True, True] and slid[:2] == [True, True],
         uncertainty="one run of 2 s each",
-        verdict=verdict_of(climbed == [False, False, True, True] and slid[:2] == [True, True]),
-        how="friction of the walls over weight / (3 preload) from 0.9 to 1.1 in a riser",
     )
 
 
-def motor_droop(quick: bool) -> Claim:
+@claim(
+    source="line of a direct-current motor",
+    paper="v = r (w0 - m g r / 6 k)",
+    statement="climbing speed within {percent:g} % of it",
+    limits={"percent": 1},
+    how="a riser of 160 mm",
+)
+def presser_motor_droop(_quick: bool, percent: float) -> Measurement:
     """The speed of climbing under its own weight."""
     robot = Presser()
     (run,) = runs_of(ELBOW, [_up()])
     speed = speed_of(run, 1.0)
     radius, gain = robot.wheel_radius, robot.motor_gain
     law = robot.speed - radius * robot.mass * GRAVITY * radius / (6 * gain)
-    return Claim(
-        id="presser_motor_droop",
-        source="line of a direct-current motor",
-        paper="v = r (w0 - m g r / 6 k)",
-        statement="climbing speed within 1 % of it",
-        measured=f"{1e3 * speed:.2f} against {1e3 * law:.2f} mm/s",
+    return Measurement(
+        f"{1e3 * speed:.2f} against {1e3 * law:.2f} mm/s",
+        abs(speed / law - 1) < percent / 100,
         uncertainty="fit over 1 s",
-        verdict=verdict_of(abs(speed / law - 1) < 0.01),
-        how="a riser of 160 mm",
     )
 
 
-def bend(quick: bool) -> list[Claim]:
-    """Wheel speeds in an elbow, as those of the geometry and with all wheels alike."""
+@cache  # claims share runs
+def _bends(quick: bool, controller: str) -> list[Result]:
+    """Return runs through an elbow from several start rolls."""
     rolls = np.arange(0, 120, 60 if quick else 30)
-    starts = [{"start.theta5_deg": float(roll)} for roll in rolls]
-    controlled = runs_of(ELBOW, starts)
-    equal = runs_of(ELBOW, ({**start, "control.kind": "own"} for start in starts))
-    errors = [1e2 * _mean(_speed_error, runs) for runs in (controlled, equal)]
-    energies = [_mean(_energy_a_metre, runs) for runs in (controlled, equal)]
-    common: dict[str, Any] = {
-        "uncertainty": f"{len(rolls)} start rolls",
-        "sample": Sample.EVERY,
-        "how": "presser_elbow, control.kind own",
-    }
-    return [
-        Claim(
-            id="presser_bend_speeds",
-            source=f"{T_RO}: speeds of the driving wheels are modulated by the fitting's geometry",
-            paper="v_i = v (R - r cos theta_i) / R",
-            statement="wheels that are asked for these speeds roll at them, to 10 % of v",
-            measured=f"{errors[0]:.1f} % root mean square; {errors[1]:.0f} % with all asked alike",
-            verdict=verdict_of(errors[0] < 10.0),
-            **common,
-        ),
-        Claim(
-            id="presser_bend_energy",
-            source=T_RO,
-            paper="modulated speeds let it pass without wheels working against each other",
-            statement="energy a metre of the bend at least 10 % below that of equal speeds",
-            measured=f"{energies[0]:.1f} against {energies[1]:.1f} J/m",
-            verdict=verdict_of(energies[0] < 0.9 * energies[1]),
-            **common,
-        ),
-        all_pass(
-            controlled,
-            id="presser_elbows",
-            source=T_RO,
-            paper="adapts to most existing configurations of pipelines: elbows",
-            statement="passes an elbow of 1.5 D upwards from every start roll",
-            how="presser_elbow",
-        ),
-    ]
+    kind = {} if controller == "default" else {"control.kind": controller}
+    return runs_of(ELBOW, ({"start.theta5_deg": float(roll), **kind} for roll in rolls))
+
+
+def _rolls(quick: bool) -> str:
+    return f"{len(_bends(quick, 'default'))} start rolls"
+
+
+@claim(
+    source=f"{T_RO}: speeds of the driving wheels are modulated by the fitting's geometry",
+    paper="v_i = v (R - r cos theta_i) / R",
+    statement="wheels that are asked for these speeds roll at them, to {percent:g} % of v",
+    limits={"percent": 10},
+    how="presser_elbow, control.kind own",
+    sample=Sample.EVERY,
+)
+def presser_bend_speeds(quick: bool, percent: float) -> Measurement:
+    """Compare wheel speeds in an elbow with those of the geometry."""
+    asked, equal = (1e2 * _mean(_speed_error, _bends(quick, kind)) for kind in ("default", "own"))
+    return Measurement(
+        f"{asked:.1f} % root mean square; {equal:.0f} % with all asked alike",
+        asked < percent,
+        uncertainty=_rolls(quick),
+    )
+
+
+@claim(
+    source=T_RO,
+    paper="modulated speeds let it pass without wheels working against each other",
+    statement="energy a metre of the bend at least {percent:g} % below that of equal speeds",
+    limits={"percent": 10},
+    how="presser_elbow, control.kind own",
+    sample=Sample.EVERY,
+)
+def presser_bend_energy(quick: bool, percent: float) -> Measurement:
+    """Compare the work of the motors in an elbow with that at equal speeds."""
+    asked, equal = (_mean(_energy_a_metre, _bends(quick, kind)) for kind in ("default", "own"))
+    return Measurement(
+        f"{asked:.1f} against {equal:.1f} J/m",
+        asked < (1 - percent / 100) * equal,
+        uncertainty=_rolls(quick),
+    )
+
+
+@claim(
+    source=T_RO,
+    paper="adapts to most existing configurations of pipelines: elbows",
+    statement="passes an elbow of 1.5 D upwards from every start roll",
+    how="presser_elbow",
+    sample=Sample.EVERY,
+)
+def presser_elbows(quick: bool) -> Measurement:
+    """Pass an elbow from every start roll."""
+    return passes(_bends(quick, "default"))
 
 
 def _mean(value: Callable[[Result], float], runs: Sequence[Result]) -> float:
@@ -155,47 +177,65 @@ def _energy_a_metre(run: Result) -> float:
     return float(work / np.ptp(record["distance"][inside]))
 
 
-def branch(quick: bool) -> list[Claim]:
-    """The turn into a tee's branch, from random rolls and with random gravity."""
+@cache  # claims share runs
+def _branches(quick: bool) -> tuple[int, int, str]:
+    """Return how many turns into a branch pass, of how many, and both as text."""
     rng = np.random.default_rng(7)
     starts = []
     for _ in range(1 if quick else 48):
         axis = [float(x) for x in rng.normal(size=3)]
         roll = float(rng.uniform(0, 120))
         starts.append({"pipes": BRANCH, "start.axis": axis, "start.theta5_deg": roll})
-    runs = runs_of(ELBOW, ({**start, "run.time_limit": 40.0} for start in starts))
-    passed, total, text = rate(runs)
-    failed = total - passed
-    low, high = wilson_interval(failed, total)
-    how = "straight, tee into the branch, straight; random directions of gravity and start rolls"
-    common: dict[str, Any] = {"uncertainty": "Wilson, 95 %", "how": how}
-    return [
-        Claim(
-            id="presser_branch",
-            measured=f"{text} pass",
-            source=T_RO,
-            paper="adapts to most existing configurations of pipelines: branches",
-            statement="turns into the branch in over 90 % of the trials",
-            verdict=verdict_of(passed > 0.9 * total),
-            expected=ClaimVerdict.FAILS,
-            why="An arm that faces the opening or the far wall's end has nothing to press on, and "
-            "the two others do not turn a rigid hull round a corner of radius D/2.",
-            sample=Sample.AVERAGE,
-            **common,
-        ),
-        Claim(
-            id="presser_branch_as_three_modules",
-            measured=f"{rate_text(failed, total)} fail",
-            source="Omnidirectional Tractable Three Module Robot, Section VI",
-            paper="three modules that do not roll fail in a T-junction with a chance of 80.45 %",
-            statement="80.45 % lies in the 95 % interval of its rate of failure",
-            verdict=verdict_of(low <= 0.8045 <= high),
-            note="That it is so near is chance as far as known: the arms carry wheels, not tracks.",
-            sample=Sample.AVERAGE,
-            **common,
-        ),
-    ]
+    return rate(runs_of(ELBOW, ({**start, "run.time_limit": 40.0} for start in starts)))
 
 
-MEASURES = (climb_limit, motor_droop, bend, branch)
-"""Functions that measure the claims, in the order of the page."""
+BRANCHES = "straight, tee into the branch, straight; random directions of gravity and start rolls"
+
+
+@claim(
+    source=T_RO,
+    paper="adapts to most existing configurations of pipelines: branches",
+    statement="turns into the branch in over {percent:g} % of the trials",
+    limits={"percent": 90},
+    how=BRANCHES,
+    expected=ClaimVerdict.FAILS,
+    why="An arm that faces the opening or the far wall's end has nothing to press on, and "
+    "the two others do not turn a rigid hull round a corner of radius D/2.",
+    sample=Sample.AVERAGE,
+)
+def presser_branch(quick: bool, percent: float) -> Measurement:
+    """Turn into a tee's branch, from random rolls and with random gravity."""
+    passed, total, text = _branches(quick)
+    return Measurement(f"{text} pass", 100 * passed > percent * total, uncertainty="Wilson, 95 %")
+
+
+@claim(
+    source="Omnidirectional Tractable Three Module Robot, Section VI",
+    paper="three modules that do not roll fail in a T-junction with a chance of 80.45 %",
+    statement="{percent:g} % lies in the 95 % interval of its rate of failure",
+    limits={"percent": 80.45},
+    how=BRANCHES,
+    note="That it is so near is chance as far as known: the arms carry wheels, not tracks.",
+    sample=Sample.AVERAGE,
+)
+def presser_branch_as_three_modules(quick: bool, percent: float) -> Measurement:
+    """Compare the rate of failure with that of three modules that do not roll."""
+    passed, total, _ = _branches(quick)
+    low, high = wilson_interval(total - passed, total)
+    return Measurement(
+        f"{rate_text(total - passed, total)} fail",
+        low <= percent / 100 <= high,
+        uncertainty="Wilson, 95 %",
+    )
+
+
+CLAIMS: tuple[Claim, ...] = (
+    presser_climb_limit,
+    presser_motor_droop,
+    presser_bend_speeds,
+    presser_bend_energy,
+    presser_elbows,
+    presser_branch,
+    presser_branch_as_three_modules,
+)
+"""In the order of the page."""

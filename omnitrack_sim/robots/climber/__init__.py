@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.quantity import borrowed, quantity
 
 
@@ -36,7 +37,6 @@ class Climber(Omnitrack):
 
     understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
     controllers: ClassVar[Mapping[str, str]] = {"steady": "omnitrack_sim.robots.climber:Steady"}
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.climber:MEASURES"
 
     drive: str = quantity(
         "differential",
@@ -45,6 +45,10 @@ class Climber(Omnitrack):
         "abstract of arXiv 2112.02996: a three-output open differential modulates the track speeds "
         "mechanically; the motor is as strong and heavy as three of the sister robot's (assumed)",
     )
+
+    def odometry(self) -> TrackOdometry:
+        """See ``Robot``: its modules do not roll."""
+        return TrackOdometry(self, rolls=False)
 
 
 class Steady:

@@ -194,7 +194,7 @@ def _add_track(
             # MuJoCo measures a capsule without its caps: half of the way from first to last lug.
             size=[radius, places[-1], 0],
             solimp=impedance(*LINE_IMPEDANCE, robot.contact_depth),
-            userdata=line_record(lug_pitch(robot), robot.scale, side),
+            userdata=line_record(robot.lug_pitch, robot.scale, side),
             **contact_of_lugs(robot),
         )
         return
@@ -263,15 +263,10 @@ def impedance(surface: float, deep: float, depth: float) -> list[float]:
     return [surface, deep, depth, 0.5, 2.0]
 
 
-def lug_pitch(robot: Omnitrack) -> float:
-    """Distance of neighbouring lugs along a track, m."""
-    return robot.contact_length / robot.lugs_per_track
-
-
 def lug_places(robot: Omnitrack) -> np.ndarray:
     """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the
     contact length."""
-    return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * lug_pitch(robot)
+    return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * robot.lug_pitch
 
 
 def add_springs(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> None:

@@ -20,6 +20,7 @@ from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
@@ -400,6 +401,11 @@ class Omnitrack(Robot):
         """Travel of an arm from the nominal pipe radius, m, outward positive."""
         return -self.slide_travel_inward, self.reach - self.nominal_pipe_radius
 
+    @property
+    def lug_pitch(self) -> float:
+        """Distance of neighbouring lugs along a track, m."""
+        return self.contact_length / self.lugs_per_track
+
     def spring_force(self, radius: float) -> float:
         """Return the force of a module's springs in a bore of ``radius`` m, N; 0 where they are
         slack."""
@@ -479,6 +485,12 @@ class Omnitrack(Robot):
         shafts = [f"shaft_{i + 1}" for i in range(drive_of(self.drive).shafts)]
         columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
         return {"robot": slice(0, 7)} | columns
+
+    def odometry(self) -> Odometry:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry  # imports this module
+
+        return TrackOdometry(self)
 
     @property
     def channels(self) -> Mapping[str, Channel]:

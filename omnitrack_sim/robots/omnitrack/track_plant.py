@@ -22,7 +22,6 @@ from omnitrack_sim.robots.omnitrack.body import (
     MODULE_ENDS,
     add_robot,
     friction_tendons,
-    lug_pitch,
     spring_free_length,
 )
 from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out, seen
@@ -126,7 +125,7 @@ class TrackPlant(Plant):
     def _bind(self) -> None:
         self._at = _addresses(self.model)
         b, model, at = self._batch, self.model, self._at
-        self._pitch_of_lugs = lug_pitch(self._body)
+        self._pitch_of_lugs = self._body.lug_pitch
         self._force_range = b.expand("actuator_forcerange")
         self._geom_contype, self._body_contype = b.expand("geom_contype"), b.expand("body_contype")
         self._body_conaffinity = b.expand("body_conaffinity")

@@ -73,7 +73,6 @@ class Pirate(Robot):
         "shape": "omnitrack_sim.robots.pirate:Shape",
         **Robot.controllers,
     }
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.pirate:MEASURES"
 
     @property
     def bores(self) -> tuple[float, float]:

@@ -11,14 +11,13 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.base.table import Positive
 from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
+from omnitrack_sim.robots.presser.odometry import ARMS, WheelOdometry
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 
-ARMS = 2 * math.pi / 3 * np.arange(3)
-"""Angles of the arms about the robot's axis, rad."""
 POLOLU = "Pololu 1000:1 HPCB 12 V, figures of the maker for other ratios, scaled"
 
 
@@ -81,7 +80,6 @@ class Presser(Robot):
         "bend": "omnitrack_sim.robots.presser:BendSpeeds",
         **Robot.controllers,
     }
-    claims: ClassVar[str] = "omnitrack_sim.paper.robots.presser:MEASURES"
 
     @property
     def nominal_speed(self) -> float:
@@ -140,7 +138,11 @@ class Presser(Robot):
 
     def gait(self, observation: Any) -> Array:
         """See ``Robot``: all wheels (n, 6) turn alike, rad/s."""
-        return np.full((len(observation.qpos), 6), self.speed / self.wheel_radius)
+        return np.full((len(observation.leg), 6), self.speed / self.wheel_radius)
+
+    def odometry(self) -> WheelOdometry:
+        """See ``Robot``."""
+        return WheelOdometry(self)
 
 
 class BendSpeeds:
@@ -162,10 +164,12 @@ class BendSpeeds:
 
     def step(self, observation: Observation) -> Actuation:
         """Return the speeds of all wheels, by where the robots are."""
-        place = observation.location
-        ratios = bend_ratios(place.frame, place.normal, self._bore_radius * place.curvature)
+        place, gear = observation.location, observation.gear
+        # The location's frame points ahead; in reverse the arms stand the other way round in it.
+        frame = heading(place.frame, gear)
+        ratios = bend_ratios(frame, place.normal, self._bore_radius * place.curvature)
         fastest = np.abs(ratios).max(axis=1, keepdims=True)
-        return Actuation(np.tile(self._speed * ratios / fastest, 2))
+        return Actuation(np.tile(gear[:, None] * self._speed * ratios / fastest, 2))
 
 
 def bend_ratios(frame: Array, inwards: Array, sharpness: Array) -> Array:

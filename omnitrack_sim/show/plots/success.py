@@ -374,7 +374,7 @@ def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
     _tick_values(axis.yaxis, y, y_edges)
     if set(rate.compressed().tolist()) <= {0.0, 100.0}:
         # Cells have all passed or all failed; a scale would tell no more.
-        _name_colours(axis, bool((total == 0).any()), total.max(initial=0) <= 1)
+        _name_colours(axis, bool((total == 0).any()), bool(total.max(initial=0) <= 1))
     else:
         bar = axis.get_figure(root=True).colorbar(mesh, ax=axis, pad=0.02)  # type: ignore[union-attr]
         bar.set_label("success rate [%]")

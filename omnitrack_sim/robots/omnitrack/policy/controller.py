@@ -76,6 +76,7 @@ class Decisions:
     Attributes:
         actings: ways to act by name.
         of_truth: features that the robot's own sensors do not give.
+        measured: see ``InputDecisions``.
         ranges: values that each episode draws evenly, with their ranges, by dotted path.
         hold: control steps of a decision period.
         action: (n, 4), the last decision; 0 before the first one.
@@ -85,6 +86,7 @@ class Decisions:
 
     actings: ClassVar[Mapping[str, Acting]] = ACTINGS
     of_truth: ClassVar[tuple[Feature, ...]] = tuple(f for f in TRUTH if f not in PREVIEW)
+    measured: ClassVar[bool] = True
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
         "world.friction": (0.6, 1.0),
         "robot.preload": (20.0, 30.0),
