@@ -94,8 +94,8 @@ class RobotDisplay:
     track_speed: ClassVar[str] = ""
     track_pitch: float = 1.0
 
-    def __init__(self, robot: Any) -> None:
-        self.robot: Robot = robot
+    def __init__(self, robot: Robot) -> None:
+        self.robot: Any = robot
 
     # The robot as it is seen
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -50,7 +50,7 @@ class RecordingPlayback(Playback):
         InputError: it has no sample, or nothing in it can be drawn.
     """
 
-    state: ClassVar[tuple[StateValue, ...]] = (
+    state: tuple[StateValue, ...] = (
         ("distance", "", 1e3, 0, " mm"),
         ("speed", "", 1e3, 0, " mm/s"),
     )

@@ -22,10 +22,12 @@ from omnitrack_sim.record.trajectory import RECORDED, Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans
-from omnitrack_sim.show.playback import POINTS_APART, PhaseSpan, Playback, sound_rows
+from omnitrack_sim.show.playback import POINTS_APART, STANDARD, PhaseSpan, Playback, sound_rows
 from omnitrack_sim.show.projection import needs_map
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
+CAMERAS = (*STANDARD, "onboard")
+"""Cameras of every run: ``onboard`` looks ahead."""
 MOST_COLUMNS = 6
 """A channel of a user's own sensor with more numbers than this has no plot: its lines could not be
 told apart."""

@@ -9,10 +9,22 @@ from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.recording_playback import RecordingPlayback
-from omnitrack_sim.show.run_playback import RunPlayback
+from omnitrack_sim.show.run_playback import CAMERAS, RunPlayback
 
 Source = Playback | Result | Recording | str | os.PathLike[str]
 """Subject of pictures: a run or the folder of a saved one, a recording of any model or its file."""
+
+
+def cameras_of(source: Source) -> tuple[str, ...]:
+    """Return the names of a source's cameras; a run is not read for them."""
+    if isinstance(source, Playback | Recording) or _is_recording(source):
+        return playback_of(source).cameras
+    return CAMERAS
+
+
+def _is_recording(source: Source) -> bool:
+    """Return whether a source is the path of a saved recording."""
+    return isinstance(source, str | os.PathLike) and Path(source).suffix == ".npz"
 
 
 def playback_of(source: Source, *, coarse: bool = True) -> Playback:
@@ -29,8 +41,8 @@ def playback_of(source: Source, *, coarse: bool = True) -> Playback:
     """
     if isinstance(source, Playback):
         return source
-    if isinstance(source, str | os.PathLike) and Path(source).suffix == ".npz":
-        source = Recording.load(source)
+    if _is_recording(source):
+        source = Recording.load(source)  # type: ignore[arg-type]
     if isinstance(source, Recording):
         return RecordingPlayback(source)
     return RunPlayback(as_result(source), coarse)

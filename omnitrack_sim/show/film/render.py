@@ -34,11 +34,9 @@ from omnitrack_sim.show.film.overlay import (
 )
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.playback import Playback
-from omnitrack_sim.show.sources import Source, playback_of
+from omnitrack_sim.show.run_playback import CAMERAS
+from omnitrack_sim.show.sources import Source, cameras_of, playback_of
 
-CAMERAS = ("side", "follow", "onboard")
-"""Cameras of a scenario's run: ``side`` shows the pipes along the route, ``follow`` stays with the
-robot, ``onboard`` looks ahead."""
 MOST_PIXELS = 7680
 """Longest side of a picture, pixels."""
 MOST_FPS = 240
@@ -309,10 +307,10 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    playback = playback_of(source)
-    cameras = playback.cameras
+    cameras = cameras_of(source)
     check_request(camera, width, height, fps, film_format(Path(path)), processes, cameras)
     check_file(Path(path))
+    playback = playback_of(source)
     size = width + width % 2, height + height % 2
     start, end = playback.time[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
@@ -369,8 +367,8 @@ def render_frames(
 ) -> list[Image]:
     """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
     check_times(times)
+    check_request(camera, width, height, cameras=cameras_of(source))
     playback = playback_of(source)
-    check_request(camera, width, height, cameras=playback.cameras)
     options = {"inset": inset, "overlay": overlay}
     return list(painted(playback, times, (width, height), camera, options))
 
@@ -417,8 +415,7 @@ def render_strip(
         >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
         'strip.png'
     """
-    playback = playback_of(source)
-    check_request(camera, width, height, cameras=playback.cameras)
+    check_request(camera, width, height, cameras=cameras_of(source))
     format = format_of(path, None, "picture", STRIP_FORMATS)
     if times is not None:
         check_times(times)
@@ -427,6 +424,7 @@ def render_strip(
         place = "count" if times is None else "times"
         raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
     check_file(Path(path))
+    playback = playback_of(source)
     times = strip_times(playback, count) if times is None else _within(playback.time, times)
     look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
     stills = render_frames(playback, times=times, width=width, height=height, **look)

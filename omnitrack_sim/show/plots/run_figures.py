@@ -296,7 +296,7 @@ _RUNS: tuple[dict[str, Any], ...] = (
 def plot_summary(
     source: Source,
     *,
-    path: str | os.PathLike[str] | None = None,
+    path: str | Path | None = None,
     format: str | None = None,
 ) -> Figure:
     """Plot the summary of a run or a recording: panels over time, as wide as a page (7.16 inches).
