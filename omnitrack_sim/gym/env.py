@@ -20,9 +20,9 @@ from omnitrack_sim.gym.episodes import (
     Episodes,
     Observed,
     Transition,
-    actions_of,
-    one_of,
-    reset_options_of,
+    checked_actions,
+    checked_reset_options,
+    row_of,
 )
 from omnitrack_sim.gym.options import EnvOptions, options_of
 from omnitrack_sim.pipes import Route
@@ -44,7 +44,7 @@ SPACING = 0.01
 
 
 class EpisodeScreen:
-    """Shows robots as they are now. What is needed to paint the pipes of a lane is made once."""
+    """Shows robots as they are now. What is needed to paint the pipes of a batch is made once."""
 
     def __init__(self, options: EnvOptions) -> None:
         self._options = options
@@ -53,38 +53,40 @@ class EpisodeScreen:
         self._pipes: Route | None = None
         self._due = 0.0
 
-    def picture(self, lane: EpisodeBatch, robot: int) -> NDArray[np.uint8]:
-        """A robot of a lane (height, width, 3)."""
-        scenario = lane.simulation.scenarios[robot]
-        pipes, stage = self._stages.get(lane, (None, None))
+    def picture(self, batch: EpisodeBatch, robot: int) -> NDArray[np.uint8]:
+        """A robot of a batch (height, width, 3)."""
+        scenario = batch.simulation.scenarios[robot]
+        pipes, stage = self._stages.get(batch, (None, None))
         if stage is None or pipes is not scenario.route:
             if stage is not None:
                 stage.__exit__()
             size = (self._options.width, self._options.height)
             stage = EpisodeStage(_along_the_route(scenario), size, self._options.camera)
-            self._stages[lane] = scenario.route, stage
-        return stage.now(lane.simulation.plant.qpos[robot], lane.travel[robot])
+            self._stages[batch] = scenario.route, stage
+        return stage.frame(batch.simulation.plant.qpos[robot], batch.travel[robot])
 
-    def show(self, lane: EpisodeBatch, robot: int) -> None:
-        """Show a robot in the window, not faster than it drives; not any more where the window has
-        been closed."""
+    def show(self, batch: EpisodeBatch, robot: int) -> None:
+        """Show a robot in the window, not faster than it drives.
+
+        Once the window has been closed nothing is shown any more.
+        """
         # Not at the top: a window needs GLFW, which pictures do not.
         from omnitrack_sim.show.viewer.window import Window, require_screen
 
-        scenario = lane.simulation.scenarios[robot]
+        scenario = batch.simulation.scenarios[robot]
         if self._window is None or self._pipes is not scenario.route:
             require_screen()
             self._close_window()
             self._window = Window(scenario)
             self._window.__enter__()
             self._pipes = scenario.route
-        qpos = np.array(lane.simulation.plant.qpos[robot])
+        qpos = np.array(batch.simulation.plant.qpos[robot])
         if not _is_sound(qpos):
             return
-        scenario.robot.display.place_tracks(self._window.model, qpos, lane.travel[robot])
+        scenario.robot.display.place_tracks(self._window.model, qpos, batch.travel[robot])
         self._window.show(qpos, [])
         time.sleep(max(0.0, self._due - time.monotonic()))
-        self._due = time.monotonic() + lane.decisions.hold * lane.simulation.period
+        self._due = time.monotonic() + batch.decisions.hold * batch.simulation.period
 
     def _close_window(self) -> None:
         if self._window is not None:
@@ -109,9 +111,13 @@ class EpisodeStage(Stage):
         self._display = way.scenario.robot.display
         self._places = way.trajectory["position"]
 
-    def now(self, qpos: Array, travel: Array) -> NDArray[np.uint8]:
-        """The picture of a robot with joint positions (nq,) and belts that have run on by
-        ``travel`` (3,) m; one whose physics has diverged stays where it was."""
+    def frame(self, qpos: Array, travel: Array) -> NDArray[np.uint8]:
+        """Return the picture of a robot; one whose physics has diverged stays where it was.
+
+        Args:
+            qpos: (nq,) joint positions.
+            travel: (3,) m, by which the belts have run on.
+        """
         if _is_sound(qpos) or self._live is None:
             self._live = np.nan_to_num(qpos)
             self._display.place_tracks(self.model, self._live, travel)
@@ -146,7 +152,7 @@ def _along_the_route(scenario: Scenario) -> Result:
 
 FPS = 20
 """Decisions a second."""
-MOST = 65536
+MAX_ROBOTS = 65536
 """Most robots of one environment."""
 
 
@@ -180,8 +186,10 @@ class RobotEnv(gymnasium.Env):
 
     @property
     def scenario(self) -> Scenario:
-        """Scenario of the current episode: ``ot.run`` of it, under a controller that decides the
-        same, gives the same bytes."""
+        """Scenario of the current episode.
+
+        ``ot.run`` of it, under a controller that decides the same, gives the same bytes.
+        """
         return self._episodes.scenario(0)
 
     def reset(
@@ -192,12 +200,12 @@ class RobotEnv(gymnasium.Env):
         Raises:
             InputError: ``options`` holds something.
         """
-        reset_options_of(options, ())
+        checked_reset_options(options, ())
         super().reset(seed=seed)
         self._episodes.reset(np.zeros(1, np.intp), [self.np_random])
         self._over = False
         self._show()
-        return one_of(self._episodes.observe(), 0), self._info()
+        return row_of(self._episodes.observe(), 0), self._info()
 
     def _info(self) -> dict[str, Any]:
         return {name: float(values[0]) for name, values in self._episodes.info().items()}
@@ -211,7 +219,7 @@ class RobotEnv(gymnasium.Env):
         if self._over:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset")
         transition = self._episodes.advance(
-            actions_of(action, self._episodes.action_space.shape)[None]
+            checked_actions(action, self._episodes.action_space.shape)[None]
         )
         terminated, truncated = bool(transition.terminated[0]), bool(transition.truncated[0])
         self._over = terminated or truncated
@@ -222,7 +230,7 @@ class RobotEnv(gymnasium.Env):
             info["outcome"] = outcome.value
             info["is_success"] = outcome is Outcome.REACHED_GOAL
         self._show()
-        observed = one_of(self._episodes.observe(), 0)
+        observed = row_of(self._episodes.observe(), 0)
         return observed, float(transition.reward[0]), terminated, truncated, info
 
     def _show(self) -> None:
@@ -279,8 +287,8 @@ class RobotVectorEnv(VectorEnv):
             raise InputError(Fault("autoreset_mode", problem, modes, str(autoreset_mode)))
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self._mode}
-        if not isinstance(num_envs, int) or not 1 <= num_envs <= MOST:
-            raise InputError(Fault("num_envs", f"is {num_envs!r}; a number from 1 to {MOST}"))
+        if not isinstance(num_envs, int) or not 1 <= num_envs <= MAX_ROBOTS:
+            raise InputError(Fault("num_envs", f"is {num_envs!r}; a number from 1 to {MAX_ROBOTS}"))
         options = options_of(given)
         if options.render_mode == "human":
             problem = "is 'human', which is for one robot alone"
@@ -319,7 +327,7 @@ class RobotVectorEnv(VectorEnv):
 
     def _mask(self, options: Mapping[str, Any] | None) -> NDArray[np.bool_]:
         """The robots (n,) that a reset is of."""
-        mask = reset_options_of(options, ("reset_mask",)).get("reset_mask")
+        mask = checked_reset_options(options, ("reset_mask",)).get("reset_mask")
         if mask is None:
             return np.ones(self.num_envs, bool)
         whole = isinstance(mask, np.ndarray) and mask.dtype == bool
@@ -356,7 +364,7 @@ class RobotVectorEnv(VectorEnv):
         episodes, over = self._episodes, self._over
         if not episodes.batches or (self._mode is AutoresetMode.DISABLED and over.any()):
             raise gymnasium.error.ResetNeeded("an episode is over; call reset")
-        actions = actions_of(actions, (self.num_envs, *episodes.action_space.shape))
+        actions = checked_actions(actions, (self.num_envs, *episodes.action_space.shape))
         # A robot whose episode is over is reset in this step, and its action counts for nothing.
         transition = episodes.advance(np.where(over[:, None], 0.0, actions))
         ended = transition.terminated | transition.truncated
@@ -379,13 +387,16 @@ class RobotVectorEnv(VectorEnv):
         )
 
     def _follow(self, transition: Transition, ended: NDArray[np.bool_]) -> dict[str, Any]:
-        """Begin the episodes after those that have ended in this step, and return ``info`` with the
-        last observations of the latter."""
+        """Begin the episodes after those that have ended in this step.
+
+        Returns:
+            ``info`` with the last observations of the episodes that have ended.
+        """
         # Before the reset: the final observation is of the episode that has ended.
         episodes, rows, last = self._episodes, np.flatnonzero(ended), self._episodes.observe()
         observed = np.full(self.num_envs, None, object)
         for robot in rows.tolist():
-            observed[robot] = one_of(last, robot)
+            observed[robot] = row_of(last, robot)
         final = _ended(episodes.outcomes(), ended) | _terms(transition, ended)
         final |= _masked(episodes.info(), ended)
         episodes.reset(rows, self._rngs)

@@ -108,8 +108,7 @@ class EpisodeSampler:
 
 
 def with_values(table: Any, values: Mapping[str, Any]) -> Any:
-    """Copy a scenario in plain pipes with values by dotted path, as ``override`` does, without
-    checking them.
+    """Copy a scenario in plain pipes with values by dotted path, without checking them.
 
     The route stays: nothing of what a batch's robots need not share changes it.
     """
@@ -160,8 +159,13 @@ class EpisodeBatch:
         self.travel[rows] = 0.0
 
     def advance(self, actions: Array) -> Mapping[str, Array]:
-        """Carry out actions (n, k) for one decision and return the terms (n,) of the reward
-        before weights; robots whose episode is over stay as they are."""
+        """Carry out actions (n, k) for one decision.
+
+        Robots whose episode is over stay as they are.
+
+        Returns:
+            The terms (n,) of the reward, before weights.
+        """
         simulation, decisions = self.simulation, self.decisions
         running, tally = simulation.active, Tally(simulation)
         # Whatever the caller gives for an episode that is over, it must not be refused.
@@ -241,8 +245,12 @@ class Episodes:
         self.batches: list[EpisodeBatch] = []
 
     def reset(self, rows: NDArray[np.intp], rngs: list[np.random.Generator]) -> None:
-        """Begin new episodes of robots ``rows`` (k,), ascending; each draws from its own of n
-        ``rngs``."""
+        """Begin new episodes of some robots.
+
+        Args:
+            rows: (k,) robots, ascending.
+            rngs: n generators; each robot draws from its own.
+        """
         drawn = [self.sampler.draw(rngs[robot]) for robot in rows.tolist()]
         if not self.batches:
             if len(rows) < self.n:
@@ -258,14 +266,14 @@ class Episodes:
 
     def advance(self, actions: Array) -> Transition:
         """Carry out actions (n, k); robots whose episode is over stay as they are."""
-        before = self._each(lambda batch: batch.simulation.active)
+        before = self._gather(lambda batch: batch.simulation.active)
         parts = np.split(actions, len(self.batches))
         measured = [b.advance(part) for b, part in zip(self.batches, parts, strict=True)]
         terms = {
             name: weight * np.nan_to_num(np.concatenate([terms[name] for terms in measured]))
             for name, weight in self._options.weights.items()
         }
-        ended = before & ~self._each(lambda batch: batch.simulation.active)
+        ended = before & ~self._gather(lambda batch: batch.simulation.active)
         late = np.array(self.outcomes(), object) == Outcome.TIMED_OUT
         return Transition(sum(terms.values(), np.zeros(self.n)), terms, ended & ~late, ended & late)
 
@@ -275,16 +283,16 @@ class Episodes:
 
     def observe(self) -> Observed:
         """Observation of all robots, in fresh arrays."""
-        entries = self._each(EpisodeBatch.entries)
+        entries = self._gather(EpisodeBatch.entries)
         if not self._options.picture:
             return entries
-        return {"entries": entries, "picture": self._each(EpisodeBatch.pictures)}
+        return {"entries": entries, "picture": self._gather(EpisodeBatch.pictures)}
 
     def info(self) -> dict[str, Array]:
         """True arc length, m, and time, s, of each robot (n,), for Gymnasium's ``info``."""
         values = {
-            "distance": self._each(lambda batch: batch.simulation.location.distance),
-            "time": self._each(lambda batch: batch.simulation.time),
+            "distance": self._gather(lambda batch: batch.simulation.location.distance),
+            "time": self._gather(lambda batch: batch.simulation.time),
         }
         return {name: np.nan_to_num(array) for name, array in values.items()}
 
@@ -301,11 +309,11 @@ class Episodes:
         batch, row = self.batch_of(robot)
         return batch.simulation.scenarios[row]
 
-    def _each(self, read: Callable[[EpisodeBatch], NDArray]) -> NDArray:
+    def _gather(self, read: Callable[[EpisodeBatch], NDArray]) -> NDArray:
         return np.concatenate([read(batch) for batch in self.batches])
 
 
-def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
+def checked_actions(given: Any, shape: tuple[int, ...]) -> NDArray:
     """Return actions as an array; a ``ValueError`` where it has another shape."""
     actions = np.asarray(given)
     if actions.shape != shape:
@@ -313,7 +321,9 @@ def actions_of(given: Any, shape: tuple[int, ...]) -> NDArray:
     return actions
 
 
-def reset_options_of(given: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
+def checked_reset_options(
+    given: Mapping[str, Any] | None, known: tuple[str, ...]
+) -> Mapping[str, Any]:
     """Return the options of a reset; an ``InputError`` for those that are not ``known``."""
     problem = "unknown key" if known else "unknown key; a reset of one robot has no options"
     odd = [
@@ -324,7 +334,7 @@ def reset_options_of(given: Mapping[str, Any] | None, known: tuple[str, ...]) ->
     return given or {}
 
 
-def one_of(observed: Observed, robot: int) -> Observed:
+def row_of(observed: Observed, robot: int) -> Observed:
     """Copy the observation of one robot from that of all."""
     if isinstance(observed, dict):
         return {name: values[robot].copy() for name, values in observed.items()}

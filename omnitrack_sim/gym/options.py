@@ -1,5 +1,4 @@
-"""Options of ``gymnasium.make``, checked as scenarios are; and the terms of the reward, whose
-weights they may change."""
+"""Options of ``gymnasium.make``, checked as scenarios are, and the terms of the reward."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ _DRAWN = ("world.friction", "start.theta5_deg", "control.cruise_speed", "start.d
 """Values that an episode may draw, beside those of the robot: robots of one batch need not share
 them."""
 Range = tuple[float, float]
-_SEVERAL = {
+_UNION_FIELDS = {
     "ranges": (2, "a range (least, largest), one number, or None for the scenario's own"),
     "observation": (1, "a name, or a list of names"),
 }
@@ -104,7 +103,7 @@ def options_of(given: Mapping[str, Any]) -> EnvOptions:
     """
 
     def fault(item: Mapping[str, Any]) -> Fault | None:
-        level, right = _SEVERAL.get(item["loc"][0], (0, ""))
+        level, right = _UNION_FIELDS.get(item["loc"][0], (0, ""))
         if not 0 < level < len(item["loc"]):
             return None
         place, value = item["loc"][:level], given
@@ -145,7 +144,7 @@ def check_for(options: EnvOptions, robot: Robot) -> None:
     # Robots that observe the truth have no camera.
     if options.picture and not onboard:
         faults.append(Fault("picture", 'is there with sensing = "onboard" alone'))
-    faults += _unseen(options, robot)
+    faults += _unobserved(options, robot)
     if faults:
         raise InputError(faults)
 
@@ -155,7 +154,7 @@ def _is_measured(robot: Robot) -> bool:
     return robot.decisions.measured and robot.odometry() is not None
 
 
-def _unseen(options: EnvOptions, robot: Robot) -> Sequence[Fault]:
+def _unobserved(options: EnvOptions, robot: Robot) -> Sequence[Fault]:
     """Features that there are not, or not for these robots."""
     try:
         features = options.features(robot)
@@ -245,8 +244,10 @@ class Tally:
     def over(
         self, arrived: NDArray[np.bool_], failed: NDArray[np.bool_], diverged: NDArray[np.bool_]
     ) -> Mapping[str, Array]:
-        """Return all terms (n,) at the end of the decision; of robots whose physics has diverged
-        only the failure counts."""
+        """Return all terms (n,) of the reward at the end of the decision.
+
+        Of robots whose physics has diverged only the failure counts.
+        """
         self.measured["arrival"] += arrived
         self.measured["failure"] += failed
         for name in TERMS:

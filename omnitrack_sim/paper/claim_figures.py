@@ -1,5 +1,8 @@
-"""Figures that show claims: of one run shaft speeds, forces and slip as curves, and contacts on the
-unrolled pipe; of groups of runs elbows over the start orientation, and success rates."""
+"""Figures that show claims.
+
+Of one run shaft speeds, forces and slip as curves, and contacts on the unrolled pipe; of groups of
+runs elbows over the start orientation, and success rates.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +44,7 @@ NO_CONTACT_FORCE = 0.5
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
-    """Return the index of the module that points into the first tee turn as it begins; None without
-    one."""
+    """Return the module that points into the first tee turn as it begins; None without one."""
     codes = trajectory["phase"].astype(int)
     turn = trajectory.phases.index("tee_turn") if "tee_turn" in trajectory.phases else -1
     if turn not in codes:

@@ -54,8 +54,11 @@ ELBOW_DRIVES: dict[str, dict[str, Any]] = {
 
 
 def scenarios(quick: bool) -> dict[str, list[Scenario]]:
-    """Return all runs by name. ``quick`` takes fewer orientations and trials of the same
-    physics."""
+    """Return all runs by name.
+
+    Args:
+        quick: fewer orientations and trials of the same physics.
+    """
     lists = {name: [_of_primitives(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [_of_primitives("vertical_climb")]
     lists |= _elbows_and_tees(quick) | _straight_pipes(quick)

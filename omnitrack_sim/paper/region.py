@@ -273,8 +273,7 @@ def _definitions(figure: Figure | SubFigure, case: TurnCase) -> None:
 
 
 def _map(figure: Figure | SubFigure, case: TurnCase) -> None:
-    """Distance of the wall beyond the reach of the worst module, over theta5 and the turned
-    angle."""
+    """Draw the distance of the wall beyond the worst module, over theta5 and turned angle."""
     axis = figure.subplots()
     path, angles = case.path(181), case.orientations(241)
     distance = case.wall_distance(path, angles)

@@ -1,5 +1,7 @@
-"""Schema of measured quantities: the single source of plant, observation, mirror, recorder, files
-and the table in docs/reference/channels.md.
+"""Schema of measured quantities.
+
+It is the single source of plant, observation, mirror, recorder, files and the table in
+docs/reference/channels.md.
 
 A new quantity of the shipped sensors is one entry here and one function in ``senses.sensor``. A
 user's own sensor brings its ``Channel`` with it and needs no edit (docs/how-to/extending.md).

@@ -301,8 +301,13 @@ class ExplorationComplete(Event):
 
 @dataclass(frozen=True)
 class ExplorationIncomplete(Event):
-    """A robot that explores gives up ports that it has not seen into; ``left`` says which and
-    why."""
+    """A robot that explores gives up ports that it has not seen into.
+
+    Attributes:
+        fittings: explored.
+        ends: explored.
+        left: which ports it has not seen into, and why.
+    """
 
     fittings: int
     ends: int

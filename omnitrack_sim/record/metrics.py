@@ -255,7 +255,7 @@ ESTIMATES = (
     ),
 )
 """Recorded beside the shipped channels where a robot drives by its own sensors."""
-KNOWN = 0.35
+MAX_KNOWN_STD = 0.35
 """Standard deviation of theta5, rad, up to which the robot claims to know it."""
 
 
@@ -277,7 +277,7 @@ def _theta5_error(run: Run) -> float:
     error = np.abs(wrap_angle(channels["theta5_estimate"] - channels["theta5"]))
     # In a round pipe nothing tells theta5: only what the robot claims to know can be held against
     # it.
-    known = channels["theta5_std"] < KNOWN
+    known = channels["theta5_std"] < MAX_KNOWN_STD
     return float(np.degrees(np.percentile(error[known], 95))) if known.any() else float("nan")
 
 

@@ -36,7 +36,8 @@ def paired_rate_interval(gained: int, lost: int, total: int) -> tuple[float, flo
     proportions based on paired data"; (-1, 1) where nothing was tried.
 
     Args:
-        gained: trials that the first passed and the second did not. lost: the other way round.
+        gained: trials that the first passed and the second did not.
+        lost: the other way round.
         total: all trials.
     """
     if total == 0:

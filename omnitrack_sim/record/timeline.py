@@ -23,8 +23,7 @@ Single lugs leave the wall all the time, so single samples tell nothing.
 
 
 class Touch(NamedTuple):
-    """Contacts of the k parts of a robot that touch the wall, and power of its m motors, over T
-    samples.
+    """Contacts of a robot's k parts that touch the wall, and power of its m motors, over T samples.
 
     Attributes:
         touching: (T, k) bool.
@@ -179,8 +178,13 @@ def phase_starts(trajectory: Trajectory, phase: str) -> NDArray[np.intp]:
 
 
 def running_mean(values: NDArray, time: Array, window: float) -> Array:
-    """Return the centred mean (T, k) over ``window`` s, shorter at both ends, of samples (T, k)
-    at ``time`` (T,) s."""
+    """Return the centred mean (T, k) of samples, over a window that is shorter at both ends.
+
+    Args:
+        values: (T, k) samples.
+        time: (T,) s, of the samples.
+        window: length of the window, s.
+    """
     values = np.asarray(values, float)
     if len(time) < 2:
         return values
@@ -195,8 +199,10 @@ def running_mean(values: NDArray, time: Array, window: float) -> Array:
 
 
 class _Samples:
-    """Samples that the figures of a passage are computed from, each the mean over the interval to
-    the next one (trapezoidal rule)."""
+    """Samples that the figures of a passage are computed from.
+
+    Each is the mean over the interval to the next one (trapezoidal rule).
+    """
 
     def __init__(self, trajectory: Trajectory, touch: Touch) -> None:
         touching = touch.touching.astype(float)  # (T, k)
@@ -253,8 +259,14 @@ def _offsets(routes: Sequence[Route]) -> NDArray[np.intp]:
 def _counts(
     trajectory: Trajectory, routes: Sequence[Route], group: NDArray[np.intp], phase: str
 ) -> NDArray[np.intp]:
-    """Number of times that a phase began, for each fitting of each leg; ``group`` (T,) is the
-    number of the fitting that each sample is in."""
+    """Count how often a phase began, for each fitting of each leg.
+
+    Args:
+        trajectory: of T samples.
+        routes: of the legs.
+        group: (T,) number of the fitting that each sample is in.
+        phase: name of the phase.
+    """
     offsets, visited = _offsets(routes), set(group.tolist())
     counts = np.zeros(offsets[-1], np.intp)
     for row in phase_starts(trajectory, phase).tolist():

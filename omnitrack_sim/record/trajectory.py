@@ -1,5 +1,7 @@
-"""Trajectory of a run: named arrays over time, each described by its entry in ``channels``; and the
-recorder that makes trajectories."""
+"""Trajectory of a run, named arrays over time, and the recorder that makes trajectories.
+
+Each array is described by its entry in ``channels``.
+"""
 
 from __future__ import annotations
 
@@ -149,8 +151,9 @@ class Trajectory(Mapping[str, NDArray]):
 
 
 class Recorder:
-    """Samples of n robots. Every sample is an array (n, ...) a channel; a robot's record ends where
-    its run ended.
+    """Recorder of n robots.
+
+    Every sample is an array (n, ...) a channel; a robot's record ends where its run ended.
 
     Args:
         phases: names that the codes of the channel ``phase`` index.
@@ -167,7 +170,7 @@ class Recorder:
         self,
         phases: tuple[str, ...],
         schema: Mapping[str, Channel],
-        read_together: ReadTogether = lambda readings, names: None,
+        read_together: ReadTogether = lambda *_: None,
         together: int = 1,
     ):
         self.phases, self.schema = phases, schema
@@ -195,18 +198,18 @@ class Recorder:
             samples[name].append(value)
         self.count += 1
         if len(self._readings) == self._together:
-            self._look_up()
+            self._read_samples()
 
-    def _look_up(self) -> None:
+    def _read_samples(self) -> None:
         """Look up the measured channels of the samples since the last time."""
         self._read_together(self._readings, self._measured)
         for name in self._measured:
             self._samples[name] += [readings[name] for readings in self._readings]
         self._readings.clear()
         if len(self._samples["time"]) >= BLOCK:
-            self._put_together()
+            self._join_samples()
 
-    def _put_together(self) -> None:
+    def _join_samples(self) -> None:
         """Make one array a channel of the samples since the last time."""
         for name, values in self._samples.items():
             if values:
@@ -215,8 +218,8 @@ class Recorder:
 
     def trajectories(self, end_time: Array) -> Iterator[Trajectory]:
         """Yield one trajectory a robot, up to ``end_time`` (n,) s."""
-        self._look_up()
-        self._put_together()
+        self._read_samples()
+        self._join_samples()
         stacked = {name: np.concatenate(blocks) for name, blocks in self._blocks.items()}
         time, qpos = stacked.pop("time"), stacked.pop("qpos")  # (T, n), (T, n, nq)
         for i, end in enumerate(end_time):

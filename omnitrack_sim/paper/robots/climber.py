@@ -37,8 +37,7 @@ LENGTHS = 0.3, 0.35
 
 
 def orientations(quick: bool) -> tuple[float, ...]:
-    """Return angles of module 1 from the inside of the bend, degrees: others are their mirror
-    images."""
+    """Return angles of module 1 from the inside of the bend, degrees; others mirror these."""
     return (0.0, 40.0) if quick else (0.0, 20.0, 40.0, 60.0)
 
 

@@ -62,8 +62,7 @@ def pirate_speed(_quick: bool, percent: float) -> Measurement:
 
 
 def clamp_forces(robot: Pirate, friction: float) -> Array:
-    """Return the pull and the normal forces (7,) N of its wheels, tail to nose, when all of them
-    are about to slip, without weight.
+    """Return the pull and the normal forces when all wheels are about to slip, without weight.
 
     Traction acts at the walls and bends the V's: it takes force from the clamp that a wheel runs
     ahead of and gives it to the other. Each line below is a sum of moments of what hangs on a
@@ -73,6 +72,9 @@ def clamp_forces(robot: Pirate, friction: float) -> Array:
     Args:
         robot: in its bore.
         friction: Coulomb coefficient.
+
+    Returns:
+        (7,) N: the pull, and the normal forces of the wheels from tail to nose.
     """
     along = robot.link * math.cos(robot.slope)
     z = np.cumsum([0.0, along, along, robot.link, along, along])

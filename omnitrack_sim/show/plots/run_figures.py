@@ -21,7 +21,7 @@ from omnitrack_sim.record.channels import (
     Vector,
 )
 from omnitrack_sim.record.display import Curve
-from omnitrack_sim.record.metrics import KNOWN
+from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
@@ -195,7 +195,7 @@ def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
     axis.axhline(0.0, color="white", lw=0.6, zorder=1.6)
     axis.plot(trajectory.time, error, color=INK)
     # Before the robot knows its orientation the band is a full circle wide: it would set the scale.
-    sure = trajectory["theta5_std"] < KNOWN
+    sure = trajectory["theta5_std"] < MAX_KNOWN_STD
     shown = np.isfinite(error) & np.isfinite(band) & (sure if sure.any() else True)
     half = display.span / 2
     if shown.any():

@@ -325,7 +325,7 @@ def load_policy(source: str | Path) -> Policy:
     path = shipped.get(str(source), Path(source))
     try:
         if is_file(path):
-            return _read(path, path.stat().st_mtime_ns)
+            return _read(path, path.stat().st_mtime_ns, path.stat().st_size)
         if ":" not in str(source):
             problem = "no such file, nor a shipped policy of that name"
             raise PolicyError(Fault(str(source), problem, tuple(shipped), given=str(source)))
@@ -345,8 +345,8 @@ def load_policy(source: str | Path) -> Policy:
 
 
 @functools.lru_cache(maxsize=64)
-def _read(path: Path, changed: int) -> Policy:
-    """Return the policy of a file that was last ``changed`` then, ns."""
+def _read(path: Path, *_version: int) -> Policy:
+    """Return the policy of a file; another ``_version`` of it is read anew."""
     with path.open("rb") as file:
         data = file.read(MAX_POLICY_BYTES + 1)
     if len(data) > MAX_POLICY_BYTES:
