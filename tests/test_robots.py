@@ -16,7 +16,7 @@ from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
-from omnitrack_sim.robots.robot import ROBOTS, robot_class
+from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.scenario import validate
 
 ROOMS = ("walls", "pipes", "show", "sim")
@@ -284,7 +284,7 @@ def test_a_sweep_has_the_robots_metrics(tmp_path):
         '[[axes]]\npath = "robot.preload"\nkind = "list"\nvalues = [20.0, 40.0]\n'
     )
     sweep = ot.load_sweep(tmp_path / "grip.toml")
-    result = ot.run_sweep(sweep, out=tmp_path / "sweep", workers=1)
+    result = ot.run_trials(sweep, out=tmp_path / "sweep", workers=1)
     force = result.table["wall_force_sum_mean_n"].to_numpy()
     assert force[1] == pytest.approx(2 * force[0], rel=0.1)
 
