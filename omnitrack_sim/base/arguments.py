@@ -18,14 +18,12 @@ from omnitrack_sim.base.text import shown
 
 _Thing = TypeVar("_Thing")
 _MAKERS = {
-    "Scenario": "load_scenario",
-    "Network": "load_network",
-    "Sweep": "load_sweep",
-    "Study": "load_study",
-    "Result": "load_result",
-    "SweepResult": "run_sweep",
-    "Bench": "Bench.of",
-    "Pipes": "add_pipes",
+    "Scenario": ("load_scenario",),
+    "Network": ("load_network",),
+    "Plan": ("load_sweep", "load_study"),
+    "Result": ("load_result",),
+    "TrialsResult": ("run_trials",),
+    "Pipes": ("add_pipes",),
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""
 
@@ -38,11 +36,9 @@ def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
     problem = f"{where}: is {_described(value)}; it must be an ot.{kind.__name__}"
     # The commonest mistake is a path where the loaded object belongs: the message then shows the
     # very call that loads it.
-    maker = _MAKERS.get(kind.__name__)
-    if maker and isinstance(value, str | os.PathLike):
-        problem += f", such as ot.{maker}({shown(os.fspath(value))}) makes"
-    elif maker:
-        problem += f", such as ot.{maker} makes"
+    given = f"({shown(os.fspath(value))})" if isinstance(value, str | os.PathLike) else ""
+    if calls := [f"ot.{maker}{given}" for maker in _MAKERS.get(kind.__name__, ())]:
+        problem += f", such as {' or '.join(calls)} makes"
     raise TypeError(problem)
 
 

@@ -29,9 +29,9 @@ from omnitrack_sim.walls.collider import (
     functions_of,
     install,
     integers,
-    library,
     word,
 )
+from omnitrack_sim.walls.layout import library
 from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE
 from omnitrack_sim.walls.rims import RIM
 
