@@ -188,7 +188,7 @@ class MapPilot(Pilot):
     planner: LegPlanner
 
     def __init__(self, number: int, falls: int) -> None:
-        self._number, self._falls = number, falls
+        self.number, self._falls = number, falls
         self._to_come: list[Leg] = []
         self._closed: list[Port] = []
         self._turns: list[Edge] = []  # that the robot has fallen off
@@ -204,7 +204,7 @@ class MapPilot(Pilot):
         port = self.planner.obstacle(self.leg, distance)
         self._closed.append(port)
         name = self.planner.network.port_name(port)
-        events = [TakenForClosed(self._number, time, name, distance)]
+        events = [TakenForClosed(self.number, time, name, distance)]
         return self._replan(time, events, self._onward(distance))
 
     def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
@@ -214,7 +214,7 @@ class MapPilot(Pilot):
             return Decision(None)
         network, part = self.planner.network, location.part
         port = network.port_name((part, location.ahead))
-        events = [FellOff(self._number, time, network.fittings[part].name, port)]
+        events = [FellOff(self.number, time, network.fittings[part].name, port)]
         if self._falls == 0:
             return self._on_last_fall(time, events, location)
         self._falls -= 1
@@ -252,10 +252,10 @@ class MapPilot(Pilot):
         if not legs:
             return self._give_up(time, events, "no other way")
         self.leg, *self._to_come = legs
-        return Decision(self.leg, events=[*events, LegBegan(self._number, time, self.leg.note)])
+        return Decision(self.leg, events=[*events, LegBegan(self.number, time, self.leg.note)])
 
     def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
-        return Decision(None, events=[*events, GaveUp(self._number, time, cause)])
+        return Decision(None, events=[*events, GaveUp(self.number, time, cause)])
 
 
 class Planned(MapPilot):
@@ -306,7 +306,7 @@ class Planned(MapPilot):
         following = self.leg.goal + 1
         if following == len(self._goals):
             return Decision(None)
-        events = [GoalReached(self._number, time, self._goals[self.leg.goal])]
+        events = [GoalReached(self.number, time, self._goals[self.leg.goal])]
         return self._begin(time, events, self._plan(self._onward(distance), following))
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:
