@@ -117,6 +117,30 @@ def checked(command: _Command, start: _Command) -> _Command:
     return command._replace(**changes) if changes else command
 
 
+def held_command(command: _Command, held: _Command, active: NDArray[np.bool_]) -> _Command:
+    """Return the command that n robots carry out: fields that it omits, and all fields of robots
+    that are not ``active`` (n,), are kept from the command ``held`` so far.
+
+    A field that holds for one period is None where it is left out.
+    """
+    values: list[Any] = []
+    all_active = np.count_nonzero(active) == len(active)
+    for name, value, before in zip(command._fields, command, held, strict=True):
+        if name in MOMENTARY:
+            left_out = value is None and name in ("resting", "over")
+            values.append(np.zeros(len(active), bool) if left_out else value)
+        elif value is None:
+            values.append(before)
+        elif all_active:
+            # Copies: whoever made the command may write into its arrays again.
+            values.append(value.copy())
+        else:
+            # Robots whose run is over keep what they were asked last.
+            rows = active.reshape(-1, *[1] * (value.ndim - 1))
+            values.append(np.where(rows, value, before))
+    return command._make(values)
+
+
 def with_command_rows(command: _Command, rows: NDArray[np.intp], other: _Command) -> _Command:
     """Return a command with the rows (k,) of all its arrays (n, ...) taken from another one."""
     changes = {

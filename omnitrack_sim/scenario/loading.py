@@ -87,8 +87,9 @@ def _forget_digest(data: Any, path: str) -> None:
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Read a scenario file, or a shipped scenario by name; the ``scenario.json`` of a saved run is
-    such a file.
+    """Read a scenario file, or a shipped scenario by name.
+
+    The ``scenario.json`` of a saved run is such a file.
 
     Args:
         source: the file or name.
@@ -215,8 +216,9 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
 
 
 def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
-    """Scenario data with the part of its network near the route alone, where the network is a town
-    or the mission leads from or to a fitting.
+    """Return the data with the part of its network near the route alone.
+
+    Only of a town, or of a mission that leads from or to a fitting.
 
     Raises:
         NetworkError: there is no way.
@@ -235,8 +237,10 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
-    """Scenario data with the robot as a table, its files by absolute paths, and its own default
-    controller; and the faults of its kind."""
+    """Return the data with the robot as a table and its controller, and the faults of its kind.
+
+    Files go by absolute paths; the controller is the robot's own where none is named.
+    """
     robot = data.get("robot", {})
     if isinstance(robot, str):
         is_file_name = Path(robot).suffix in (".xml", ".mjcf")
