@@ -39,7 +39,7 @@ class OwnMaps:
         self.which: NDArray[np.intp] = np.zeros(len(pilots), np.intp)
         maps = [(parts, caps, ())]
         if any(self._networks):
-            maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
+            maps = [maps[0] if belief is None else belief.reliable_parts() for belief in beliefs]
             self.which = np.arange(len(pilots))
         self.walls = RayWalls(*zip(*maps, strict=True))
 
@@ -53,7 +53,7 @@ class OwnMaps:
         if belief is None or belief.network is before:
             return None
         self._networks[robot] = belief.network
-        self.walls.replace(robot, *belief.compared())
+        self.walls.replace(robot, *belief.reliable_parts())
         assert before is not None
         return before, belief.network
 

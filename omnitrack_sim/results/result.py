@@ -22,7 +22,7 @@ from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.reading import table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import shown, strict_json
-from omnitrack_sim.base.writing import whole_folder
+from omnitrack_sim.base.writing import whole, whole_folder
 from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
@@ -141,9 +141,7 @@ class Result:
 
     @property
     def joints(self) -> dict[str, slice]:
-        """Columns of ``qpos`` by the name of the joint in the model; of the omnidirectional robot
-        ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1``,
-        ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then shafts."""
+        """Columns of ``qpos`` by the name of the joint in the model; see ``Robot.joints``."""
         return dict(self.scenario.robot.joints)
 
     @property
@@ -299,7 +297,7 @@ def load_result(directory: str | Path) -> Result:
         >>> ot.load_result(folder).duration_s == result.duration_s
         True
     """
-    folder = Path(directory)
+    folder = whole(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
         events = [event_of(table) for table in summary.events]
