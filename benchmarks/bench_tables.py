@@ -21,7 +21,7 @@ from mobility_lessons import lessons, plus_minus
 
 import omnitrack_sim as ot
 from omnitrack_sim.trials.bench import BenchMeasure
-from omnitrack_sim.trials.bench_run import ALL, markdown_table, rate_of
+from omnitrack_sim.trials.bench_table import ALL, markdown_table, rate_of
 from omnitrack_sim.trials.mobility import robot_of
 
 Row = dict[str, Any]
@@ -154,13 +154,13 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
-    result = ot.run_bench(bench, out=given.out, workers=given.workers)
+    result = ot.run_trials(bench, out=given.out, workers=given.workers)
     if bench.suite.of_controllers:
-        of_controllers(bench, result.rows)
+        of_controllers(bench, result.summary["rows"])
     else:
-        of_robots(bench, result.rows)
+        of_robots(bench, result.summary["rows"])
     if not bench.suite.of_controllers and not given.entries:
-        print(f"## lessons\n\n{lessons(result.trials.to_pylist())}\n")
+        print(f"## lessons\n\n{lessons(result.table.to_pylist())}\n")
 
 
 if __name__ == "__main__":

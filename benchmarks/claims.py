@@ -13,7 +13,7 @@ from shape import Arguments, table
 
 from omnitrack_sim.paper.claim import Finding, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
-from omnitrack_sim.robots.robot import STANDARD
+from omnitrack_sim.robots.kinds import DEFAULT
 
 
 def cell(text: str) -> str:
@@ -30,7 +30,7 @@ def row(finding: Finding) -> list[str]:
 def main() -> None:
     """Measure the claims and print the tables."""
     parser = Arguments(__doc__)
-    parser.add_argument("robot", nargs="?", default=STANDARD, help="kind of the robot")
+    parser.add_argument("robot", nargs="?", default=DEFAULT, help="kind of the robot")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
     given = parser.read()
@@ -38,7 +38,7 @@ def main() -> None:
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
     counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
     extent = f"The {made['form']} form"
-    if given.robot == STANDARD:
+    if given.robot == DEFAULT:
         extent += f", seed {made['seed']}: {made['runs']} runs, "
         extent += f"{made['simulated_s']:.0f} simulated seconds"
     print(f"## extent\n\n{fill(f'{extent}. {counts}.', 100)}\n")

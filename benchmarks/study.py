@@ -46,10 +46,10 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     given = parser.read()
     study = smaller(ot.load_study(given.name), given.generations, given.samples)
-    result = ot.run_study(study, out=given.out, workers=given.workers)
+    result = ot.run_trials(study, out=given.out, workers=given.workers)
     print(
-        f"## extent\n\nA search of {given.generations} generations, {result.table.num_rows} "
-        f"candidates, {study.size} trials each; {result.front.num_rows} are on the front."
+        f"## extent\n\nA search of {given.generations} generations, {result.summary['candidates']} "
+        f"candidates, {study.size} trials each; {result.tables['front'].num_rows} are on the front."
     )
 
 

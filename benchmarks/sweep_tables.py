@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import omnitrack_sim as ot
 from omnitrack_sim.record.statistics import rate_text
-from omnitrack_sim.trials.sweep_run import SweepResult, spreads
+from omnitrack_sim.trials.sweep_plot import spreads
 
 
 class Cut(NamedTuple):
@@ -88,9 +88,9 @@ TABLES: dict[str, dict[str, tuple[Cut, ...]]] = {
 """Tables of each sweep: rows, and columns where there are two cuts."""
 
 
-def groups(result: SweepResult, cut: Cut) -> dict[str, NDArray[np.bool_]]:
+def groups(result: ot.TrialsResult, cut: Cut) -> dict[str, NDArray[np.bool_]]:
     """Return the trials of each range or value of a cut, by its label."""
-    (spread,) = (one for one in spreads(result.sweep) if one.name == cut.axis)
+    (spread,) = (one for one in spreads(result.plan) if one.name == cut.axis)
     if spread.order:
         words = np.array(spread.values)
         return {word: words == word for word in spread.order}
@@ -113,7 +113,7 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
     return rate_text(count, total) if interval else f"{count} of {total}"
 
 
-def table(result: SweepResult, cuts: Sequence[Cut]) -> str:
+def table(result: ot.TrialsResult, cuts: Sequence[Cut]) -> str:
     """Return one table of Markdown; its last column is of all trials of a row."""
     passed = np.array(result.table["success"].to_pylist(), bool)
     ran = np.array([one not in ("invalid", "error") for one in result.table["outcome"].to_pylist()])
@@ -127,7 +127,7 @@ def table(result: SweepResult, cuts: Sequence[Cut]) -> str:
     return "\n".join(lines)
 
 
-def summary(result: SweepResult) -> str:
+def summary(result: ot.TrialsResult) -> str:
     """Return the row of the whole sweep: passed, at the first attempt, and how the others ended."""
     columns = result.table
     passed = np.array(columns["success"].to_pylist(), bool)
@@ -159,7 +159,7 @@ def main() -> None:
     sweep = ot.load_sweep(given.name)
     if given.samples:
         sweep = sweep.model_copy(update={"samples": given.samples})
-    result = ot.run_sweep(sweep, out=given.out, workers=given.workers)
+    result = ot.run_trials(sweep, out=given.out, workers=given.workers)
     print(f"## summary\n\n{summary(result)}\n")
     for name, cuts in TABLES[given.name].items():
         print(f"## {name}\n\n{table(result, cuts)}\n")

@@ -17,7 +17,7 @@ from sweep_samples import (
     small_sweep,
 )
 
-from omnitrack_sim import run_sweep
+from omnitrack_sim import run_trials
 from omnitrack_sim.robots.omnitrack.track import install_lines
 from omnitrack_sim.walls.collider import install
 
@@ -71,7 +71,7 @@ def walls(request: pytest.FixtureRequest) -> None:
 def calm(tmp_path_factory) -> Path:
     """The small sweep, run in one process without interruption."""
     place = tmp_path_factory.mktemp("sweeps") / "calm"
-    run_sweep(small_sweep(), out=place)
+    run_trials(small_sweep(), out=place)
     return place
 
 

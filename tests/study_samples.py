@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.trials.search import Candidate, Measured
-from omnitrack_sim.trials.study import Objective, SearchPlan, Study, Variable, resolve
+from omnitrack_sim.trials.search import Candidate, History, Measured, Search
+from omnitrack_sim.trials.search_plan import Objective, SearchPlan, Variable
+from omnitrack_sim.trials.study import Study
+from omnitrack_sim.trials.study_file import resolve
 
 TEXT = """
 generations = 2
@@ -68,6 +70,16 @@ def write_study(folder: Path, kind: str = "jacobian", batch: int = 10) -> Path:
     path = folder / "small.toml"
     path.write_text(TEXT.format(kind=kind, batch=batch), encoding="utf-8")
     return path
+
+
+def explore(
+    plan: SearchPlan, evaluate: Callable[[Sequence[Candidate]], Sequence[Measured]]
+) -> History:
+    """The history of a whole search whose candidates a function evaluates."""
+    search = Search(plan)
+    while candidates := search.ask():
+        search.tell(evaluate(candidates))
+    return search.history
 
 
 OPTIMUM = (0.3, 0.62, 0.8)

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omnitrack_sim.paper.open_loop import EqualController
 from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianController
-from omnitrack_sim.trials.batches import Batch, Row, run_trials
-from omnitrack_sim.trials.sweep import Sweep, resolve
+from omnitrack_sim.robots.omnitrack.control.open_loop import EqualController
+from omnitrack_sim.trials.batches import Batch, Rows, run_rows
+from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.sweep_file import resolve
 
 TEXT = """
 base = "straight"
@@ -68,25 +69,25 @@ def small_sweep(**changes: Any) -> Sweep:
     return resolve({"name": "small"} | data | changes)
 
 
-def deadly_batch(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
-    """As ``run_trials``, but the process dies of trial ``DEADLY``."""
+def deadly_batch(batch: Batch) -> Rows:
+    """As ``run_rows``, but the process dies of trial ``DEADLY``."""
     if DEADLY in [trial.index for trial in batch.trials]:
         os.kill(os.getpid(), signal.SIGKILL)
-    return run_trials(batch)
+    return run_rows(batch)
 
 
-def once_deadly_batch(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
-    """As ``run_trials``, but the first process that comes to trial ``DEADLY`` dies."""
+def once_deadly_batch(batch: Batch) -> Rows:
+    """As ``run_rows``, but the first process that comes to trial ``DEADLY`` dies."""
     mark = Path(os.environ["ONCE_DEADLY"])
     if DEADLY in [trial.index for trial in batch.trials] and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return run_trials(batch)
+    return run_rows(batch)
 
 
 def parts(place: Path) -> list[Path]:
     """The part files in the folder of a sweep."""
-    return sorted((place / "parts").glob("[0-9]*.parquet"))
+    return sorted((place / "parts").glob("*.parquet"))
 
 
 def wait_at_the_gate() -> None:

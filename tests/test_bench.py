@@ -11,16 +11,20 @@ import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
 
+from omnitrack_sim import run_trials
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
+from omnitrack_sim.robots.omnitrack.control import open_loop
 from omnitrack_sim.trials import dispatch
-from omnitrack_sim.trials.bench import Bench, Course, suite_of
-from omnitrack_sim.trials.bench_run import FILES, page, rows_of, run_bench
+from omnitrack_sim.trials.bench import Bench, Changes, Course, suite_of
+from omnitrack_sim.trials.bench_table import page, rows_of
 from omnitrack_sim.trials.controllers import DRY, _drawn
 from omnitrack_sim.trials.mobility import least_friction, robot_of
 
 CONTROL = suite_of("control")
+TABLES = (f"{name}.{end}" for name in ("trials", "results") for end in ("parquet", "csv"))
+FILES = ("bench.json", "summary.json", "results.md", "bench.png", *TABLES)
 
 
 def driven_by(source: str):
@@ -28,7 +32,7 @@ def driven_by(source: str):
     return CONTROL.entry_of("", source)
 
 
-def _short(trials: int, changes: dict):
+def _short(trials: int, changes: Changes):
     """Begins of turns in the tee, of 0.3 s."""
     return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
 
@@ -83,28 +87,34 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
     """Only what is not there is run, also by two workers."""
     driver().save(tmp_path / "driver.npz")
     first = [driven_by("feedback"), driven_by(f"mine={tmp_path / 'driver.npz'}")]
-    rows = run_bench(Bench(CONTROL, [SHORT], first), out=tmp_path / "out").rows
+    rows = run_trials(Bench(CONTROL, [SHORT], first), out=tmp_path / "out").summary["rows"]
     assert [row["entry"] for row in rows] == ["feedback", "mine"]
     assert rows[0]["others"] == "4 timed_out"
     with monkeypatch.context() as patch:
-        patch.setattr(dispatch, "run_trials", lambda batch: pytest.fail("ran again"))
-        assert run_bench(Bench(CONTROL, [SHORT], first), out=tmp_path / "out").rows == rows
+        patch.setattr(dispatch, "run_rows", lambda batch: pytest.fail("ran again"))
+        again = run_trials(Bench(CONTROL, [SHORT], first), out=tmp_path / "out")
+        assert again.summary["rows"] == rows
     told = []
     more = Bench(
-        CONTROL, [SHORT], [*first, driven_by("omnitrack_sim.paper.open_loop:EqualController")]
+        CONTROL,
+        [SHORT],
+        [*first, driven_by(f"{open_loop.__name__}:EqualController")],
     )
-    again = run_bench(more, out=tmp_path / "out", workers=2, progress=told.append).rows
+    again = run_trials(more, out=tmp_path / "out", workers=2, progress=told.append)
+    again = again.summary["rows"]
     assert again[:2] == rows
-    assert again[2]["entry"] == "omnitrack_sim.paper.open_loop.EqualController"
+    assert again[2]["entry"] == f"{open_loop.__name__}.EqualController"
     assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
     for name in FILES:
         assert (tmp_path / "out" / name).stat().st_size > 0, name
     table = pq.read_table(tmp_path / "out" / "trials.parquet")
     assert table.num_rows == 12
-    assert table.column_names[:2] == ["course", "entry"]
+    assert table.column_names[:3] == ["trial", "course", "entry"]
     results = pq.read_table(tmp_path / "out" / "results.parquet")
     assert results.schema.field("energy_j").metadata[b"unit"] == b"J"
-    assert json.loads((tmp_path / "out" / "bench.json").read_text())["rows"][0]["trials"] == 4
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["rows"][0]["trials"] == 4
+    record = json.loads((tmp_path / "out" / "bench.json").read_text())
+    assert list(record["bench"]["entries"]) == [row["entry"] for row in again]
 
 
 def _trials(seconds: list[float], outcomes: list[str]) -> pa.Table:
@@ -175,7 +185,7 @@ def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, tol
 def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys):
     (tmp_path / "notes.txt").write_text("mine")
     assert _status(monkeypatch, "--quick", "--out", str(tmp_path)) == 2
-    assert "holds files but no bench.json" in " ".join(capsys.readouterr().err.split())
+    assert "holds 'notes.txt' but no bench.json" in " ".join(capsys.readouterr().err.split())
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -275,7 +285,7 @@ def test_a_robot_that_does_not_fit_is_a_row(outside, robot, bore, reason):
     """By its own bores, or by what is seen once it has settled."""
     changes = {"pipes.0.inner_diameter": bore}
     bench = Bench.of("mobility", ["bore_small"], [robot], trials=1, changes=changes)
-    (row,) = run_bench(bench).rows
+    (row,) = run_trials(bench).summary["rows"]
     assert (row["trials"], row["success"], row["others"]) == (0, None, "does not fit")
     assert reason in row["reason"]
 
@@ -283,9 +293,9 @@ def test_a_robot_that_does_not_fit_is_a_row(outside, robot, bore, reason):
 def test_the_seat_is_no_force_of_the_run():
     """A chassis that is held where the nominal bore has it is no robot that presses."""
     short = {"run.time_limit": 0.1}
-    trials = run_bench(
+    trials = run_trials(
         Bench.of("mobility", ["bore_small"], ["snake"], trials=1, changes=short)
-    ).trials
+    ).table
     assert 0 < trials["contact_force_max_n"][0].as_py() < 300
 
 
@@ -295,7 +305,7 @@ def test_what_can_be_passed_counts_for_all_courses():
     bench = Bench.of(
         "mobility", ["elbow_15", "tee_over", "pull"], ["presser"], quick=True, changes=short
     )
-    rows = {row["course"]: row for row in run_bench(bench).rows}
+    rows = {row["course"]: row for row in run_trials(bench).summary["rows"]}
     assert list(rows) == ["elbow_15", "tee_over", "pull", "all"]
     assert rows["pull"]["success"] is None
     assert rows["pull"]["pull_held_n"] > 0
@@ -325,14 +335,14 @@ def _results(out, workers: int) -> tuple[bytes, ...]:
     bench = Bench.of(
         "mobility", ["elbow_15", "straight_up_90"], ["presser"], trials=3, changes=short
     )
-    run_bench(bench, out=out, workers=workers)
+    run_trials(bench, out=out, workers=workers)
     return tuple((out / name).read_bytes() for name in FILES)
 
 
 def test_the_table_is_the_same_whoever_runs_it(tmp_path):
     """By one process and two, and where some batches were lost: every file, to the byte."""
     whole = _results(tmp_path / "one", workers=1)
-    (tmp_path / "one" / "trials" / "elbow_15" / "presser" / "parts").rename(tmp_path / "lost")
+    next((tmp_path / "one" / "parts").glob("*.parquet")).unlink()
     (tmp_path / "one" / "results.csv").unlink()
     assert _results(tmp_path / "one", workers=1) == whole
     assert _results(tmp_path / "two", workers=2) == whole
@@ -341,5 +351,7 @@ def test_the_table_is_the_same_whoever_runs_it(tmp_path):
 def test_a_folder_of_another_form_is_left_alone(tmp_path):
     _results(tmp_path, workers=1)
     other = Bench.of("mobility", ["elbow_15"], ["presser"], quick=True)
-    with pytest.raises(OutputError, match="holds a benchmark with quick False"):
-        run_bench(other, out=tmp_path)
+    with pytest.raises(
+        OutputError, match="holds a different bench: quick is false there and true here"
+    ):
+        run_trials(other, out=tmp_path)

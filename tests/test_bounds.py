@@ -12,7 +12,7 @@ from omnitrack_sim.pipes.assembly import touching
 from omnitrack_sim.pipes.fittings.wye import Wye
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.trials.sweep import resolve
+from omnitrack_sim.trials.sweep_file import resolve
 
 PIPE = {"kind": "straight", "length": 1.2}
 KILOMETRE = {"kind": "straight", "length": 1000.0}

@@ -13,7 +13,7 @@ from runs import there_and_back
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import ScenarioError
 from omnitrack_sim.scenario import load_scenario, override, validate
-from omnitrack_sim.trials.sweep import resolve
+from omnitrack_sim.trials.sweep_file import resolve
 
 SAME = ("scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz", "result.json")
 SHORT = {"run.time_limit": 0.1}

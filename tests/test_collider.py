@@ -33,7 +33,7 @@ from omnitrack_sim.pipes.native import (
     _digest,
     announce,
     c_function,
-    load_code,
+    load_file,
     pointers,
 )
 from omnitrack_sim.robots.omnitrack import track
@@ -511,22 +511,22 @@ def test_code_that_is_damaged_or_lacks_something_is_compiled_again(tmp_path, mon
     assert call(_third, signature).ctypes(1.0) == 1 / 3
     (file,) = tmp_path.glob("*.o")
     whole = file.read_bytes()
-    address = load_code(file)
+    address = load_file(file)
     assert address
     assert signature(address)(1.0) == 1 / 3
     head, _, code = whole[32:].partition(b"\n")
     body = json.dumps([json.loads(head)[0], ["of_nobody"]]).encode() + b"\n" + code
     for octets in (b"", whole[:-9], whole[:99] + b"x" + whole[100:], sha256(body).digest() + body):
         file.write_bytes(octets)
-        assert load_code(file) is None
+        assert load_file(file) is None
         assert call(_third, signature).ctypes(1.0) == 1 / 3
-        assert load_code(file)
+        assert load_file(file)
 
 
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):
     """Another value of a constant, of the function itself or of one that it calls, is other
     code."""
-    functions = collide_line, Reducer.wall.span.py_func, Straight.wall.span.py_func
+    functions = collide_line, Reducer.wall.span, Straight.wall.span
     signature = CFUNCTYPE(NUMBER, NUMBER)
     before = [_digest(function, signature) for function in functions]
     monkeypatch.setattr(track, "SPACING", 0.004)

@@ -17,15 +17,15 @@ from omnitrack_sim.base.naming import (
 )
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import assignment
-from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels
-from omnitrack_sim.robots.control import controller_of, parameters_model
+from omnitrack_sim.robots.control import parameters_model
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
@@ -33,9 +33,11 @@ from omnitrack_sim.scenario.tables import (
 )
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.trials.axes import AXES
-from omnitrack_sim.trials.study import RESERVED, Final, Objective, StudyFile, Variable
-from omnitrack_sim.trials.study import resolve as resolve_study
-from omnitrack_sim.trials.sweep import SweepFile, resolve
+from omnitrack_sim.trials.search_plan import Objective, Variable
+from omnitrack_sim.trials.study import RESERVED, Final
+from omnitrack_sim.trials.study_file import StudyFile
+from omnitrack_sim.trials.study_file import resolve as resolve_study
+from omnitrack_sim.trials.sweep_file import SweepFile, resolve
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -326,7 +328,7 @@ def test_every_table_of_parameters_and_sensors_is_documented():
     the sensors."""
     named = {
         f"control.parameters.{key}"
-        for controller in (controller_of(kind, CONTROLLERS) for kind in CONTROLLERS)
+        for controller in Omnitrack.controllers().values()
         for key, info in parameters_model(controller).model_fields.items()
         if isinstance(info.get_default(call_default_factory=True), BaseModel)
     }

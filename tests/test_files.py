@@ -21,8 +21,8 @@ from omnitrack_sim.base.text import printable
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.scenario import load_scenario
-from omnitrack_sim.trials.study import load_study
-from omnitrack_sim.trials.sweep import load_sweep
+from omnitrack_sim.trials.study_file import load_study
+from omnitrack_sim.trials.sweep_file import load_sweep
 
 PIPE = '[[pipes]]\nkind = "straight"\nlength = 1.0\n'
 JSON = '{"pipes": [{"kind": "straight", "length": 1.0}], "seed": 3'

@@ -207,7 +207,7 @@ def test_tables_of_a_sweep_count_each_trial_once():
     """Rows of a range, of a direction and of words add up to all trials."""
     quick = {"run.time_limit": 0.01}
     sweep = ot.load_sweep("tee_monte_carlo", quick).model_copy(update={"samples": 16})
-    result = ot.run_sweep(sweep)
+    result = ot.run_trials(sweep)
     for cuts in sweep_tables.TABLES["tee_monte_carlo"].values():
         for cut in cuts:
             assert sum(

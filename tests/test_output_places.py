@@ -38,7 +38,7 @@ def place(tmp_path, monkeypatch) -> Path:
         "omnitrack_sim.sim.run.run",
         "omnitrack_sim.results.result.load_result",
         "omnitrack_sim.paper.reproduce.run_all",
-        "omnitrack_sim.trials.dispatch.run_trials",
+        "omnitrack_sim.trials.dispatch.run_rows",
     ):
         monkeypatch.setattr(target, work)
     monkeypatch.chdir(tmp_path)

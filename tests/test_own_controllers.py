@@ -16,7 +16,7 @@ from runs import same_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
 from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.trials.sweep import resolve
+from omnitrack_sim.trials.sweep_file import resolve
 
 MODULE = '''
 from typing import Literal
@@ -277,10 +277,10 @@ def test_a_sweep_over_controllers_and_their_parameters(drivers: ModuleType) -> N
     by_part = resolve({"name": "p", "base": "straight", "set": BRIEF | tuned, "axes": [parts]})
     with LocalPool(1) as pool:
         for sweep in (by_kind, by_part):
-            alone = ot.run_sweep(sweep).table
+            alone = ot.run_trials(sweep).table
             assert alone["outcome"].to_pylist() == ["timed_out"] * 2, alone["reason"].to_pylist()
-            assert ot.run_sweep(sweep, executor=pool).table.equals(alone)
-    speeds = ot.run_sweep(by_part).table["mean_speed_m_s"].to_pylist()
+            assert ot.run_trials(sweep, executor=pool).table.equals(alone)
+    speeds = ot.run_trials(by_part).table["mean_speed_m_s"].to_pylist()
     assert speeds == pytest.approx([0.025, 0.05], rel=0.15)
     misspelt = kinds | {"values": ["drivers:Nil"]}
     with pytest.raises(ot.SweepError) as caught:
@@ -336,6 +336,6 @@ def test_a_module_may_lie_beside_the_scenario(tmp_path: Path) -> None:
         (place / "mine.toml").write_text(text, encoding="utf-8")
     scenario = ot.load_scenario(tmp_path / "one" / "mine.toml", {"run.time_limit": 0.02})
     sweep = ot.Sweep(name="s", bases={"mine": scenario}, set={})
-    assert ot.run_sweep(sweep, executor=lambda: LocalPool(1)).table.num_rows == 1
+    assert ot.run_trials(sweep, executor=lambda: LocalPool(1)).table.num_rows == 1
     with pytest.raises(ot.ScenarioError, match=r"two.beside_it\.py has the name of .*one"):
         ot.load_scenario(tmp_path / "two" / "mine.toml")

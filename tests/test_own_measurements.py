@@ -16,7 +16,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.record.channels import CHANNELS, Vector
 from omnitrack_sim.robots.sensor import State
-from omnitrack_sim.trials.sweep import resolve
+from omnitrack_sim.trials.sweep_file import resolve
 
 POWER = ot.Sensor(
     ot.Channel("belt_power", (3,), "W", "mechanical power of each belt", tail_first="swapped"),
@@ -251,13 +251,13 @@ def test_named_metrics_are_columns_of_sweeps(gauges) -> None:
     axis = {"path": "world.friction", "kind": "list", "values": [0.5, 0.9]}
     short = {"run.time_limit": 0.2}
     sweep = resolve({"name": "s", "base": "straight", "set": short | NAMED, "axes": [axis]})
-    table = ot.run_sweep(sweep).table
+    table = ot.run_trials(sweep).table
     result = ot.run(sweep.scenario(1))
     assert table["cold_k"][1].as_py() == result.metrics["cold_k"]
     columns = [table[f"warmth_max_k_{i}"][1].as_py() for i in (1, 2, 3)]
     assert columns == result.metrics["warmth_max_k"]
     assert table.schema.field("cold_k").metadata == {b"unit": b"K"}
-    assert ot.run_sweep(sweep, workers=2).table.equals(table)
+    assert ot.run_trials(sweep, workers=2).table.equals(table)
 
 
 def test_a_run_is_read_where_its_sensors_are_unknown(

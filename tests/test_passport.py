@@ -8,7 +8,9 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.towns.passport import FEATURES, PASSPORT_FILE, KindTrials, shape_of, slopes_of
+from omnitrack_sim.towns.features import FEATURES, shape_of, slopes_of
+from omnitrack_sim.towns.passage_model import KindTrials
+from omnitrack_sim.towns.passport import PASSPORT_FILE
 
 TRUTHS = {
     "steep": lambda x: 1 / (1 + np.exp(-25 * (x[:, 0] - 0.55 - 0.15 * x[:, 2]))),
@@ -104,18 +106,18 @@ def test_features_of_a_passage_are_slopes_and_shape():
 def test_a_passport_is_resumed_to_the_same_bytes(tmp_path):
     """A passport whose batches are lost in part is finished to the bytes of one that ran through;
     what is loaded estimates as what was made."""
-    plan = {"courses": ["straight", "reducer_105"], "trials": 2}
-    made = ot.run_passport("presser", out=tmp_path / "a", **plan)
+    plan = ot.PassportPlan.of("presser", courses=["straight", "reducer_105"], trials=2)
+    made = plan.passport(ot.run_trials(plan, out=tmp_path / "a").table)
     whole = (tmp_path / "a" / PASSPORT_FILE).read_bytes()
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     (tmp_path / "b" / PASSPORT_FILE).unlink()
-    (tmp_path / "b" / "trials" / "trials.parquet").unlink()
-    next((tmp_path / "b" / "trials" / "parts").glob("*.parquet")).unlink()
-    ot.run_passport("presser", out=tmp_path / "b", **plan)
+    (tmp_path / "b" / "trials.parquet").unlink()
+    next((tmp_path / "b" / "parts").glob("*.parquet")).unlink()
+    ot.run_trials(plan, out=tmp_path / "b")
     assert (tmp_path / "b" / PASSPORT_FILE).read_bytes() == whole
     loaded = ot.load_passport(tmp_path / "a")
     assert loaded.summary() == made.summary()
     straight = loaded.kinds["straight"]
     assert straight.costs[straight.passed == 1, 0].mean() == pytest.approx(1 / 0.085, rel=0.1)
     with pytest.raises(ot.InputError, match="is no passport"):
-        ot.load_passport(tmp_path / "b" / "trials" / "trials.parquet")
+        ot.load_passport(tmp_path / "b" / "trials.parquet")

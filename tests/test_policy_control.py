@@ -102,9 +102,9 @@ def test_a_sweep_in_another_process_gives_the_same_table(tmp_path):
         f"values = {policies}\n"
     )
     sweep = ot.load_sweep(tmp_path / "sweep.toml")
-    alone = ot.run_sweep(sweep).table
+    alone = ot.run_trials(sweep).table
     with LocalPool(1) as pool:
-        together = ot.run_sweep(sweep, executor=pool).table
+        together = ot.run_trials(sweep, executor=pool).table
     assert alone.equals(together)
     assert set(alone["outcome"].to_pylist()) <= {"timed_out", "no_motion_line"}
     assert len(set(alone["distance_m"].to_pylist())) == 4

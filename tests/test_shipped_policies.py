@@ -83,7 +83,7 @@ def test_they_run_in_a_sweep_in_another_process(tmp_path):
         '[[axes]]\npath = "start.theta5_deg"\nkind = "list"\nvalues = [-20, 10]\n'
     )
     sweep = ot.load_sweep(tmp_path / "sweep.toml")
-    alone = ot.run_sweep(sweep).table
+    alone = ot.run_trials(sweep).table
     with LocalPool(1) as pool:
-        assert ot.run_sweep(sweep, executor=pool).table.equals(alone)
+        assert ot.run_trials(sweep, executor=pool).table.equals(alone)
     assert len(set(alone["distance_m"].to_pylist())) == 4

@@ -8,26 +8,27 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from commands import omnitrack
-from study_samples import small_study, study_data, write_study
+from study_samples import explore, small_study, study_data, write_study
 from sweep_samples import GATED, parts
 from test_sweep_workers import started, wait_for_parts, wait_until_gone
 from typer.testing import CliRunner
 
-from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_study
+from omnitrack_sim import OutputError, StudyError, load_scenario, load_study, override, run_trials
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import with_changes
 from omnitrack_sim.cli.trials import _print_study
 from omnitrack_sim.show.plots.style import PictureWarning
-from omnitrack_sim.trials import dispatch, study_run
-from omnitrack_sim.trials.search import Measured, explore
+from omnitrack_sim.trials import dispatch, study
+from omnitrack_sim.trials.search import Measured
 
 FILES = {
     "study.json",
-    "history.parquet",
-    "history.csv",
-    "front.csv",
+    *(
+        f"{name}.{end}"
+        for name in ("trials", "history", "front", "final")
+        for end in ("parquet", "csv")
+    ),
     "front.png",
-    "final.csv",
     "best.toml",
     "summary.json",
     "parts",
@@ -48,7 +49,7 @@ def bytes_of(place: Path) -> dict[str, bytes]:
 def calm(tmp_path_factory) -> Path:
     """The small study, run in one process without interruption."""
     place = tmp_path_factory.mktemp("studies") / "calm"
-    run_study(small_study(), out=place)
+    run_trials(small_study(), out=place)
     return place
 
 
@@ -71,7 +72,7 @@ def test_the_folder_holds_its_files(calm):
 def test_two_workers_give_the_same_bytes(calm, tmp_path):
     """All files of two worker processes are those of one process."""
     told = []
-    run_study(small_study(), out=tmp_path / "two", workers=2, progress=told.append)
+    run_trials(small_study(), out=tmp_path / "two", workers=2, progress=told.append)
     assert bytes_of(calm) == bytes_of(tmp_path / "two")
     assert [status.stage for status in told if status.done == status.total][-1].startswith("check")
     parts = [status.done / status.total for status in told]
@@ -92,9 +93,9 @@ def test_a_kill_changes_nothing(tmp_path):
     wait_until_gone(under)  # before its pipes are read, which workers would hold open
     process.communicate()
     kept = {path: path.stat().st_mtime_ns for path in parts(place)}
-    run_study(load_study(file), out=place)
+    run_trials(load_study(file), out=place)
     assert 4 <= len(kept) < len(parts(place))
-    run_study(load_study(file), out=tmp_path / "calm")
+    run_trials(load_study(file), out=tmp_path / "calm")
     assert bytes_of(place) == bytes_of(tmp_path / "calm")
     assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
 
@@ -102,17 +103,18 @@ def test_a_kill_changes_nothing(tmp_path):
 def test_a_finished_study_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads its trials and writes nothing."""
     before = {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")}
-    monkeypatch.setattr(dispatch, "run_trials", None)
-    result = run_study(small_study(), out=calm, workers=2)
-    assert result.table.num_rows == 19
+    monkeypatch.setattr(dispatch, "run_rows", None)
+    result = run_trials(small_study(), out=calm, workers=2)
+    assert result.tables["history"].num_rows == 19
     assert {path: path.stat().st_mtime_ns for path in calm.rglob("*.*")} == before
 
 
 def test_without_a_folder_nothing_is_written(calm, tmp_path, monkeypatch):
     """The result is the same, and no file appears."""
     monkeypatch.chdir(tmp_path)
-    result = run_study(small_study())
-    assert result.table.equals(pq.read_table(calm / "history.parquet"))
+    result = run_trials(small_study())
+    for name, table in result.tables.items():
+        assert table.equals(pq.read_table(calm / f"{name}.parquet")), name
     assert result.summary == json.loads((calm / "summary.json").read_text())
     assert list(tmp_path.iterdir()) == []
 
@@ -121,16 +123,17 @@ def test_more_generations_and_another_check_go_on(calm, tmp_path, monkeypatch):
     """With a third generation the first two are those that were there; the check may change without
     any trial of the search being run again."""
     place = tmp_path / "longer"
-    run_study(small_study(final={"candidates": 0}), out=place)
+    run_trials(small_study(final={"candidates": 0}), out=place)
     assert not (place / "final.csv").exists()
-    before = {path.stem.partition("-")[2] for path in parts(place)}
-    ran, usual = [], dispatch.run_trials
-    monkeypatch.setattr(dispatch, "run_trials", lambda batch: ran.append(batch) or usual(batch))
-    longer = run_study(small_study(generations=3), out=place)
+    before = {path.stem for path in parts(place)}
+    ran, usual = [], dispatch.run_rows
+    monkeypatch.setattr(dispatch, "run_rows", lambda batch: ran.append(batch) or usual(batch))
+    longer = run_trials(small_study(generations=3), out=place)
     first = pq.read_table(calm / "history.parquet").slice(0, 17)
-    assert longer.table.slice(0, 17).equals(first)
-    assert longer.table.num_rows == 27
-    assert longer.final is not None
+    history = longer.tables["history"]
+    assert history.slice(0, 17).equals(first)
+    assert history.num_rows == 27
+    assert "final" in longer.tables
     assert ran
     assert not [batch for batch in ran if batch.hash in before]
     assert (place / "final.csv").exists()
@@ -144,7 +147,7 @@ def test_another_study_is_refused_and_the_difference_named(calm):
     variables = [data["variables"][0] | {"high": 0.3}, data["variables"][1]]
     trials = [data["trials"][0] | {"seed": 9}]
     with pytest.raises(OutputError, match="holds a different study") as caught:
-        run_study(small_study(variables=variables, trials=trials), out=calm)
+        run_trials(small_study(variables=variables, trials=trials), out=calm)
     assert "variables.0.high is 0.2 there and 0.3 here" in str(caught.value)
     assert "trials.0.seed is 0 there and 9 here" in str(caught.value)
     assert bytes_of(calm) == before
@@ -162,7 +165,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
         (tmp_path / "other", "best.toml: is a folder"),
     ):
         with pytest.raises(OutputError, match=told):
-            run_study(small_study(), out=place)
+            run_trials(small_study(), out=place)
     assert {path.name for path in tmp_path.rglob("*")} == {
         "mine",
         "thesis.txt",
@@ -179,7 +182,7 @@ def test_a_damaged_part_is_run_again(calm, tmp_path):
     cut.write_bytes(cut.read_bytes()[:-100])
     odd.write_bytes(bytes(byte ^ 1 for byte in odd.read_bytes()))
     lost.unlink()
-    run_study(small_study(), out=place)
+    run_trials(small_study(), out=place)
     assert bytes_of(place) == bytes_of(calm)
 
 
@@ -189,11 +192,11 @@ def test_a_figure_that_fails_costs_only_itself(calm, tmp_path, monkeypatch):
     place = Path(shutil.copytree(calm, tmp_path / "study"))
     (place / "summary.json").write_text("{}")
     with monkeypatch.context() as patch:
-        patch.setattr(study_run, "draw_front", lambda *_: 1 / 0)
+        patch.setattr(study, "draw_front", lambda *_: 1 / 0)
         with pytest.warns(PictureWarning, match=r"no front\.png: division by zero"):
-            run_study(small_study(), out=place)
+            run_trials(small_study(), out=place)
     assert {path.name for path in place.iterdir()} == FILES - {"front.png"}
-    run_study(small_study(), out=place)
+    run_trials(small_study(), out=place)
     assert bytes_of(place) == bytes_of(calm)
 
 
@@ -202,7 +205,7 @@ def test_a_damaged_description_is_named(tmp_path, text):
     """It cannot be known whose trials these are."""
     (tmp_path / "study.json").write_text(text)
     with pytest.raises(OutputError, match=r"study\.json: is no description of a study"):
-        run_study(small_study(), out=tmp_path)
+        run_trials(small_study(), out=tmp_path)
 
 
 @pytest.mark.parametrize("failed", [None, "worst"])
@@ -213,14 +216,14 @@ def test_a_study_in_which_no_trial_passes_is_an_error(tmp_path, failed):
     objectives = [distance, {key: torque[key] for key in ("metric", "goal", "module")}]
     objectives[1] |= {} if failed is None else {"failed": failed}
     with pytest.raises(StudyError) as caught:
-        run_study(small_study(objectives=objectives), out=tmp_path)
+        run_trials(small_study(objectives=objectives), out=tmp_path)
     (fault,) = caught.value.faults
     assert fault.where == "objectives.1"
     assert "torque_rms_nm: no trial of the first generation passed" in fault.problem
     assert 'use failed = "count"' in fault.problem
     assert len(pq.read_table(parts(tmp_path)[0])) > 0
     objectives[1] |= {"failed": "worst", "worst": 9.0}
-    shown = run_study(small_study(objectives=objectives)).summary["best"]["search"]
+    shown = run_trials(small_study(objectives=objectives)).summary["best"]["search"]
     assert (shown["torque_rms_nm"], shown["passed"], shown["trials"]) == (9.0, 0, 2)
 
 
@@ -230,10 +233,9 @@ def test_a_front_without_candidates_is_written_whole(tmp_path):
     bore = {"path": "pipes.*.inner_diameter", "kind": "list", "values": [0.17, 0.3]}
     trials = study_data()["trials"][0]
     trials = trials | {"axes": [*trials["axes"], bore], "samples": 1}
-    study = small_study(trials=[trials])
-    result = run_study(study, out=tmp_path / "out")
+    result = run_trials(small_study(trials=[trials]), out=tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
-    assert result.front.num_rows == 0
+    assert result.tables["front"].num_rows == 0
     assert result.summary["on_front"] == 0
     assert len((tmp_path / "out" / "front.csv").read_text().splitlines()) == 1
     (tmp_path / "small.json").write_text(json.dumps(study_data() | {"trials": [trials]}))
@@ -245,11 +247,12 @@ def test_a_front_without_candidates_is_written_whole(tmp_path):
 
 def test_a_best_one_that_is_not_on_the_front_says_so(calm, capsys):
     """The check may choose a candidate that others beat in the search."""
-    result = run_study(small_study(), out=calm)
+    result = run_trials(small_study(), out=calm)
     number = result.summary["best"]["number"]
-    kept = [i for i, one in enumerate(result.front["number"].to_pylist()) if one != number]
-    for front, told in ((result.front.take(kept), True), (result.table, False)):
-        _print_study(replace(result, front=front), calm)
+    tables = result.tables
+    kept = [i for i, one in enumerate(tables["front"]["number"].to_pylist()) if one != number]
+    for front, told in ((tables["front"].take(kept), True), (tables["history"], False)):
+        _print_study(small_study(), replace(result, tables={**tables, "front": front}), calm)
         assert ("not this one, which is the best in the check" in capsys.readouterr().out) is told
 
 
@@ -257,14 +260,12 @@ def test_the_figure_leaves_out_what_has_no_weight(monkeypatch):
     """An objective that is a limit alone has no panel; candidates beyond it are still marked."""
     distance, torque = study_data()["objectives"]
     limited = torque | {"name": "limited", "weight": 0, "limit": 1e-9}
-    study = small_study(objectives=[limited, distance, torque])
-    history = explore(study, lambda asked: [Measured((1.0, 2.0, 3.0)) for _ in asked])
+    limits = small_study(objectives=[limited, distance, torque])
+    history = explore(limits, lambda asked: [Measured((1.0, 2.0, 3.0)) for _ in asked])
     drawn = []
-    usual = study_run.study_figure
-    monkeypatch.setattr(
-        study_run, "study_figure", lambda *given: drawn.append(given) or usual(*given)
-    )
-    study_run.draw_front(study, history, history[:2], history[1][0])
+    usual = study.study_figure
+    monkeypatch.setattr(study, "study_figure", lambda *given: drawn.append(given) or usual(*given))
+    study.draw_front(limits, history, history[:2], history[1][0])
     ((scales, tried),) = drawn
     assert [scale.name for scale in scales] == ["distance_m", "torque_rms_nm"]
     assert (tried.values == [2.0, 3.0]).all()
@@ -295,26 +296,27 @@ def test_the_best_values_can_be_set(calm, tmp_path):
 def test_values_that_do_not_fit_and_trials_that_break_are_the_worst(monkeypatch):
     """Bores beyond the arms' reach are invalid trials, and one that diverged has figures that would
     win; the study goes on, and neither of them does."""
-    usual = dispatch.run_trials
+    usual = dispatch.run_rows
 
-    def run_trials(batch):
-        rows, made_by = usual(batch)
-        for row in rows:
-            if row["trial"] == 2:
+    def run_rows(batch):
+        results = usual(batch)
+        for trial, row in zip(batch.trials, results.rows, strict=True):
+            if trial.index == 2:
                 row |= {"outcome": "diverged", "success": False, "distance_m": 1e6}
-        return rows, made_by
+        return results
 
-    monkeypatch.setattr(dispatch, "run_trials", run_trials)
+    monkeypatch.setattr(dispatch, "run_rows", run_rows)
     bore = {"path": "pipes.*.inner_diameter", "low": 0.15, "high": 0.2, "start": 0.185}
     reach = {"path": "robot.reach", "low": 0.083, "high": 0.105}
     distance = study_data()["objectives"][0]
     fields = {"variables": [bore, reach], "objectives": [distance], "final": {"samples": 1}}
-    result = run_study(small_study(**fields, generations=1, directions=1))
-    rows = result.table.to_pylist()
+    result = run_trials(small_study(**fields, generations=1, directions=1))
+    rows = result.tables["history"].to_pylist()
     invalid = [row["distance_m"] for row in rows if row["invalid"]]
     assert set(invalid) == {float("-inf")}
     assert (rows[1]["lost"], rows[1]["distance_m"]) == (1, float("-inf"))
-    assert result.best["pipes.*.inner_diameter"] < 2 * result.best["robot.reach"]
+    best = result.summary["best"]["values"]
+    assert best["pipes.*.inner_diameter"] < 2 * best["robot.reach"]
 
 
 def test_a_study_of_invalid_trials_only_is_an_error():
@@ -322,7 +324,7 @@ def test_a_study_of_invalid_trials_only_is_an_error():
     bore = {"path": "pipes.*.inner_diameter", "low": 0.196, "high": 0.2}
     reach = {"path": "robot.reach", "low": 0.09, "high": 0.105}
     with pytest.raises(StudyError, match="none of the first 18 trials is valid") as caught:
-        run_study(small_study(variables=[bore, reach], step=0.001))
+        run_trials(small_study(variables=[bore, reach], step=0.001))
     assert "the arms reach bores" in str(caught.value)
 
 
@@ -381,4 +383,4 @@ def test_a_missing_library_is_told(monkeypatch):
     """Without cmaes the error says what to install."""
     monkeypatch.setitem(__import__("sys").modules, "cmaes", None)
     with pytest.raises(Exception, match=r"pip install 'omnitrack_sim\[optimise\]'"):
-        run_study(small_study())
+        run_trials(small_study())

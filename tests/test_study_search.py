@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from study_samples import OPTIMUM, noisy_quadratic, places, quadratic_plan
+from study_samples import OPTIMUM, explore, noisy_quadratic, places, quadratic_plan
 
 from omnitrack_sim.trials.search import (
     Measured,
     best_of,
-    explore,
     front,
     front_of,
     scores_of,
@@ -16,7 +15,7 @@ from omnitrack_sim.trials.search import (
     values_of,
     violations_of,
 )
-from omnitrack_sim.trials.study import Objective, Variable
+from omnitrack_sim.trials.search_plan import Objective, Variable
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,10 +8,12 @@ import pytest
 from study_samples import small_study, study_data
 
 from omnitrack_sim import StudyError, load_study, override, shipped_files
-from omnitrack_sim.trials import study as study_room
+from omnitrack_sim.trials import study_file
+from omnitrack_sim.trials.measure import Measure
 from omnitrack_sim.trials.search import Candidate
-from omnitrack_sim.trials.study import Objective, Study, Variable, resolve
-from omnitrack_sim.trials.study_run import Measure, batches_of
+from omnitrack_sim.trials.search_plan import Objective, Variable
+from omnitrack_sim.trials.study import Study, batches_of
+from omnitrack_sim.trials.study_file import resolve
 
 SPEED, PRELOAD = study_data()["variables"]
 DISTANCE, TORQUE = study_data()["objectives"]
@@ -152,7 +154,7 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
         ({"final": {"seed": 0}}, "final.seed", "the very trials of trials.0"),
         ({"generations": 100_000, "population": 10_000}, "generations", "at most 1000000"),
         ({"generations": 300, "trials": [TRIALS | {"samples": 9000}]}, "generations", "trials; at"),
-        ({"trials": [TRIALS | {"samples": 200_000}]}, "population", "makes 1600000 trials"),
+        ({"trials": [TRIALS | {"samples": 200_000}]}, "generations", "makes 3800000 trials"),
         ({"final": {"samples": 900_000}}, "final.samples", "makes 8100000 trials; at most"),
         ({"trials": [TRIALS | {"batch": 4000, "set": LONG}]}, "trials.0.batch", "16 trials togeth"),
         ({"variables": [PRELOAD | {"high": 1e300}]}, "variables.0.high", "1000000000000000"),
@@ -167,7 +169,7 @@ def test_single_faults(changes, where, told):
 
 def test_too_many_bases_are_refused(monkeypatch):
     """The bounds of every variable are tried in each of them."""
-    monkeypatch.setattr(study_room, "MOST_BASES", 1)
+    monkeypatch.setattr(study_file, "MOST_BASES", 1)
     told = _faults(trials=[TRIALS | {"base": ["straight", "tee_turn"], "batch": 1}])
     assert told == {"trials": "trials: have 2 base scenarios; at most 1"}
 

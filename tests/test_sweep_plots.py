@@ -14,16 +14,9 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
-from omnitrack_sim.trials.dispatch import Status
-from omnitrack_sim.trials.sweep import load_sweep, resolve
-from omnitrack_sim.trials.sweep_run import (
-    CLASSES,
-    SweepResult,
-    draw_map,
-    singular_range,
-    spreads,
-    turn_case,
-)
+from omnitrack_sim.trials.run import Status, TrialsResult
+from omnitrack_sim.trials.sweep_file import load_sweep, resolve
+from omnitrack_sim.trials.sweep_plot import CLASSES, draw_map, singular_range, spreads, turn_case
 
 RNG = np.random.default_rng(0)
 N = 400
@@ -150,7 +143,7 @@ def sweep_result(axes):
     passed = [value > 15.0 for value in preload]
     ends = ["reached_goal" if good else "slipping" for good in passed]
     table = pa.table({"outcome": ends, "success": passed})
-    return SweepResult(sweep, table, Status(sweep.size), None, None)
+    return TrialsResult(sweep, {"trials": table}, {}, Status(sweep.size))
 
 
 def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
@@ -167,7 +160,7 @@ def test_one_chart_of_a_sweep_goes_into_an_axis(tmp_path):
     assert rates.tolist() == [[0, 0], [100, 100], [100, 100]]
     ot.plot_sweep(sweep_result(AXES[:1]), ax=Figure().subplots())
     ot.plot_sweep(result, tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes() == draw_map(result.sweep, result.table)
+    assert (tmp_path / "a.png").read_bytes() == draw_map(result.plan, result.table)
 
 
 @pytest.mark.parametrize(
@@ -189,7 +182,7 @@ def test_a_chart_of_a_sweep_that_there_is_not_is_refused(given, told):
 def test_a_result_without_all_trials_is_refused():
     """Other shares of the sweep are missing."""
     result = sweep_result(AXES)
-    share = replace(result, table=result.table.slice(1))
+    share = replace(result, tables={"trials": result.table.slice(1)})
     with pytest.raises(InputError, match="result: has 11 of 12 trials of 's'"):
         ot.plot_sweep(share)
     with pytest.raises(TypeError, match="result: is 's'"):

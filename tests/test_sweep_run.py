@@ -21,18 +21,23 @@ from sweep_samples import (
     small_sweep,
 )
 
-from omnitrack_sim import OutputError, SweepError, run, run_sweep
+from omnitrack_sim import OutputError, SweepError, run, run_trials
 from omnitrack_sim.base import writing
 from omnitrack_sim.base.writing import whole_file
 from omnitrack_sim.record.events import BackedOff, FellOff
+from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.trials import batches, dispatch
-from omnitrack_sim.trials.store import metric_columns, to_parquet
-from omnitrack_sim.trials.sweep_run import summarise_sweep
+from omnitrack_sim.trials.table import to_parquet
 
 ALL = {*FILES, "parts"}
+
+
+def columns_of(metric: Metric) -> list[str]:
+    """Columns of a metric: one, or one for each module."""
+    return [f"{metric.name}_{i}" for i in (1, 2, 3)] if metric.per_module else [metric.name]
 
 
 def test_the_folder_holds_its_files(calm, table):
@@ -82,7 +87,7 @@ def test_a_row_is_what_the_run_of_its_scenario_gives(table):
     assert (row["attempts"], row["falls"]) == (1, 0)
     for metric in METRICS:
         if metric.in_tables:
-            values = [row[column] for column in metric_columns(metric)]
+            values = [row[column] for column in columns_of(metric)]
             figure = result.metrics[metric.name]
             assert values == (figure if metric.per_module else [figure])
 
@@ -91,7 +96,7 @@ def test_every_metric_is_in_the_table(table):
     """The table has all metrics of a run but those that are left out on purpose: what slip reads
     without load, which sweeps do not measure, and the times of phases, which are no number."""
     (result,) = run_batch([small_sweep().scenario(VALID)], no_load=False)
-    in_tables = {metric.name: metric_columns(metric) for metric in METRICS if metric.in_tables}
+    in_tables = {metric.name: columns_of(metric) for metric in METRICS if metric.in_tables}
     assert set(in_tables) == set(result.metrics) - {
         "no_load_slip_m_s",
         "slip_excess",
@@ -125,7 +130,7 @@ def test_summary_counts_without_the_invalid(calm, table):
     (rows,) = summary["groups"].values()
     assert [row["value"] for row in rows] == ["jacobian", "equal"]
     assert sum(row["counted"] for row in rows) == summary["counted"]
-    assert {"versions", "git_commit", "platform"} <= set(summary["provenance"]["made_by"][0])
+    assert {"versions", "git_commit", "platform"} <= set(summary["made_by"][0])
 
 
 def test_groups_of_every_kind_of_value():
@@ -142,10 +147,10 @@ def test_groups_of_every_kind_of_value():
         {"path": "robot.preload", "kind": "list", "values": [20, 30.5]},
     ]
     sweep = small_sweep(axes=axes, set={"run.time_limit": 0.02})
-    table = run_sweep(sweep).table
+    table = run_trials(sweep).table
     kinds = [str(table.schema.field(name).type) for name in table.schema.names[1:7]]
     assert kinds == ["int64", "double", "double", "double", "bool", "double"]
-    groups = summarise_sweep(sweep, table, [])["groups"]
+    groups = sweep.summary(table)["groups"]
     assert [[row["value"] for row in rows] for rows in groups.values()] == [
         ["2", "3"],
         ["down", "none"],
@@ -158,18 +163,18 @@ def test_groups_of_every_kind_of_value():
 def test_two_shards_in_one_folder_and_in_two(calm, tmp_path):
     """Shards in one folder finish it; parts of two folders copied together do too."""
     sweep = small_sweep()
-    first = run_sweep(sweep, out=tmp_path / "one", shard=(1, 2))
+    first = run_trials(sweep, out=tmp_path / "one", shard=(1, 2))
     assert 0 < first.table.num_rows < 10
-    assert first.summary is None
+    assert first.summary == {}
     assert not (tmp_path / "one" / "trials.parquet").exists()
-    assert run_sweep(sweep, out=tmp_path / "one", shard=(2, 2)).table.num_rows == 10
+    assert run_trials(sweep, out=tmp_path / "one", shard=(2, 2)).table.num_rows == 10
     assert same(calm, tmp_path / "one")
     for i in (1, 2):
-        run_sweep(sweep, out=tmp_path / f"share{i}", shard=(i, 2))
+        run_trials(sweep, out=tmp_path / f"share{i}", shard=(i, 2))
     (tmp_path / "both" / "parts").mkdir(parents=True)
     for file in [*parts(tmp_path / "share1"), *parts(tmp_path / "share2")]:
         (tmp_path / "both" / "parts" / file.name).write_bytes(file.read_bytes())
-    run_sweep(sweep, out=tmp_path / "both")
+    run_trials(sweep, out=tmp_path / "both")
     assert same(calm, tmp_path / "both")
 
 
@@ -177,15 +182,15 @@ def test_nothing_is_written_without_a_folder(table, tmp_path, monkeypatch):
     """Without a directory the table comes back and no file appears."""
     monkeypatch.chdir(tmp_path)
     with ThreadPoolExecutor(2) as threads:
-        assert run_sweep(small_sweep(), executor=threads).table.equals(table)
+        assert run_trials(small_sweep(), executor=threads).table.equals(table)
         assert threads.submit(int).result() == 0  # a given executor is left open
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     """The same call on a finished folder reads the table."""
-    monkeypatch.setattr(dispatch, "run_trials", None)
-    assert run_sweep(small_sweep(), out=calm).status.found == 10
+    monkeypatch.setattr(dispatch, "run_rows", None)
+    assert run_trials(small_sweep(), out=calm).status.found == 10
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other", "foreign"])
@@ -193,20 +198,20 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
     """A part that is cut, has a wrong byte, is empty, belongs to other trials, or to trials of the
     same numbers with other values, is run again."""
     place = tmp_path / "sweep"
-    run_sweep(small_sweep(), out=place, shard=(1, 2))
+    run_trials(small_sweep(), out=place, shard=(1, 2))
     file = parts(place)[0]
     whole = file.read_bytes()
     middle = len(whole) // 3
     flipped = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
-    other = parts(calm)[1].read_bytes()
+    other = next(one for one in parts(calm) if one.name != file.name).read_bytes()
     table = pq.read_table(file)
     zeros = pa.array([0.0] * table.num_rows)
-    at = table.schema.get_field_index("robot.preload")
+    at = table.schema.get_field_index("energy_j")
     foreign = table.set_column(at, table.schema.field(at), zeros)
     foreign = foreign.replace_schema_metadata(table.schema.metadata | {b"part": b"0" * 16})
     files = {"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}
     file.write_bytes((files | {"foreign": to_parquet(foreign)})[damage])
-    run_sweep(small_sweep(), out=place)
+    run_trials(small_sweep(), out=place)
     assert same(calm, place)
     assert file.read_bytes() == whole
 
@@ -215,7 +220,7 @@ def test_another_sweep_is_refused_and_the_difference_named(calm):
     """A changed axis is named with both values."""
     other = small_sweep(samples=6, set={"run.time_limit": 0.2})
     with pytest.raises(OutputError, match="samples is 5 there and 6 here") as caught:
-        run_sweep(other, out=calm)
+        run_trials(other, out=calm)
     assert "bases.straight.run.time_limit is 0.1 there and 0.2 here" in str(caught.value)
     assert "another folder" in str(caught.value)
 
@@ -224,13 +229,13 @@ def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypa
     """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is
     run."""
     place = tmp_path / "sweep"
-    run_sweep(small_sweep(), out=place)
-    monkeypatch.setattr(dispatch, "run_trials", None)
-    run_sweep(small_sweep(name="renamed", group_by=[]), out=place)
+    run_trials(small_sweep(), out=place)
+    monkeypatch.setattr(dispatch, "run_rows", None)
+    run_trials(small_sweep(name="renamed", group_by=[]), out=place)
     summary = json.loads((place / "summary.json").read_text())
     assert (summary["name"], summary["groups"]) == ("renamed", {})
     assert json.loads((place / "sweep.json").read_text())["sweep"]["name"] == "renamed"
-    run_sweep(small_sweep(), out=place)
+    run_trials(small_sweep(), out=place)
     assert same(calm, place)
 
 
@@ -238,9 +243,9 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
     """A folder that is no sweep keeps its files; a file is no folder."""
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(OutputError, match=r"thesis\.txt"):
-        run_sweep(small_sweep(), out=tmp_path)
+        run_trials(small_sweep(), out=tmp_path)
     with pytest.raises(OutputError, match="is a file"):
-        run_sweep(small_sweep(), out=tmp_path / "thesis.txt")
+        run_trials(small_sweep(), out=tmp_path / "thesis.txt")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
@@ -250,8 +255,8 @@ def test_leftovers_of_killed_runs_go_but_not_those_of_living_ones(tmp_path):
     dead = place / "parts" / ".omnitrack-00000000.tmp"
     dead.mkdir(parents=True)
     (dead / "new").write_bytes(b"half")
-    with whole_file(place / "parts" / "000001-1.parquet"):
-        run_sweep(small_sweep(), out=place, shard=(1, 4))
+    with whole_file(place / "parts" / "0123456789abcdef.parquet"):
+        run_trials(small_sweep(), out=place, shard=(1, 4))
         assert not dead.exists()
         (alive,) = (place / "parts").glob(".omnitrack-*.tmp")
         (alive / "new").touch()
@@ -269,7 +274,7 @@ def test_an_exception_makes_one_row(calm, tmp_path, monkeypatch):
         return usual(scenarios, **keys)
 
     monkeypatch.setattr(batches, "run_batch", run_batch)
-    rows = run_sweep(small_sweep(), out=tmp_path / "sweep").table.to_pylist()
+    rows = run_trials(small_sweep(), out=tmp_path / "sweep").table.to_pylist()
     assert (rows[VALID]["outcome"], rows[VALID]["reason"]) == (
         "error",
         "ZeroDivisionError: a rare case",
@@ -297,7 +302,7 @@ def test_a_row_tells_attempts_and_falls_and_has_no_figure_that_is_not_finite(mon
 
     monkeypatch.setattr(batches, "run_batch", run_batch)
     rows = [
-        row for row in run_sweep(small_sweep()).table.to_pylist() if row["outcome"] != "invalid"
+        row for row in run_trials(small_sweep()).table.to_pylist() if row["outcome"] != "invalid"
     ]
     broken = [row for row in rows if row["attempts"] == 3]
     assert 1 < len(broken) < len(rows)
@@ -320,10 +325,10 @@ def test_a_full_disk_keeps_the_finished_parts(calm, tmp_path, monkeypatch):
 
     monkeypatch.setattr(writing.os, "fsync", fsync)
     with pytest.raises(OutputError, match=r"No space left on device.*goes on"):
-        run_sweep(small_sweep(), out=tmp_path / "sweep")
+        run_trials(small_sweep(), out=tmp_path / "sweep")
     assert len(parts(tmp_path / "sweep")) == 2
     assert not list((tmp_path / "sweep").rglob("*.tmp"))
-    run_sweep(small_sweep(), out=tmp_path / "sweep")
+    run_trials(small_sweep(), out=tmp_path / "sweep")
     assert same(calm, tmp_path / "sweep")
 
 
@@ -331,7 +336,7 @@ def test_a_sweep_of_invalid_trials_only_is_an_error(tmp_path):
     """When no trial fits, the error says why."""
     axis = {"path": "robot.preload", "kind": "grid", "start": -3, "stop": -1, "count": 2}
     with pytest.raises(SweepError, match=r"none of 2 trials is valid\nrobot\.preload"):
-        run_sweep(small_sweep(axes=[axis]), out=tmp_path / "sweep")
+        run_trials(small_sweep(axes=[axis]), out=tmp_path / "sweep")
     assert not (tmp_path / "sweep" / "trials.parquet").exists()
 
 

@@ -22,7 +22,7 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.sim.builder import batch_key
-from omnitrack_sim.trials.sweep import resolve
+from omnitrack_sim.trials.sweep_file import resolve
 
 GRID = {"path": "world.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
 KIND = {"path": "control.kind", "kind": "list", "values": ["jacobian", "paper"]}

@@ -26,7 +26,7 @@ from sweep_samples import (
     write_sweep,
 )
 
-from omnitrack_sim import load_sweep, run_sweep
+from omnitrack_sim import load_sweep, run_trials
 from omnitrack_sim.base import workers
 from omnitrack_sim.base.workers import DaskPool, LocalPool, WorkersLost
 from omnitrack_sim.trials import dispatch
@@ -91,7 +91,7 @@ def wait_until_gone(pids: list[int]) -> None:
 def test_two_workers_give_the_same_bytes(calm, tmp_path):
     """All files of two worker processes are those of one process."""
     told = []
-    run_sweep(
+    run_trials(
         small_sweep(), out=tmp_path / "two", executor=lambda: LocalPool(2), progress=told.append
     )
     assert same(calm, tmp_path / "two")
@@ -101,9 +101,9 @@ def test_two_workers_give_the_same_bytes(calm, tmp_path):
 
 def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
     """Its batch is split after three deaths; it alone becomes a row, the others are as usual."""
-    monkeypatch.setattr(dispatch, "run_trials", deadly_batch)
+    monkeypatch.setattr(dispatch, "run_rows", deadly_batch)
     told = []
-    rows = run_sweep(small_sweep(), workers=2, progress=told.append).table.to_pylist()
+    rows = run_trials(small_sweep(), workers=2, progress=told.append).table.to_pylist()
     assert (rows[DEADLY]["outcome"], rows[DEADLY]["reason"]) == ("error", "the worker died")
     expected = table.to_pylist()
     assert rows[:DEADLY] + rows[DEADLY + 1 :] == expected[:DEADLY] + expected[DEADLY + 1 :]
@@ -112,9 +112,9 @@ def test_a_trial_that_kills_its_worker_makes_one_row(table, monkeypatch):
 
 def test_a_worker_that_is_killed_once_costs_nothing(calm, tmp_path, monkeypatch):
     """After one death the batch is run again, and the files are the usual ones."""
-    monkeypatch.setattr(dispatch, "run_trials", once_deadly_batch)
+    monkeypatch.setattr(dispatch, "run_rows", once_deadly_batch)
     monkeypatch.setenv("ONCE_DEADLY", str(tmp_path / "mark"))
-    run_sweep(small_sweep(), out=tmp_path / "sweep", workers=2)
+    run_trials(small_sweep(), out=tmp_path / "sweep", workers=2)
     assert (tmp_path / "mark").exists()
     assert same(calm, tmp_path / "sweep")
 
@@ -125,16 +125,16 @@ def test_workers_that_never_work_are_told(monkeypatch):
     # Ends a worker as it begins, and needs no module of the package there.
     monkeypatch.setattr("omnitrack_sim.base.workers.begin_worker", os._exit)
     with pytest.raises(WorkersLost, match="before they run anything"):
-        run_sweep(small_sweep(), executor=lambda: LocalPool(1))
+        run_trials(small_sweep(), executor=lambda: LocalPool(1))
     with LocalPool(1) as pool, pytest.raises(WorkersLost, match="callable"):
-        run_sweep(small_sweep(), executor=pool)
+        run_trials(small_sweep(), executor=pool)
 
 
 def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     """Killed and interrupted on the way, workers die with their parent, and the same command ends
     with equal files."""
     file, killed = write_sweep(tmp_path, samples=12, kinds=GATED), tmp_path / "killed"
-    run_sweep(load_sweep(file), out=tmp_path / "calm")
+    run_trials(load_sweep(file), out=tmp_path / "calm")
     command = ("sweep", file, "--out", killed, "--workers", 2)
     process = started(*command, GATE_FOLDER=killed, GATE_PARTS=2)
     under = wait_for_parts(process, killed, 2)
@@ -154,7 +154,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     assert process.returncode == 130
     assert "of 24 trials done; the same command goes on" in told
     assert "Traceback" not in told
-    assert run_sweep(load_sweep(file), out=killed).status.total == 24
+    assert run_trials(load_sweep(file), out=killed).status.total == 24
     assert same(tmp_path / "calm", killed)
     assert all(path.stat().st_mtime_ns == when for path, when in before.items())
 
@@ -177,7 +177,7 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monke
     """A scheduler and two workers, one killed on the way: the files are those of one process."""
     file = write_sweep(tmp_path, samples=12)
     sweep = load_sweep(file)
-    run_sweep(sweep, out=tmp_path / "calm")
+    run_trials(sweep, out=tmp_path / "calm")
     address = tmp_path / "scheduler.json"
     common = ["--scheduler-file", str(address), "--no-dashboard", "--host", "127.0.0.1"]
     one = ["--nthreads", "1", "--no-nanny", "--death-timeout", str(PATIENCE)]
@@ -194,7 +194,7 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, monke
             if status.done:
                 cluster[1].kill()
 
-        run_sweep(
+        run_trials(
             sweep, out=tmp_path / "dask", executor=lambda: DaskPool(contact), progress=kill_one
         )
     finally:

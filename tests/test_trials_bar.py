@@ -18,8 +18,7 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.cli import app, common, trials
 from omnitrack_sim.cli.common import Screen, progress
 from omnitrack_sim.cli.trials import trials_bar
-from omnitrack_sim.trials.dispatch import Status
-from omnitrack_sim.trials.sweep_run import SweepResult
+from omnitrack_sim.trials.run import Status, TrialsResult
 
 
 def _status(done, found=0, lost=0, total=10):
@@ -104,7 +103,7 @@ def test_one_trial_is_told_in_the_singular(clock, capfd, tmp_path):
     assert listed.stdout.startswith("1 trial in 1 batch of 1 model\n")
     sweep = load_sweep(file)
     assert repr(sweep) == "Sweep('one': 1 trial of straight; world.friction)"
-    result = SweepResult(sweep, pa.table({}), Status(1), None, None)
+    result = TrialsResult(sweep, {"trials": pa.table({})}, {}, Status(1))
     with pytest.raises(InputError, match=r"has 0 of 1 trial of 'one'$"):
         plot_sweep(result, tmp_path / "one.png")
     assert trials._work(1, 1) == "1 candidate of 1 trial, 1 trial in all"

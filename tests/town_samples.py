@@ -4,7 +4,8 @@ import numpy as np
 
 import omnitrack_sim as ot
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
-from omnitrack_sim.towns.passport import FEATURES, KindTrials
+from omnitrack_sim.towns.features import FEATURES
+from omnitrack_sim.towns.passage_model import KindTrials
 
 WAYS = ("run to branch", "branch to run", "over the run", "across the run")
 KINDS = (

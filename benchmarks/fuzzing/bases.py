@@ -84,7 +84,7 @@ SWEEP: Mapping[str, Any] = {
 @cache
 def sweep() -> Sweep:
     """A sweep of four trials in two batches."""
-    from omnitrack_sim.trials.sweep import resolve
+    from omnitrack_sim.trials.sweep_file import resolve
 
     return resolve(SWEEP)
 
@@ -92,10 +92,10 @@ def sweep() -> Sweep:
 @cache
 def sweeps() -> dict[str, Contents]:
     """Folders of that sweep by name: finished, and with half of its batches."""
-    from omnitrack_sim import run_sweep
+    from omnitrack_sim import run_trials
 
     with tempfile.TemporaryDirectory() as place:
-        run_sweep(sweep(), out=Path(place) / "sweep")
+        run_trials(sweep(), out=Path(place) / "sweep")
         finished = contents(Path(place) / "sweep")
     parts = sorted(name for name in finished if name.startswith("parts/"))
     half = {name: finished[name] for name in ("sweep.json", parts[0])}

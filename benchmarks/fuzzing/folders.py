@@ -105,17 +105,17 @@ def _draw(result: Result, desk: Desk) -> None:
 
 def _try_sweep(desk: Desk) -> None:
     """Go on with a damaged sweep: a clean error, or the table that it would have had."""
-    from omnitrack_sim import OmnitrackError, run_sweep
+    from omnitrack_sim import OmnitrackError, run_trials
 
     result, _ = desk.attempt(
-        "run_sweep",
+        "run_trials",
         DRAWING,
-        lambda: run_sweep(bases.sweep(), out=desk.folder / "it"),
+        lambda: run_trials(bases.sweep(), out=desk.folder / "it"),
         OmnitrackError,
     )
     desk.only("resuming a sweep", "it")
     if result is not None and result.table.num_rows != bases.sweep().size:
-        desk.add("rows lost", "run_sweep", f"{result.table.num_rows} rows")
+        desk.add("rows lost", "run_trials", f"{result.table.num_rows} rows")
     left = [p.name for p in (desk.folder / "it").rglob(".*")] if result is not None else []
     if left:
-        desk.add("left behind", "run_sweep", ", ".join(left))
+        desk.add("left behind", "run_trials", ", ".join(left))

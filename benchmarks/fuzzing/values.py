@@ -124,7 +124,7 @@ def limits() -> tuple[float, ...]:
     """Every limit that the tables of files and the robot set on a number."""
     from omnitrack_sim import Network, Omnitrack, Scenario
     from omnitrack_sim.trials.axes import AXES
-    from omnitrack_sim.trials.sweep import SweepFile
+    from omnitrack_sim.trials.sweep_file import SweepFile
 
     models = (Scenario, Omnitrack, Network, SweepFile, *AXES.values())
     found = {limit for model in models for limit in _of(model)}

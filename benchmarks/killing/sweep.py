@@ -14,7 +14,7 @@ from killing.processes import descendants, survivors
 FILES = {
     "sweep": ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json"),
     "bench": ("results.parquet", "results.csv", "trials.parquet", "results.md", "bench.png"),
-    "passport": ("passport.parquet", "passport.json", "trials/trials.parquet"),
+    "passport": ("passport.parquet", "summary.json", "trials.parquet"),
 }
 COURSES = ("--course", "straight", "--course", "elbow_150", "--course", "tee_run_start_branch")
 SWEEP = """
@@ -112,6 +112,6 @@ def _kill_often(
 
 
 def _parts(folder: Path) -> dict[str, bytes]:
-    """Contents of the files of finished batches; a benchmark has many folders of them."""
-    files = folder.glob("**/parts/[0-9]*.parquet")
+    """Contents of the files of finished batches."""
+    files = folder.glob("parts/*.parquet")
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}

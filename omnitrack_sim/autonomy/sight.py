@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import alike
+from omnitrack_sim.autonomy.belief import are_alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Port
@@ -230,4 +230,4 @@ def is_right(observed: Sighting, truth: Sighting) -> bool:
     if observed.fitting is None or truth.fitting is None:
         return observed.fitting is truth.fitting
     same = observed.fitting.kind == truth.fitting.kind
-    return same and alike(truth.fitting, observed.enter, truth.enter)
+    return same and are_alike(truth.fitting, observed.enter, truth.enter)

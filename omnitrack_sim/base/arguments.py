@@ -18,31 +18,26 @@ from omnitrack_sim.base.text import shown
 
 _Thing = TypeVar("_Thing")
 _MAKERS = {
-    "Scenario": "load_scenario",
-    "Network": "load_network",
-    "Sweep": "load_sweep",
-    "Study": "load_study",
-    "Result": "load_result",
-    "SweepResult": "run_sweep",
-    "Bench": "Bench.of",
-    "Pipes": "add_pipes",
+    "Scenario": ("load_scenario",),
+    "Network": ("load_network",),
+    "Plan": ("load_sweep", "load_study"),
+    "Result": ("load_result",),
+    "TrialsResult": ("run_trials",),
+    "Pipes": ("add_pipes",),
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""
 
 
 def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
-    """Return ``value``, the argument ``where``; a ``TypeError`` if it is not of the class
-    ``kind``."""
+    """Return the argument ``where`` if it is of the class ``kind``, or raise a ``TypeError``."""
     if isinstance(value, kind):
         return value
     problem = f"{where}: is {_described(value)}; it must be an ot.{kind.__name__}"
     # The commonest mistake is a path where the loaded object belongs: the message then shows the
     # very call that loads it.
-    maker = _MAKERS.get(kind.__name__)
-    if maker and isinstance(value, str | os.PathLike):
-        problem += f", such as ot.{maker}({shown(os.fspath(value))}) makes"
-    elif maker:
-        problem += f", such as ot.{maker} makes"
+    given = f"({shown(os.fspath(value))})" if isinstance(value, str | os.PathLike) else ""
+    if calls := [f"ot.{maker}{given}" for maker in _MAKERS.get(kind.__name__, ())]:
+        problem += f", such as {' or '.join(calls)} makes"
     raise TypeError(problem)
 
 
@@ -93,8 +88,7 @@ def check_time(where: str, time: object) -> None:
 
 
 def check_times(times: object) -> None:
-    """Check the argument ``times``, a list of times in a run, s; errors as of ``check_time``, and
-    TypeError for no list."""
+    """Check a list of times in a run, s; errors as of ``check_time``, and TypeError for no list."""
     if not isinstance(times, Sequence | np.ndarray) or isinstance(times, str):
         raise TypeError(f"times: is {_described(times)}; it must be a list of numbers, s")
     for i, time in enumerate(times):

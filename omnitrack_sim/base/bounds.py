@@ -48,7 +48,8 @@ MAX_WIDTH = 2_048
 MAX_WEIGHT = 1e6
 """Size of a number in a policy's network: what it makes of entries then stays finite."""
 MOST_TRIALS = 1_000_000
-"""Trials of a sweep: each is a row of its table, and a run of a second or more."""
+"""Trials of a sweep, or of a study's search, or of its check: each is a row of the table, which
+stays in memory, and a run of a second or more."""
 MOST_AXES = 50
 """Axes of a sweep."""
 MOST_VALUES = 10_000_000
@@ -60,9 +61,6 @@ MOST_BATCH = 4_096
 """Trials of a sweep that run together in one batch."""
 MOST_CANDIDATES = 1_000_000
 """Candidates of a study: each is a row of its history, which stays in memory."""
-MOST_STUDY_TRIALS = 10_000_000
-"""Trials of a study's search: each is a run of a second or more. Those of one generation, and
-those of the check, stay in memory until it is over, ``MOST_TRIALS`` at most."""
 MOST_BASES = 50
 """Base scenarios of a study, of all its trials: the bounds of every variable are tried in each."""
 LARGEST = 1e15

@@ -62,26 +62,24 @@ def passport(
 ) -> None:
     """Measure what a robot passes, how surely, and at what cost; the same command resumes after an
     interruption."""
-    from omnitrack_sim.towns.passport import FULL, PASSPORT_FILE, QUICK
+    from omnitrack_sim.towns.passport import PASSPORT_FILE
+    from omnitrack_sim.towns.passport_plan import FULL, QUICK
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
     options = worker_options(workers, dask)
+    plan = with_changes(
+        lambda changes: ot.PassportPlan.of(
+            robot,
+            controller=controller,
+            changes=changes,
+            trials=trials or (QUICK if quick else FULL),
+            courses=courses,
+        ),
+        assignments,
+    )
     with trials_bar(f"passport {name}") as report:
-        made = with_changes(
-            lambda changes: ot.run_passport(
-                robot,
-                controller=controller,
-                changes=changes,
-                trials=trials or (QUICK if quick else FULL),
-                courses=courses,
-                out=target,
-                progress=report,
-                **options,
-            ),
-            assignments,
-        )
-    summary = made.summary()
+        summary = ot.run_trials(plan, out=target, progress=report, **options).summary
     if as_json:
         print_json(summary)
         return

@@ -32,7 +32,7 @@ from omnitrack_sim.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from omnitrack_sim.trials.dispatch import Status
+    from omnitrack_sim.trials.run import Status
 
 LISTED = 10
 """Number of trials of a sweep that --list shows."""
@@ -83,7 +83,7 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a sweep; the same command resumes it after an interruption."""
-    from omnitrack_sim.trials.sweep_run import SweepFolder
+    from omnitrack_sim.trials.store import record_name
 
     loaded = with_changes(lambda changes: ot.load_sweep(source, changes), assignments)
     if only_list:
@@ -91,13 +91,13 @@ def sweep(
         return
     share = _share(shard)
     target = folder or Path("out") / loaded.name
-    if go_on and not (target / SweepFolder.record()).is_file():
+    if go_on and not (target / record_name(ot.Sweep)).is_file():
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
         )
     options = worker_options(workers, dask)
     with trials_bar(f"sweep {loaded.name}") as report:
-        result = ot.run_sweep(loaded, out=target, shard=share, progress=report, **options)
+        result = ot.run_trials(loaded, out=target, shard=share, progress=report, **options)
     if as_json:
         print_json(result.summary)
     else:
@@ -129,11 +129,11 @@ def optimise(
     target = folder or Path("out") / study.name
     options = worker_options(workers, dask)
     with trials_bar(f"optimise {study.name}") as report:
-        result = ot.run_study(study, out=target, progress=report, **options)
+        result = ot.run_trials(study, out=target, progress=report, **options)
     if as_json:
         print_json(result.summary)
     else:
-        _print_study(result, target)
+        _print_study(study, result, target)
 
 
 @app.command()
@@ -193,11 +193,11 @@ def bench(
     target = folder or Path("out") / f"bench_{suite}{kind}"
     options = worker_options(workers, dask)
     with trials_bar(f"bench {suite}") as report:
-        result = ot.run_bench(planned, out=target, progress=report, **options)
+        result = ot.run_trials(planned, out=target, progress=report, **options)
     if as_json:
-        print_json(result.rows)
+        print_json(result.summary["rows"])
     else:
-        _print_bench(result, target)
+        _print_bench(planned, result, target)
 
 
 def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
@@ -211,7 +211,7 @@ def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
 
 def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
     """Return the workers, processes of this machine or a Dask cluster, as keyword arguments of
-    ``run_sweep`` and its like.
+    ``run_trials``.
 
     Raises:
         InputError: both are asked for.
@@ -303,13 +303,13 @@ def _shown(value: Any) -> str:
     return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
 
 
-def _print_sweep(result: ot.SweepResult, target: Path) -> None:
+def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
     """Print the summary of a finished sweep, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
-    if summary is None:
+    if not summary:
         out.say(
             f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
-            f"all {result.sweep.size} are in {place}"
+            f"all {result.status.total} are in {place}"
         )
         return
     table = plain_table("group", "passed", "of", "rate", "95 % interval")
@@ -375,11 +375,11 @@ def _work(candidates: int, trials: int) -> str:
     return f"{counted(candidates, 'candidate')} of {counted(trials, 'trial')}, {total} in all"
 
 
-def _print_study(result: ot.StudyResult, target: Path) -> None:
+def _print_study(study: ot.Study, result: ot.TrialsResult, target: Path) -> None:
     """Print the start and the best candidate side by side."""
-    from omnitrack_sim.trials.study_run import BEST_FILE
+    from omnitrack_sim.trials.study import BEST_FILE
 
-    summary, study = result.summary, result.study
+    summary = result.summary
     table = plain_table("", "start", "best")
     for name in study.columns:
         for key, of in (("search", name), ("check", f"{name}, other trials")):
@@ -390,15 +390,15 @@ def _print_study(result: ot.StudyResult, target: Path) -> None:
         pair = [summary[which][key] for which in ("start", "best")]
         if pair[0] is not None:
             table.add_row(of, *(f"{one['passed']} of {one['trials']}" for one in pair))
-    for path in result.best:
+    for path in summary["best"]["values"]:
         pair = [summary[which]["values"][path] for which in ("start", "best")]
         table.add_row(plain(path), *map(_figure, pair), style="dim")
     out.print(table)
     number = summary["best"]["number"]
     text = f"{summary['on_front']} on the front of the search"
-    if not result.front.num_rows:
+    if not result.tables["front"].num_rows:
         text = "none has a value in every objective, so none is better than the start"
-    elif number not in result.front["number"].to_pylist():
+    elif number not in result.tables["front"]["number"].to_pylist():
         text += ", not this one, which is the best in the check"
     out.say(f"  candidate {number} of {summary['candidates']}; {text}")
     place, file = plain(str(target)), plain(str(target / BEST_FILE))
@@ -409,22 +409,23 @@ def _figure(value: Any) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
-def _print_bench(result: ot.BenchResult, target: Path) -> None:
-    from omnitrack_sim.trials.bench_run import figures_of, headings
+def _print_bench(planned: ot.Bench, result: ot.TrialsResult, target: Path) -> None:
+    from omnitrack_sim.trials.bench_table import figures_of, headings
 
+    every = result.summary["rows"]
     figures = {
         name: head.replace(", ", "\n").replace(" ", "\n")
-        for name, head in result.bench.suite.heads.items()
-        if any(row.get(name) is not None for row in result.rows)
+        for name, head in planned.suite.heads.items()
+        if any(row.get(name) is not None for row in every)
     }
-    for name, words in headings(result.bench, result.rows).items():
+    for name, words in headings(planned, every).items():
         table = plain_table("entry", "passed", "95 %\ninterval\n%", *figures.values(), gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns:
             column.no_wrap = True
         for column in table.columns[1:]:
             column.justify = "right"
-        for row in (row for row in result.rows if row["course"] == name):
+        for row in (row for row in every if row["course"] == name):
             table.add_row(plain(row["entry"]), *figures_of(figures, row))
         out.print(table)
     out.say(f"  saved in {plain(str(target))}")

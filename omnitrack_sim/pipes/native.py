@@ -1,31 +1,31 @@
-"""C functions of compiled Python: kept on disk, called by their address.
+"""C functions of compiled Python, kept on disk.
 
-MuJoCo, and compiled code that meets fittings of any kind, call functions through pointers. Nothing
-that changes from process to process stands in such a function, so that its code is kept on disk
-and serves every process: the first one compiles it, which takes some tenths of a second to
-seconds and loads numba; later ones load the code by LLVM alone, as numba takes half a second.
+MuJoCo, and compiled code that meets fittings of any kind, call functions through pointers. Numba
+compiles such a function once a machine; each later process has LLVM load the code from disk. Numba
+can keep code itself, but it has to be imported to load it, and it does not notice where a function
+has changed that is called from another file: walls of before would go on being used. Here a file's
+name is a digest of all that the code depends on.
 """
 
 from __future__ import annotations
 
-import builtins
 import ctypes
 import gc
 import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CFUNCTYPE
 from dataclasses import dataclass
-from functools import cache, cached_property, update_wrapper, wraps
-from importlib.metadata import distribution, version
-from importlib.util import module_from_spec, spec_from_file_location
+from functools import cache, wraps
+from importlib.metadata import version
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 from llvmlite import binding, ir
 
 from omnitrack_sim.base.errors import OutputError
@@ -33,10 +33,8 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.writing import write_file
 
 _CHECKSUM = hashlib.sha256().digest_size
-_HELPERS = {"_helperlib": "numba_", "core.runtime._nrt_python": "NRT_"}
-"""Modules of numba, written in C, whose functions compiled code calls where it raises, and what
-their names begin with there."""
-_NUMBA = distribution("numba")
+_HELPERS = "numba_", "NRT_"
+"""What the names of numba's own functions begin with, which compiled code calls where it raises."""
 _engines: list[Any] = []
 """Those that hold what has been loaded, for good."""
 
@@ -45,7 +43,7 @@ _engines: list[Any] = []
 def machine() -> str:
     """Return what machine code depends on beside its source: compilers' versions, processor."""
     features = binding.get_host_cpu_features().flatten()
-    versions = _NUMBA.version, version("llvmlite")
+    versions = version("numba"), version("llvmlite")
     return repr((*versions, binding.get_process_triple(), binding.get_host_cpu_name(), features))
 
 
@@ -65,21 +63,27 @@ def code_file(source: str, name: str, digest: str) -> Path:
     return folder / f"{name}-{digest}.o"
 
 
-def load_code(file: Path) -> int | None:
+def load_file(file: Path) -> int | None:
     """Return the address of the function in a file; None where there is none, it is damaged, or it
     needs something that this process lacks."""
     octets = file.read_bytes() if file.is_file() else b""
     body = octets[_CHECKSUM:]
     # LLVM ends the process where code is damaged or refers to what there is not.
-    if hashlib.sha256(body).digest() != octets[:_CHECKSUM]:
-        return None
+    return load_code(body) if hashlib.sha256(body).digest() == octets[:_CHECKSUM] else None
+
+
+def load_code(body: bytes) -> int | None:
+    """Return the address of the function in code as ``object_code`` returns it; None where it needs
+    something that this process lacks."""
     head, _, code = body.partition(b"\n")
     symbol, externals = json.loads(head)
-    _prepare()
-    process = ctypes.CDLL(None)
-    if not all(binding.address_of_symbol(each) or hasattr(process, each) for each in externals):
-        return None
-    target = binding.Target.from_default_triple().create_target_machine(jit=True)
+    target, process = _target(), ctypes.CDLL(None)
+    for name in externals:
+        if name.startswith(_HELPERS):
+            # A C function has no way to raise: it ends the process.
+            binding.add_symbol(name, ctypes.cast(process.abort, ctypes.c_void_p).value)
+        elif not binding.address_of_symbol(name) and not hasattr(process, name):
+            return None
     engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -87,44 +91,29 @@ def load_code(file: Path) -> int | None:
     return engine.get_function_address(symbol)
 
 
-def store_code(file: Path, function: Any) -> None:
-    """Keep the code of a numba ``CFunc`` in a file, if it can be kept."""
-    # Not numba's public names: another version may lack them, and then compiles in each process.
-    with suppress(AttributeError, OSError, OutputError):
-        library = function._library
-        module, code = library._final_module, library._get_compiled_object()
-        names = [
-            each.name
-            for each in (*module.functions, *module.global_variables)
-            if each.is_declaration and not each.name.startswith("llvm.")
-        ]
-        body = json.dumps([function.native_name, names]).encode() + b"\n" + code
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, hashlib.sha256(body).digest() + body)
+def object_code(function: Any) -> bytes:
+    """Return the code of a numba ``CFunc``, after a line that names it and what it refers to."""
+    module = binding.parse_assembly(function.inspect_llvm())
+    names = [
+        each.name
+        for each in (*module.functions, *module.global_variables)
+        if each.is_declaration and not each.name.startswith("llvm.")
+    ]
+    head = json.dumps([function.native_name, names]).encode()
+    return head + b"\n" + _target().emit_object(module)
 
 
-@cache
-def _prepare() -> None:
-    """Ready LLVM, and give it what compiled functions may refer to, as numba does."""
+def _target() -> Any:
+    """Return LLVM's compiler for this processor; an engine takes it over."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    for module, prefix in _HELPERS.items():
-        for name, address in _extension(module).c_helpers.items():
-            binding.add_symbol(name if name.startswith("_") else prefix + name, address)
-    for name, value in vars(builtins).items():
-        if isinstance(value, type) and issubclass(value, BaseException):
-            binding.add_symbol(f"PyExc_{name}", id(value))
-
-
-def _extension(name: str) -> Any:
-    """Load a module of numba that is written in C, without the package around it."""
-    (path,) = Path(str(_NUMBA.locate_file("numba"))).glob(f"{name.replace('.', '/')}.*.so")
-    spec = spec_from_file_location(f"numba.{name}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return binding.Target.from_default_triple().create_target_machine(
+        cpu=binding.get_host_cpu_name(),
+        features=binding.get_host_cpu_features().flatten(),
+        opt=3,
+        codemodel="jitdefault",
+        jit=True,
+    )
 
 
 class CompilationError(Exception):
@@ -146,64 +135,46 @@ SCRATCH = 16
 
 def in_numba(signature: Any) -> Any:
     """Return the C types of a function as numba has them."""
-    from numba.core.typing.ctypes_utils import from_ctypes
+    import numba
 
-    return from_ctypes(signature._restype_)(*map(from_ctypes, signature._argtypes_))
+    def kind(c: Any) -> Any:
+        if hasattr(c, "contents"):
+            return numba.types.CPointer(kind(c._type_))
+        return numba.from_dtype(np.dtype(c))
 
-
-class Marked:
-    """A function that compiled ones may call, as numba knows it: made when numba asks for it, so
-    that numba is loaded by a process that compiles and by no other.
-
-    Args:
-        python: the function.
-        make: returns what numba makes of it.
-    """
-
-    def __init__(self, python: Callable[..., Any], make: Callable[..., Any]) -> None:
-        update_wrapper(self, python)
-        self.py_func, self._make = python, make
-
-    @cached_property
-    def _made(self) -> Any:
-        return self._make(self.py_func)
-
-    @property
-    def _numba_type_(self) -> Any:
-        """The type by which numba knows this object among the names of a function's module."""
-        from numba.core.registry import cpu_target
-
-        made, context = self._made, cpu_target.typing_context
-        context.refresh()
-        return context.resolve_value_type(made)
-
-    def __call__(self, *arguments: Any) -> Any:
-        return self.py_func(*arguments)
+    return kind(signature._restype_)(*map(kind, signature._argtypes_))
 
 
-def compiled(python: Callable[..., Any]) -> Marked:
-    """Mark a function of a ``Wall``, or a helper of one."""
-    return Marked(python, _dispatcher)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def _dispatcher(python: Callable[..., Any]) -> Any:
+def compiled(python: _Function) -> _Function:
+    """Mark a function of a ``Wall``, or a helper of one: compiled functions may call it."""
+    python.numba = _dispatcher  # type: ignore[attr-defined]
+    return python
+
+
+def intrinsic(definition: Callable[..., Any]) -> Any:
+    """Mark a function that returns the signature and the code of a function, made of instructions;
+    its first parameter is numba's."""
+    definition.numba = _intrinsic  # type: ignore[attr-defined]
+    return definition
+
+
+@cache
+def _dispatcher(python: FunctionType) -> Any:
     from numba import njit
 
     # A division by zero gives an infinite number, as in NumPy: checks for it would cost time in the
     # innermost loops, and a raised error has no way out of a C function. Only compiled code calls
     # these functions: the wrappers for other callers are 30 % of the time to compile.
     bare: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return njit(error_model="numpy", **bare)(python)
+    return njit(error_model="numpy", **bare)(_with_numba(python))
 
 
-def intrinsic(definition: Callable[..., Any]) -> Any:
-    """Mark a function that returns the signature and the code of a function, made of instructions;
-    its first parameter is numba's."""
-    return Marked(definition, _intrinsic)
-
-
-def _intrinsic(definition: Callable[..., Any]) -> Any:
-    from numba.core import extending
+@cache
+def _intrinsic(definition: FunctionType) -> Any:
+    from numba import extending
 
     @wraps(definition)
     def typed(*arguments: Any) -> Any:
@@ -211,6 +182,30 @@ def _intrinsic(definition: Callable[..., Any]) -> Any:
         return in_numba(signature), code
 
     return extending.intrinsic(typed)
+
+
+def _with_numba(python: FunctionType) -> FunctionType:
+    """Return a function that calls marked ones as numba knows them: numba is loaded by a process
+    that compiles, and by no other."""
+    known = {name: value.numba(value) for name, value in _called(python)}
+    names = python.__globals__ | known
+    return FunctionType(
+        python.__code__, names, python.__name__, python.__defaults__, python.__closure__
+    )
+
+
+def _called(python: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Yield the marked functions that a function calls, and their names in its module."""
+    for name in python.__code__.co_names:
+        value = python.__globals__.get(name)
+        if hasattr(value, "numba") and value is not python:
+            yield name, value
+
+
+def _is_known(value: Any) -> bool:
+    """Return whether a value is a function that numba compiles where one that it compiles calls
+    it."""
+    return hasattr(value, "numba") or hasattr(value, "py_func")
 
 
 @dataclass(frozen=True)
@@ -226,10 +221,6 @@ class CFunction:
     ctypes: Callable[..., Any]
 
 
-_kept: list[Any] = []
-"""What numba has compiled in this process, whose code goes with it."""
-
-
 @cache
 def announce() -> None:
     """Tell on standard error, once a process, that walls are being compiled."""
@@ -243,27 +234,26 @@ def c_function(function: Callable[..., Any], signature: Any, is_long: bool = Fal
     """Compile a function, or load its code from disk.
 
     Args:
-        function: plain, or already marked by ``compiled``; it may call marked ones.
+        function: it may call functions that are marked by ``compiled``.
         signature: C types of what it returns and of its arguments, made by ``CFUNCTYPE``.
         is_long: whether its compilation takes seconds and is announced.
 
     Raises:
         CompilationError: it does not compile.
     """
-    python = getattr(function, "py_func", function)
-    code, name = python.__code__, python.__qualname__.rpartition(".")[2]
-    file = code_file(code.co_filename, name, _digest(python, signature))
-    try:
-        address = load_code(file)
-    except Exception:  # numba or LLVM are not as they are known: every process compiles
-        address = None
+    source, name = function.__code__.co_filename, function.__qualname__.rpartition(".")[2]
+    file = code_file(source, name, _digest(function, signature))
+    address = load_file(file)
     if address is None:
         if is_long:
             announce()
-        made = _made(python, signature)
-        store_code(file, made)
-        _kept.append(made)
-        address = made.address
+        code = object_code(_made(function, signature))
+        address = load_code(code)
+        if address is None:
+            raise CompilationError(f"{name} refers to what this process lacks")
+        with suppress(OSError, OutputError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_file(file, hashlib.sha256(code).digest() + code)
     return CFunction(address, signature(address))
 
 
@@ -276,7 +266,7 @@ def _made(python: Callable[..., Any], signature: Any) -> Any:
     was_enabled = gc.isenabled()
     gc.disable()
     try:
-        return cfunc(in_numba(signature), error_model="numpy")(python)
+        return cfunc(in_numba(signature), error_model="numpy")(_with_numba(python))
     except NumbaError as error:
         raise CompilationError(str(error)) from error
     finally:
@@ -292,10 +282,9 @@ def _digest(function: Any, signature: Any) -> str:
         python = pending.pop()
         if python not in reached:
             reached.append(python)
+            # Users' own functions may be numba's already.
             called = (python.__globals__.get(name) for name in python.__code__.co_names)
-            # Functions that are numba's own already are marked ones, too.
-            below = (getattr(value, "py_func", None) for value in called)
-            pending += [value for value in below if isinstance(value, FunctionType)]
+            pending += [getattr(value, "py_func", value) for value in called if _is_known(value)]
     # By name alone: the module of a pointer's type is that which has made the first such type.
     types = [each.__name__ for each in (signature._restype_, *signature._argtypes_)]
     parts = [Path(__file__).read_bytes(), repr(types).encode(), machine().encode()]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
+from omnitrack_sim.base.naming import installed, named
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import did_you_mean
@@ -115,6 +115,30 @@ def checked(command: _Command, start: _Command) -> _Command:
             raise ValueError(f"command.{name} has shape {array.shape}, expected {like.shape}")
         changes[name] = array
     return command._replace(**changes) if changes else command
+
+
+def held_command(command: _Command, held: _Command, active: NDArray[np.bool_]) -> _Command:
+    """Return the command that n robots carry out: fields that it omits, and all fields of robots
+    that are not ``active`` (n,), are kept from the command ``held`` so far.
+
+    A field that holds for one period is None where it is left out.
+    """
+    values: list[Any] = []
+    all_active = np.count_nonzero(active) == len(active)
+    for name, value, before in zip(command._fields, command, held, strict=True):
+        if name in MOMENTARY:
+            left_out = value is None and name in ("resting", "over")
+            values.append(np.zeros(len(active), bool) if left_out else value)
+        elif value is None:
+            values.append(before)
+        elif all_active:
+            # Copies: whoever made the command may write into its arrays again.
+            values.append(value.copy())
+        else:
+            # Robots whose run is over keep what they were asked last.
+            rows = active.reshape(-1, *[1] * (value.ndim - 1))
+            values.append(np.where(rows, value, before))
+    return command._make(values)
 
 
 def with_command_rows(command: _Command, rows: NDArray[np.intp], other: _Command) -> _Command:
@@ -250,22 +274,22 @@ class NoParameters(Table):
     """``[control.parameters]`` of a controller that has none."""
 
 
-def controller_of(kind: str, shipped: Mapping[str, str]) -> type[Controller]:
-    """The controller class that ``control.kind`` names.
+def controller_of(kind: str, shipped: Mapping[str, type[Controller]]) -> type[Controller]:
+    """Return the controller class that ``control.kind`` names.
 
     Args:
-        kind: short name of a shipped controller, or ``module:Class``.
-        shipped: ``module:Class`` by the short names; see ``Robot.controllers``.
+        kind: name of a shipped controller, of an entry point of the group
+            ``omnitrack_sim.controllers``, or ``module:Class``.
+        shipped: classes by their names; see ``Robot.controllers``.
 
     Raises:
         InputError: there is no such class, or it has no ``step``.
     """
-    if kind in shipped:
-        return named(shipped[kind], "control.kind", {})
-    controller = named(kind, "control.kind", shipped)
+    controller = named(kind, "control.kind", shipped, "controllers")
     if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
+        choices = (*shipped, *installed("controllers"), "module:Object")
         problem = f"is {kind!r}, which is no class with a step"
-        raise InputError(Fault("control.kind", problem, (*shipped, "module:Object")))
+        raise InputError(Fault("control.kind", problem, choices))
     return controller
 
 

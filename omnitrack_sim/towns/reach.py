@@ -25,7 +25,8 @@ from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.tail import Tether
-from omnitrack_sim.towns.passport import FEATURES, SETTINGS, Passport, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.passport import Passport
 
 NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
@@ -118,7 +119,8 @@ class ReachMap:
         paths: the way to each part that is reached, by its name.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> reach.parts[1].name, reach.parts[1].probability  # tees were not tried
         ('tee_low', 0.0)
@@ -278,7 +280,8 @@ def map_reach(
         InputError: there is no such opening, or no passport for that friction.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> len(reach.parts) == len(reach.network.fittings), reach.openings
         (True, ('foot',))
@@ -349,7 +352,7 @@ class _Planner:
         gravity: Sequence[float],
     ) -> None:
         low, high = friction
-        least, most = SETTINGS.friction
+        least, most = TRIED.friction
         if not least <= low <= high <= most:
             problem = f"is {low:g}:{high:g}; two numbers from {least:g} to {most:g}, ascending"
             raise InputError(Fault("friction", problem))
@@ -393,7 +396,7 @@ class _Planner:
         progress: Callable[[float], Any],
     ) -> _Tables:
         """Tables of all ways, kind by kind; their lengths, m, by row."""
-        pulls = np.linspace(0.0, SETTINGS.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
+        pulls = np.linspace(0.0, TRIED.pull, NUMERICS.pulls) if self.tether else np.zeros(1)
         shape = (len(self.rows), len(self.friction), len(pulls))
         tables = np.full((7, *shape), np.nan)
         tables[0], reasons = -np.inf, [""] * len(self.rows)
@@ -511,7 +514,7 @@ class _Planner:
         if self.tether is not None and out > self.tether.length:
             return f"tether: {self.tether.length:g} m are used up"
         drag, slack = self._pull(label, way)
-        if self.tether is not None and drag > SETTINGS.pull * self.weight:
+        if self.tether is not None and drag > TRIED.pull * self.weight:
             return f"tether: pulls {drag:.0f} N in {name}, more than was tried"
         if tables.reasons[way.row]:
             return f"{tables.reasons[way.row]} ({name})"

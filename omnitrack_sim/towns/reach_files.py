@@ -21,7 +21,7 @@ from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.results.html import safe
 from omnitrack_sim.show.plots.style import GREY, INK, PAGE, chart, figure_bytes
 from omnitrack_sim.towns.reach import PipeReach, ReachMap
-from omnitrack_sim.trials.store import to_json, to_parquet
+from omnitrack_sim.trials.table import to_json, to_parquet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +65,8 @@ def plot_reach(
         OutputError: the file cannot be written.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> figure = ot.plot_reach(reach)
     """
@@ -120,7 +121,8 @@ def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
         OutputError: a file cannot be written; then none is.
 
     Example:
-        >>> passport = ot.run_passport("presser", courses=["straight"], trials=4)
+        >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
+        >>> passport = plan.passport(ot.run_trials(plan).table)
         >>> reach = ot.map_reach(ot.load_network("tower"), passport, ["foot"])
         >>> sorted(path.suffix for path in ot.save_reach(reach, "out"))[:4]
         ['.csv', '.geojson', '.html', '.json']

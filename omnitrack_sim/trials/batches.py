@@ -5,9 +5,10 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.base.text import finite
@@ -18,12 +19,12 @@ from omnitrack_sim.scenario import Scenario, set_value, validate
 from omnitrack_sim.sim.builder import batch_key, is_shared
 from omnitrack_sim.sim.run import run_batch
 
-FORMAT = 1
+FORMAT = 2
 """Version of the form of part files and table; part files of another version are not used."""
 INVALID, ERROR = "invalid", "error"
 """Outcomes of trials without a run: values that do not fit, a fault of program or worker."""
 Row = dict[str, Any]
-"""Result columns of a trial by name, and ``trial``; a missing column is null."""
+"""Result columns of a trial by name; a missing column is null."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Trial:
     """One trial.
 
     Attributes:
-        index: its number, from 0.
+        index: its place among the trials that are asked for together, from 0.
         base: name of its base scenario.
         changes: values of the trial by dotted path, each path to a single value.
     """
@@ -46,22 +47,34 @@ class Batch:
     """Trials that share a model and run together, with all data that a worker needs.
 
     Attributes:
-        number: of the batch in its folder.
         model: short hash of the batch key.
         bases: JSON of the base scenarios, by name.
-        trials: consecutive among those of one model.
+        trials: in the order of their indices.
     """
 
-    number: int
     model: str
     bases: dict[str, str]
     trials: tuple[Trial, ...]
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """SHA-256 of everything that the rows depend on, hexadecimal, 16 digits."""
-        trials = [[trial.index, trial.base, trial.changes] for trial in self.trials]
+        trials = [[trial.base, trial.changes] for trial in self.trials]
         return sha256_of([FORMAT, self.bases, trials])[:16]
+
+
+class Rows(NamedTuple):
+    """Results of the trials of a batch.
+
+    Attributes:
+        rows: in the order of the trials.
+        units: units of the metrics that these hold, by the names of their columns.
+        made_by: versions and commit.
+    """
+
+    rows: Sequence[Row]
+    units: Mapping[str, str]
+    made_by: Mapping[str, Any]
 
 
 def sha256_of(value: Any) -> str:
@@ -120,62 +133,60 @@ def batched(
         for start in range(0, len(members), size):
             chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
-            batches.append(Batch(len(batches), sha256_of(key)[:12], used, chosen))
+            batches.append(Batch(sha256_of(key)[:12], used, chosen))
     return batches
 
 
-def run_trials(batch: Batch) -> tuple[list[Row], dict[str, Any]]:
+def run_rows(batch: Batch) -> Rows:
     """Run the trials of a batch on one thread; nothing is written.
 
     A trial whose values do not fit becomes a row ``invalid``. After an exception the trials are run
     again, each alone, which gives the same numbers; one that fails alone becomes a row ``error``.
-
-    Returns:
-        Rows in the order of the trials, and what made them (versions, commit).
     """
     rows: dict[int, Row] = {}
     scenarios: dict[int, Scenario] = {}
     plain = {name: json.loads(text) for name, text in batch.bases.items()}
-    for trial in batch.trials:
+    for place, trial in enumerate(batch.trials):
         try:
             # In the worker, so that the checks of many scenarios are shared among the cores.
-            scenarios[trial.index] = validate(changed(plain[trial.base], trial.changes))
+            scenarios[place] = validate(changed(plain[trial.base], trial.changes))
         except ScenarioError as error:
-            rows[trial.index] = failed_row(trial.index, INVALID, "; ".join(str(error).splitlines()))
-    rows |= _rows_of(scenarios)
-    return [rows[trial.index] for trial in batch.trials], environment()
+            rows[place] = failed_row(INVALID, "; ".join(str(error).splitlines()))
+    units: dict[str, str] = {}
+    rows |= _rows_of(scenarios, units)
+    return Rows([rows[place] for place in range(len(batch.trials))], units, environment())
 
 
-def failed_row(index: int, outcome: str, reason: str) -> Row:
+def failed_row(outcome: str, reason: str) -> Row:
     """Return the row of a trial that did not run to an outcome of the robot."""
-    return {"trial": index, "outcome": outcome, "success": False, "reason": reason}
+    return {"outcome": outcome, "success": False, "reason": reason}
 
 
-def _rows_of(scenarios: dict[int, Scenario]) -> dict[int, Row]:
+def _rows_of(scenarios: dict[int, Scenario], units: dict[str, str]) -> dict[int, Row]:
+    """Rows of scenarios by their places; the units of their metrics are added to ``units``."""
     try:
         # One thread, for there are as many workers as cores; the slip without load needs a run of
         # its own for each friction, and is left out.
         results = run_batch(list(scenarios.values()), threads=1, no_load=False)
         return {
-            index: _row(index, result) for index, result in zip(scenarios, results, strict=True)
+            place: _row(result, units) for place, result in zip(scenarios, results, strict=True)
         }
     except Exception as error:
         # A fault of one trial would otherwise cost all those that share its batch.
         if len(scenarios) == 1:
-            (index,) = scenarios
+            (place,) = scenarios
             if isinstance(error, InputError):
                 # A robot that does not fit its pipe shows it only once it has settled there.
-                return {index: failed_row(index, INVALID, "; ".join(str(error).splitlines()))}
-            return {index: failed_row(index, ERROR, f"{type(error).__name__}: {error}")}
+                return {place: failed_row(INVALID, "; ".join(str(error).splitlines()))}
+            return {place: failed_row(ERROR, f"{type(error).__name__}: {error}")}
         rows: dict[int, Row] = {}
-        for index, scenario in scenarios.items():
-            rows |= _rows_of({index: scenario})
+        for place, scenario in scenarios.items():
+            rows |= _rows_of({place: scenario}, units)
         return rows
 
 
-def _row(index: int, result: Result) -> Row:
+def _row(result: Result, units: dict[str, str]) -> Row:
     row: Row = {
-        "trial": index,
         "scenario_sha256": result.scenario.hash,
         "outcome": result.outcome.value,
         "success": result.success,
@@ -187,12 +198,13 @@ def _row(index: int, result: Result) -> Row:
         "events": " | ".join(map(str, result.events)),
     }
     for metric in result.scenario.all_metrics:
+        if not metric.in_tables:
+            continue
         value = result.metrics[metric.name]
+        columns = {metric.name: value}
         if isinstance(value, list):
-            row |= {f"{metric.name}_{i}": item for i, item in enumerate(value, start=1)}
-        elif metric.in_tables:
-            # Tables have one number a cell: metrics that are tables are not in them.
-            assert not isinstance(value, dict)
-            row[metric.name] = value
+            columns = {f"{metric.name}_{i}": item for i, item in enumerate(value, start=1)}
+        row |= columns
+        units |= dict.fromkeys(columns, metric.unit)
     # A diverged run has left figures that are not finite.
     return finite(row)

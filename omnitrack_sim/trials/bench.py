@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -16,8 +16,13 @@ from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.channels import MODULE_COUNT
-from omnitrack_sim.trials.store import numbers_of
+from omnitrack_sim.show.plots.style import figure_bytes
+from omnitrack_sim.show.plots.success import bench_figure
+from omnitrack_sim.trials.batches import FORMAT, Batch, sha256_of
+from omnitrack_sim.trials.bench_table import ALL, page, results_table, rows_of
+from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
 from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.table import BEFORE, BEHIND, numbers_of
 
 SUITES: Mapping[str, str] = {
     "mobility": "omnitrack_sim.trials.mobility:SUITE",
@@ -25,6 +30,7 @@ SUITES: Mapping[str, str] = {
 }
 """Suites that come with the package, ``module:Object`` by name; the first is the default."""
 Changes = Mapping[str, Any]
+PAGE = "results.md"
 
 
 @dataclass(frozen=True)
@@ -165,7 +171,7 @@ def suite_of(name: str) -> Suite:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(Plan):
     """A plan of trials: each entry is put through the sweep of each course.
 
     Attributes:
@@ -186,6 +192,11 @@ class Bench:
         {('elbow', 'feedback'): 8, ('elbow', 'equal'): 8}
     """
 
+    noun: ClassVar[str] = "bench"
+    names: ClassVar[tuple[str, ...]] = ("results",)
+    files: ClassVar[tuple[str, ...]] = (PAGE,)
+    figure: ClassVar[str] = "bench.png"
+    free: ClassVar[tuple[str, ...]] = ("courses", "entries")
     suite: Suite
     courses: Sequence[Course]
     entries: Sequence[Entry]
@@ -238,6 +249,56 @@ class Bench:
             raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
 
     @property
+    def name(self) -> str:
+        """Name of the suite."""
+        return self.suite.name
+
+    def data(self) -> dict[str, Any]:
+        """Return the bench as plain data."""
+        entries = {e.name: {"words": e.words, "changes": dict(e.changes)} for e in self.entries}
+        return {
+            **self._common,
+            "courses": {course.name: course.words for course in self.courses},
+            "entries": entries,
+        }
+
+    @property
+    def _common(self) -> dict[str, Any]:
+        """What all benches in one folder share, whatever their courses and entries."""
+        return {
+            "suite": self.suite.name,
+            "version": self.suite.version,
+            "quick": self.quick,
+            "trials": self.trials,
+            "changes": dict(self.changes),
+        }
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of what all benches in one folder share: all but courses and entries."""
+        return sha256_of([FORMAT, self._common])
+
+    def rounds(self) -> Rounds:
+        """Ask for all trials at once, and compare the entries.
+
+        Raises:
+            InputError: an entry cannot drive a course.
+        """
+        planned = self.sweeps()
+        sweeps = {key: sweep for key, sweep in planned.items() if isinstance(sweep, Sweep)}
+        table = yield _round_of(sweeps)
+        # Trials that are all invalid are no error here: the table says so.
+        rows = rows_of(self.suite, {**planned, **_tables_of(sweeps, table)})
+        passable = {course.name for course in self.courses if course.is_passed} | {ALL}
+        judged = [row for row in rows if row["course"] in passable]
+        return Conclusion(
+            {"rows": rows},
+            {"results": results_table(self.suite, rows)},
+            {PAGE: page(self, rows).encode()},
+            (lambda: figure_bytes(bench_figure(judged))) if judged else None,
+        )
+
+    @property
     def extent(self) -> str:
         """Number of trials in words."""
         if self.quick:
@@ -257,3 +318,36 @@ class Bench:
                 changes = {**entry.changes, **self.changes}
                 sweeps[course.name, entry.name] = course.sweep(count, changes)
         return sweeps
+
+
+def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:
+    """Trials of all courses and entries, with a column for every axis of any of them."""
+    # As one list, so that workers stay busy from one course to the next.
+    batches: list[Batch] = []
+    columns: dict[str, list[Any]] = {"course": [], "entry": []}
+    size = 0
+    for (course, entry), sweep in sweeps.items():
+        for batch in sweep.batches():
+            trials = (replace(trial, index=size + trial.index) for trial in batch.trials)
+            batches.append(replace(batch, trials=tuple(trials)))
+        values = {"course": [course] * sweep.size, "entry": [entry] * sweep.size, **sweep.trials()}
+        for name in {**columns, **values}:
+            # Of an axis that this course does not vary, or none did before.
+            before = columns.setdefault(name, [None] * size)
+            before += values.get(name, [None] * sweep.size)
+        size += sweep.size
+    return Round(batches, columns)
+
+
+def _tables_of(
+    sweeps: Mapping[tuple[str, str], Sweep], table: pa.Table
+) -> dict[tuple[str, str], pa.Table]:
+    """The trials of each course and entry, without the columns that these have nothing in."""
+    tables, first = {}, 0
+    for key, sweep in sweeps.items():
+        own = table.slice(first, sweep.size)
+        results = {field.name for field in (*BEFORE, *BEHIND)}
+        kept = [n for n in own.column_names if n in results or own[n].null_count < len(own)]
+        tables[key] = own.select(kept)
+        first += sweep.size
+    return tables

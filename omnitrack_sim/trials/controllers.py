@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import shipped_files
+from omnitrack_sim.base.naming import installed, shipped_files
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.omnitrack import GRAVITY
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.robots.omnitrack.policy.file import load_policy
 from omnitrack_sim.scenario import Scenario, load_scenario, validate
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, UniformAxis
@@ -56,7 +56,7 @@ _SHIPPED = (
     Entry(
         "eq20",
         "Eq. 20 in every turn, open loop; a tee is taken for an elbow",
-        {"control.kind": "omnitrack_sim.paper.open_loop:BendController"},
+        {"control.kind": "eq20"},
     ),
     Entry("differential", "one motor and a differential", {"robot.drive": "differential"}),
 )
@@ -101,11 +101,12 @@ def _of_policy(name: str, source: str) -> Entry:
 
 
 def _of_controller(kind: str, shipped: Sequence[str]) -> Entry:
-    if kind not in CONTROLLERS and ":" not in kind:
-        choices = (*dict.fromkeys((*shipped, *CONTROLLERS)), "module:Object", "FILE.npz")
+    kinds = {**Omnitrack.controllers(), **installed("controllers")}
+    if kind not in kinds and ":" not in kind:
+        choices = (*dict.fromkeys((*shipped, *kinds)), "module:Object", "FILE.npz")
         raise InputError(Fault("--controller", f"is {kind!r}", choices, given=kind))
     # Refuse a class that cannot be imported before any trial of another entry is run.
-    controller_of(kind, CONTROLLERS)
+    controller_of(kind, Omnitrack.controllers())
     return Entry(kind.replace(":", "."), f"controller {kind}", {"control.kind": kind})
 
 

@@ -1,4 +1,4 @@
-"""Engine of trials: hands out batches, stores their rows, and survives workers that die."""
+"""Workers of trials: hand out batches, take their rows back, and survive workers that die."""
 
 from __future__ import annotations
 
@@ -13,77 +13,37 @@ from concurrent.futures import (
     wait,
 )
 from dataclasses import dataclass, replace
-from typing import Any
-
-import pyarrow as pa
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.workers import LocalPool, WorkersLost, killed_its_worker
 from omnitrack_sim.results.provenance import environment
-from omnitrack_sim.trials.batches import ERROR, Batch, Row, failed_row, run_trials
-from omnitrack_sim.trials.store import Store
+from omnitrack_sim.trials.batches import ERROR, Batch, Rows, failed_row, run_rows
 
 DEATHS = 3
 """Number of times that a batch may lose its worker before its trials are run one by one.
 
 A trial that loses its worker as often on its own counts as the cause.
 """
-
-
-@dataclass(frozen=True)
-class Status:
-    """Progress of the trials of a sweep, a study or a benchmark.
-
-    Attributes:
-        total: number of trials; of a study those of its search and of its check, of which there
-            are fewer where one candidate is among the best in several ways.
-        found: trials that were done before this run.
-        done: trials that are done now.
-        successes: how many of these succeeded.
-        lost: how often workers were lost.
-        stage: of a study, such as "generation 2 of 20"; else empty.
-    """
-
-    total: int
-    found: int = 0
-    done: int = 0
-    successes: int = 0
-    lost: int = 0
-    stage: str = ""
-
-
-Progress = Callable[[Status], None]
 MakeExecutor = Callable[[], Executor]
+Keep = Callable[[Batch, Rows, int], None]
+"""Function that keeps the results of a batch; it is told how many workers have been lost so far."""
 
 
-Job = tuple[Store, Batch]
-"""A batch that is to be there in the end, and the store of its rows."""
+class Workers:
+    """What runs batches: this process, others of this machine, or an executor.
 
-
-class Engine:
-    """Runs batches that stores lack, by the same workers for all, and reports the progress.
-
-    Used in a ``with`` block, at the end of which its workers end.
-
-    Attributes:
-        status: of the trials since ``begin``.
+    Used in a ``with`` block, at the end of which those that were made here end.
 
     Args:
         workers: processes that run batches; with 1 this process does.
         executor: runs the batches instead, or a callable that makes one, and is called again when
             workers die. An executor given as such is left open.
-        progress: called with the ``Status`` at the beginning and after each batch.
 
     Raises:
         InputError: no such number of workers, or both workers and executor are given.
     """
 
-    def __init__(
-        self,
-        workers: int = 1,
-        executor: Executor | MakeExecutor | None = None,
-        progress: Progress | None = None,
-    ):
+    def __init__(self, workers: int = 1, executor: Executor | MakeExecutor | None = None):
         if workers < 1:
             raise InputError(Fault("workers", f"is {workers}; must be 1 or more"))
         if workers > 1 and executor is not None:
@@ -91,10 +51,8 @@ class Engine:
         self._given = (lambda: LocalPool(workers)) if workers > 1 else executor
         # Made when it is needed first: workers cost seconds, and a finished folder needs none.
         self._made: Executor | None = None
-        self._progress = progress or (lambda status: None)
-        self.status = Status(0)
 
-    def __enter__(self) -> Engine:
+    def __enter__(self) -> Workers:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -138,52 +96,17 @@ class Engine:
                 continue
         raise WorkersLost("the workers die before they run anything; the finished batches are kept")
 
-    def begin(self, total: int, stage: str = "") -> None:
-        """Reset the status to 0 of ``total`` trials."""
-        self.status = Status(total, stage=stage)
-
-    def enter(self, stage: str, total: int | None = None) -> None:
-        """Enter another stage of the same trials; ``total`` corrects their number."""
-        self.status = replace(self.status, stage=stage, total=total or self.status.total)
-
-    def run(self, jobs: Sequence[Job]) -> list[pa.Table]:
-        """Run the batches that their stores lack, and return the tables of all, in order.
+    def run(self, batches: Sequence[Batch], keep: Keep) -> None:
+        """Run batches, no two of which are equal, and hand the results of each to ``keep``.
 
         Raises:
-            OutputError: a store cannot keep a batch; those that are finished stay.
-            WorkersLost: the given executor has broken; the same call goes on from there.
+            WorkersLost: the given executor has broken.
         """
-        # By identity: batches of two sweeps may be equal, and each has its own store.
-        tables = {id(batch): store.read(batch) for store, batch in jobs}
-        missing = [(store, batch) for store, batch in jobs if tables[id(batch)] is None]
-        for table in tables.values():
-            self._count(table, is_old=True)
-        self._progress(self.status)
-
-        def keep(job: Job, rows: Sequence[Row], made_by: Mapping[str, Any], lost: int) -> None:
-            store, batch = job
-            tables[id(batch)] = table = store.write(batch, rows, made_by)
-            self.status = replace(self.status, lost=before + lost)
-            self._count(table, is_old=False)
-            self._progress(self.status)
-
-        before = self.status.lost
         if self._given is None:
-            for job in missing:
-                keep(job, *run_trials(job[1]), lost=0)
-        elif missing:
-            _Dispatch(missing, self, keep).run()
-        return [table for table in tables.values() if table is not None]
-
-    def _count(self, table: pa.Table | None, is_old: bool) -> None:
-        if table is not None:
-            status, count = self.status, table.num_rows
-            self.status = replace(
-                status,
-                found=status.found + (count if is_old else 0),
-                done=status.done + count,
-                successes=status.successes + sum(table["success"].to_pylist()),
-            )
+            for batch in batches:
+                keep(batch, run_rows(batch), 0)
+        elif batches:
+            _Dispatch(batches, self, keep).run()
 
 
 @dataclass(eq=False)
@@ -192,12 +115,14 @@ class _Task:
 
     Attributes:
         batch: to run.
-        job: that it is part of.
+        whole: batch that it is part of.
+        place: of the single trial in it.
         deaths: number of workers that it has lost.
     """
 
     batch: Batch
-    job: Job
+    whole: Batch
+    place: int | None = None
     deaths: int = 0
 
 
@@ -209,18 +134,13 @@ class _Dispatch:
     trial that still loses its worker as often becomes a row ``error``.
     """
 
-    def __init__(
-        self,
-        jobs: Sequence[Job],
-        engine: Engine,
-        keep: Callable[[Job, Sequence[Row], Mapping[str, Any], int], None],
-    ):
-        self.engine, self.keep = engine, keep
-        self.waiting = deque(_Task(job[1], job) for job in jobs)
+    def __init__(self, batches: Sequence[Batch], workers: Workers, keep: Keep):
+        self.workers, self.keep = workers, keep
+        self.waiting = deque(_Task(batch, batch) for batch in batches)
         self.suspects: deque[_Task] = deque()
         self.flying: dict[Future, _Task] = {}
-        # By identity: batches of two sweeps may be equal.
-        self.rows: dict[int, dict[int, Row]] = {id(batch): {} for _, batch in jobs}
+        # Of batches whose trials come back one by one, by hash and place.
+        self.single: dict[str, dict[int, Rows]] = {}
         self.lost = 0
 
     def run(self) -> None:
@@ -233,7 +153,7 @@ class _Dispatch:
                 self.lost += 1
                 while self.flying:  # a broken executor ends all of its tasks
                     self._take_back()
-                self.engine.renew()
+                self.workers.renew()
 
     def _hand_out(self) -> bool:
         """Fill the pool; returns True if it turned out to be broken."""
@@ -242,11 +162,11 @@ class _Dispatch:
             self.waiting.append(self.suspects.popleft())
         # No more than run at a time, where the executor says how many, so that only batches that
         # ran are suspected when it breaks.
-        room = getattr(self.engine.executor, "_max_workers", None)
+        room = getattr(self.workers.executor, "_max_workers", None)
         while self.waiting and (room is None or len(self.flying) < room):
             task = self.waiting.popleft()
             try:
-                self.flying[self.engine.executor.submit(run_trials, task.batch)] = task
+                self.flying[self.workers.executor.submit(run_rows, task.batch)] = task
             except (BrokenExecutor, RuntimeError):  # the latter by executors that are shut down
                 self.waiting.appendleft(task)
                 return True
@@ -259,7 +179,7 @@ class _Dispatch:
         for future in finished:
             task = self.flying.pop(future)
             try:
-                rows, made_by = future.result()
+                results = future.result()
             except (BrokenExecutor, CancelledError):
                 broken = True
                 # Any of the tasks in flight may be the cause: the broken executor does not say
@@ -272,27 +192,35 @@ class _Dispatch:
                 self.lost += 1
                 self._bury(task, DEATHS)
             else:
-                self._add(task, rows, made_by)
+                self._add(task, results)
         return broken
 
     def _bury(self, task: _Task, deaths: int) -> None:
         """Count ``deaths`` of a task's workers, and repeat, split or give up the task."""
         task.deaths += deaths
-        alone = task.batch is not task.job[1]
+        is_single = task.place is not None
         if task.deaths < DEATHS:
-            (self.suspects if alone else self.waiting).appendleft(task)
-        elif alone:
-            row = failed_row(task.batch.trials[0].index, ERROR, "the worker died")
-            self._add(task, [row], environment())
+            (self.suspects if is_single else self.waiting).appendleft(task)
+        elif is_single:
+            self._add(task, Rows([failed_row(ERROR, "the worker died")], {}, environment()))
         else:
-            trials = task.batch.trials
-            self.suspects += [_Task(replace(task.batch, trials=(t,)), task.job) for t in trials]
+            for place, trial in enumerate(task.batch.trials):
+                one = replace(task.batch, trials=(trial,))
+                self.suspects.append(_Task(one, task.whole, place))
 
-    def _add(self, task: _Task, rows: Sequence[Row], made_by: Mapping[str, Any]) -> None:
-        trials = task.job[1].trials
-        known = self.rows[id(task.job[1])]
-        known |= {row["trial"]: row for row in rows}
-        # A batch is stored as a whole, also when its trials have come back one by one.
-        if len(known) == len(trials):
-            ordered = [known[trial.index] for trial in trials]
-            self.keep(task.job, ordered, made_by, self.lost)
+    def _add(self, task: _Task, results: Rows) -> None:
+        if task.place is None:
+            self.keep(task.whole, results, self.lost)
+            return
+        known = self.single.setdefault(task.whole.hash, {})
+        known[task.place] = results
+        # A batch is kept as a whole, also when its trials have come back one by one.
+        if len(known) == len(task.whole.trials):
+            self.keep(task.whole, _together(known), self.lost)
+
+
+def _together(single: Mapping[int, Rows]) -> Rows:
+    """Results of trials that were run one by one, in the order of their places."""
+    each = [single[place] for place in sorted(single)]
+    units = {name: unit for one in each for name, unit in one.units.items()}
+    return Rows([row for one in each for row in one.rows], units, each[0].made_by)

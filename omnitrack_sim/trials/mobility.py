@@ -24,13 +24,14 @@ from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
 from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, ROBOTS, STANDARD, Robot, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
+from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, Robot
 from omnitrack_sim.scenario import Scenario, set_value, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
 from omnitrack_sim.trials.bench import BenchMeasure, Changes, Course, Entry, Suite
-from omnitrack_sim.trials.store import numbers_of, passed_of
 from omnitrack_sim.trials.sweep import Sweep
+from omnitrack_sim.trials.table import numbers_of, passed_of
 
 VERSION = 2
 SEED = 72_000
@@ -265,7 +266,7 @@ def robot_of(changes: Changes) -> Robot:
     for path, value in changes.items():
         if path.startswith("robot."):
             set_value(data, path, value)
-    kind = data["robot"].pop("kind", STANDARD)
+    kind = data["robot"].pop("kind", DEFAULT)
     return checked(robot_class(kind), data["robot"], InputError)
 
 
@@ -293,7 +294,7 @@ def shipped_entries() -> dict[str, Entry]:
             about = (robot_class(kind).__doc__ or kind).partition("\n\n")[0]
             words = " ".join(about.split()).rstrip(".")
             entries[kind] = Entry(kind, words, {"robot.kind": kind})
-        if kind == STANDARD:
+        if kind == DEFAULT:
             entries |= {entry.name: entry for entry in _VARIANTS}
     return entries
 
@@ -310,7 +311,7 @@ def entry_of(source: str, controller: str) -> Entry:
     Raises:
         InputError: there is no such robot or controller, or it cannot be used.
     """
-    name, is_renamed, what = (source or STANDARD).rpartition("=")
+    name, is_renamed, what = (source or DEFAULT).rpartition("=")
     what, bore = _without_bore(what)
     shipped = shipped_entries()
     if what in shipped:
@@ -326,7 +327,7 @@ def entry_of(source: str, controller: str) -> Entry:
         entry = _resized(entry, bore)
     robot = robot_of(entry.changes)
     if controller:
-        controller_of(controller, robot.controllers)
+        controller_of(controller, robot.controllers())
         changes = {**entry.changes, "control.kind": controller}
         entry = Entry(f"{entry.name}.{controller}".replace(":", "."), entry.words, changes)
     return entry.renamed(name if is_renamed else entry.name, source)

@@ -11,7 +11,7 @@ workers, and every candidate counts for the front.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.trials.study import SearchPlan
+from omnitrack_sim.trials.search_plan import SearchPlan
 
 if TYPE_CHECKING:
     from cmaes import CMA
@@ -238,61 +238,72 @@ class Measured:
     lost: int = 0
 
 
-Evaluate = Callable[[Sequence[Candidate]], Sequence[Measured]]
-"""Function that runs the candidates of a generation and returns their evaluations in order."""
 History = list[tuple[Candidate, Measured]]
 """Candidates with their evaluations, in the order of their numbers."""
 
 
-def explore(
-    plan: SearchPlan, evaluate: Evaluate, report: Callable[[History], None] = lambda history: None
-) -> History:
-    """Search for the best values of all variables.
+class Search:
+    """Search for the best values of all variables, by ask and tell.
 
     First comes the start. The last generation holds the centre of each search: the mean that it has
-    come to, which owes less to luck than the best one of many candidates.
+    come to, which owes less to luck than the best one of many candidates. With the same answers the
+    search is the same.
+
+    Attributes:
+        history: candidates so far, with their evaluations.
+        generation: that ``ask`` has asked for, from 1.
 
     Args:
         plan: what is searched; every variable has a start.
-        evaluate: called once for each generation. With the same answers the search is the same.
-        report: called after each generation with the history so far.
     """
-    searches = Searches(plan)
-    history: History = []
-    starts = tuple(variable.start for variable in plan.variables if variable.start is not None)
-    for generation in range(1, plan.generations + 1):
-        points = searches.ask()
-        if not points:  # every search has converged
-            break
-        first = [Candidate(0, generation, START, starts)] if not history else []
-        _try(plan, evaluate, history, generation, first, points)
-        values = values_of(history)
-        last = slice(len(history) - len(points), None)
-        searches.tell(points, losses_of(plan, values), violations_of(plan, values), last)
-        report(history)
-    _try(plan, evaluate, history, plan.generations + 1, [], searches.centres())
-    report(history)
-    return history
 
+    def __init__(self, plan: SearchPlan):
+        self.plan = plan
+        self.history: History = []
+        self.generation = 0
+        self._searches = Searches(plan)
+        self._points: list[tuple[int, Array]] = []
+        self._asked: list[Candidate] = []
 
-def _try(
-    plan: SearchPlan,
-    evaluate: Evaluate,
-    history: History,
-    generation: int,
-    first: Sequence[Candidate],
-    points: Sequence[tuple[int, Array]],
-) -> None:
-    """Evaluate the candidates at the points that searches ask for, and add them to the history."""
-    candidates = list(first)
-    for search, point in points:
-        values = tuple(
-            variable.value_at(float(place))
-            for variable, place in zip(plan.variables, point, strict=True)
-        )
-        number = len(history) + len(candidates)
-        candidates.append(Candidate(number, generation, search, values))
-    history += zip(candidates, evaluate(candidates), strict=True)
+    @property
+    def is_at_centres(self) -> bool:
+        """The last generation, of the centres, has been asked for."""
+        return self.generation > self.plan.generations
+
+    def ask(self) -> list[Candidate]:
+        """Return the candidates of the next generation; none when the search is over."""
+        if self.is_at_centres:
+            return []
+        self.generation += 1
+        self._points = [] if self.is_at_centres else self._searches.ask()
+        points = self._points
+        if not points:  # the generations are over, or every search has converged
+            self.generation = self.plan.generations + 1
+            points = self._searches.centres()
+        self._asked = [] if self.history else [self._start()]
+        for search, point in points:
+            values = tuple(
+                variable.value_at(float(place))
+                for variable, place in zip(self.plan.variables, point, strict=True)
+            )
+            number = len(self.history) + len(self._asked)
+            self._asked.append(Candidate(number, self.generation, search, values))
+        return self._asked
+
+    def _start(self) -> Candidate:
+        starts = (variable.start for variable in self.plan.variables)
+        values = tuple(start for start in starts if start is not None)
+        return Candidate(0, self.generation, START, values)
+
+    def tell(self, measured: Sequence[Measured]) -> None:
+        """Take the evaluations of the candidates that ``ask`` has returned, in order."""
+        self.history += zip(self._asked, measured, strict=True)
+        if not self._points:
+            return
+        plan, values = self.plan, values_of(self.history)
+        last = slice(len(self.history) - len(self._points), None)
+        losses, violations = losses_of(plan, values), violations_of(plan, values)
+        self._searches.tell(self._points, losses, violations, last)
 
 
 def values_of(history: Sequence[tuple[Candidate, Measured]]) -> Array:

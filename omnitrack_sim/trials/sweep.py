@@ -1,39 +1,31 @@
-"""Sweeps: plans of trials, from axes over base scenarios; read and checked as a whole."""
+"""Sweeps: plans of trials, from axes over base scenarios."""
 
 from __future__ import annotations
 
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
-from pathlib import Path
-from typing import Annotated, Any
+from collections import Counter
+from collections.abc import Collection, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from omnitrack_sim.base.bounds import (
-    MOST_AXES,
-    MOST_BATCH,
-    MOST_FAULTS,
-    MOST_SAMPLES,
-    MOST_TRIALS,
-    MOST_VALUES,
-    MOST_WORDS,
-)
-from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
+from omnitrack_sim.base.bounds import MOST_AXES, MOST_BATCH, MOST_TRIALS
+from omnitrack_sim.base.errors import SweepError
 from omnitrack_sim.base.paths import matches, value_at
-from omnitrack_sim.base.reading import NAME_PATTERN, SWEEP, beside, checked, read_file
+from omnitrack_sim.base.reading import NAME_PATTERN
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
-from omnitrack_sim.scenario.model import samples_of
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.trials.axes import (
     BASE,
     Axis,
     AxisTable,
-    DirectionAxis,
     Draws,
     GridAxis,
     ListAxis,
@@ -41,7 +33,9 @@ from omnitrack_sim.trials.axes import (
     unit_points,
 )
 from omnitrack_sim.trials.batches import (
+    ERROR,
     FORMAT,
+    INVALID,
     Batch,
     Trial,
     batched,
@@ -49,6 +43,10 @@ from omnitrack_sim.trials.batches import (
     fitted,
     sha256_of,
 )
+from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 MOST_LISTED, MOST_GRID = 12, 24
 """Most values of a list or grid axis that makes groups in the summary if the file names none."""
@@ -56,7 +54,7 @@ FOR_THE_RECORD = ("name", "group_by", "set")
 """Keys of a resolved sweep that its table does not depend on."""
 
 
-class _SweepTable(Table):
+class SweepTable(Table):
     """The keys that a sweep file and a resolved sweep share.
 
     Attributes:
@@ -83,20 +81,7 @@ class _SweepTable(Table):
     axes: Annotated[tuple[Axis, ...], Field(max_length=MOST_AXES)] = ()
 
 
-class SweepFile(_SweepTable):
-    """A sweep file as it is written; docs/how-to/sweeps.md has an example.
-
-    Attributes:
-        base: a scenario, or a list of scenarios, by name or by path relative to this file; of a
-            list the first crossed axis is called `base`.
-        set: changes of the base, by dotted path.
-    """
-
-    base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
-    set: dict[str, Any] = Field(default_factory=dict)
-
-
-class Sweep(_SweepTable):
+class Sweep(SweepTable, Plan):
     """A plan of trials: base scenarios, and axes over which their values are varied.
 
     Attributes:
@@ -111,6 +96,9 @@ class Sweep(_SweepTable):
         True
     """
 
+    noun: ClassVar[str] = "sweep"
+    figure: ClassVar[str] = "success_map.png"
+    free: ClassVar[tuple[str, ...]] = FOR_THE_RECORD
     bases: dict[str, Scenario]
     set: dict[str, Any]
 
@@ -161,6 +149,47 @@ class Sweep(_SweepTable):
         # What only names things may be changed without running the trials again.
         left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
         return sha256_of([FORMAT, self.model_dump(mode="json", exclude=left_out)])
+
+    def data(self) -> dict[str, Any]:
+        """Return the sweep as plain data, with its bases in full."""
+        return self.model_dump(mode="json")
+
+    def rounds(self) -> Rounds:
+        """Ask for all trials at once, and count them.
+
+        Raises:
+            SweepError: all trials are invalid.
+        """
+        from omnitrack_sim.trials.table import refuse_all_invalid
+
+        table = yield Round(self.batches(), self.trials())
+        refuse_all_invalid(table, "axes", "", SweepError)
+        return Conclusion(self.summary(table), draw=lambda: self.draw_map(table))
+
+    def draw_map(self, table: pa.Table) -> bytes:
+        """Draw the figure of all trials: success over what was varied."""
+        from omnitrack_sim.trials.sweep_plot import draw_map
+
+        return draw_map(self, table)
+
+    def summary(self, table: pa.Table) -> dict[str, Any]:
+        """Return outcomes and success rates of all trials, and of groups of them.
+
+        Rates are over the trials that ran to an outcome: ``invalid`` and ``error`` are counted, but
+        not in the rates.
+        """
+        outcomes = table["outcome"].to_pylist()
+        values = self.trials()
+        groups = {}
+        for name in self.groups:
+            members: dict[str, list[str]] = {
+                self.label(name, value): [] for value in self.crossed[name]
+            }
+            for value, outcome in zip(values[name], outcomes, strict=True):
+                members[self.label(name, value)].append(outcome)
+            groups[name] = [{"value": label, **_rate(own)} for label, own in members.items()]
+        counts = dict(sorted(Counter(outcomes).items()))
+        return {**_rate(outcomes), "outcomes": counts, "groups": groups}
 
     @cached_property
     def plain(self) -> dict[str, dict[str, Any]]:
@@ -245,283 +274,19 @@ def trial_count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
     return combinations * (samples if any(not axis.crossed for axis in axes) else 1)
 
 
-def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:
-    """Read a sweep file, or a shipped sweep by name.
-
-    Args:
-        source: the file or name.
-        changes: of the base scenarios by dotted path; they come after those of the file's
-            ``[set]``. Both are set before the base scenarios are checked.
-
-    Raises:
-        SweepError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
-            its path in the file.
-
-    Example:
-        >>> ot.load_sweep("tee_lugs", {"robot.preload": 20.0}).bases["tee_turn"].robot.preload
-        20.0
-    """
-    path, data = read_file(source, SWEEP, SweepError)
-    return resolve(data, path.parent, changes)
-
-
-def resolve(
-    data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
-) -> Sweep:
-    """Make a sweep from plain data as read from TOML or JSON.
-
-    Args:
-        data: of the file.
-        folder: that paths of base scenarios are relative to.
-        changes: see ``load_sweep``.
-
-    Raises:
-        SweepError: lists every fault with its dotted path.
-    """
-    file = checked(SweepFile, data, SweepError, own_fault=path_fault_of)
-    bases = _bases(file, folder, changes or {})
-    faults: list[Fault] = []
-    for number in range(len(file.axes)):
-        faults += _axis_faults(number, file.axes, bases)
-    faults += _clashes(file, bases, changes or {})
-    faults += _excess(file, bases)
-    if faults:
-        raise SweepError(faults)
-    fields = {name: getattr(file, name) for name in _SweepTable.model_fields}
-    return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
-
-
-def path_fault_of(item: Mapping[str, Any]) -> Fault | None:
-    """Return the fault of a path or base for an error of pydantic; None for others.
-
-    A key that takes two kinds of value has an error for each; they become the same fault.
-    """
-    places = item["loc"]
-    keys = [places.index(key) for key in ("path", "base") if key in places]
-    if not keys:
-        return None
-    where = ".".join(map(str, places[: 1 + max(keys)]))
-    missing = item["type"] == "missing"
-    return Fault(where, "is missing" if missing else "is neither a text nor a list of texts")
-
-
-def _bases(file: SweepFile, folder: Path, changes: Mapping[str, Any]) -> dict[str, Scenario]:
-    """Read the base scenarios with all changes, by name."""
-    bases: dict[str, Scenario] = {}
-    faults: list[Fault] = []
-    for i, source in enumerate([file.base] if isinstance(file.base, str) else file.base):
-        where = "base" if isinstance(file.base, str) else f"base.{i}"
-        try:
-            scenario = load_scenario(beside(folder, source), {**file.set, **changes})
-        except ScenarioError as error:
-            faults += [_in_sweep(fault, where, file.set, changes) for fault in error.faults]
-            continue
-        if scenario.name in bases:
-            faults.append(Fault(where, f"{scenario.name!r} is the name of an earlier base"))
-        bases[scenario.name] = scenario
-    if faults:
-        raise SweepError(list(dict.fromkeys(faults)))
-    return bases
-
-
-def _in_sweep(
-    fault: Fault, base: str, of_file: Mapping[str, Any], of_call: Mapping[str, Any]
-) -> Fault:
-    """Fault of a base scenario at the origin of its value: a change or the base."""
-    for origin, changes in (("--set ", of_call), ("set.", of_file)):
-        if any(_covers(path, fault.where) for path in changes):
-            return fault.at(origin + fault.where)
-    return fault.at(f"{base}: {fault.where}")
-
-
-def _covers(path: str, place: str) -> bool:
-    """True if a path, in which ``*`` may stand, leads to a place or to a table that it is in."""
-    keys, places = path.split("."), place.split(".")
-    return len(keys) <= len(places) and all(
-        key in ("*", at) for key, at in zip(keys, places, strict=False)
-    )
-
-
-def _axis_faults(
-    number: int, axes: Sequence[AxisTable], bases: Mapping[str, Scenario]
-) -> Iterator[Fault]:
-    """Faults of an axis in the light of the base scenarios."""
-    axis = axes[number]
-    others = [other for other in axes if other is not axis and isinstance(other, ListAxis)]
-    # A table that has names, such as the robot's motor, may be set by a list of these.
-    named = isinstance(axis, ListAxis) and all(isinstance(value, str) for value in axis.values)
-    for at, path in places_in_file(f"axes.{number}", axis.path):
-        fault = path_fault(at, path, [*bases.values()], partial(_misfit, axis), named)
-        if fault is not None:
-            yield fault
-        elif isinstance(axis, ListAxis):
-            for scenario in bases.values():
-                yield from _misspelt(f"axes.{number}", axis, scenario, path, others)
-
-
-def places_in_file(table: str, path: str | Sequence[str]) -> list[tuple[str, str]]:
-    """Return each path of an axis or variable with its own place in the file."""
-    if isinstance(path, str):
-        return [(f"{table}.path", path)]
-    return [(f"{table}.path.{i}", one) for i, one in enumerate(path)]
-
-
-def path_fault(
-    at: str,
-    path: str,
-    bases: Sequence[Scenario],
-    misfit: Callable[[Any], str | None],
-    named: bool = False,
-) -> Fault | None:
-    """Return the fault of a path that leads nowhere, to a table, or to a value that does not fit.
-
-    Args:
-        at: place of the path in the file.
-        path: dotted, into the base scenarios.
-        bases: the first one in which the path has a fault counts.
-        misfit: problem of a value that the path leads to; None if it has none.
-        named: a table may be set, by a name for it.
-    """
-    for scenario in bases:
-        data = scenario.model_dump(mode="json")
-        places = matches(data, path)
-        if not places:
-            return _missing(at, path, data, scenario.name if len(bases) > 1 else None)
-        present = value_at(data, places[0])
-        if isinstance(present, dict) and not named:
-            return Fault(at, f"{path!r} is a table; name one value in it", tuple(present))
-        # A list of tables, such as `pipes`: an axis may set a key of one of them, or of all by `*`.
-        if isinstance(present, list) and present and isinstance(present[0], dict):
-            keys = (*map(str, range(len(present))), "*")
-            return Fault(at, f"{path!r} is a table; name one value in it", keys)
-        problem = misfit(present)
-        if problem:
-            return Fault(at, f"{path!r} {problem}")
-    return None
-
-
-def _missing(at: str, path: str, data: Mapping[str, Any], base: str | None) -> Fault:
-    """Fault of a path that leads nowhere, with the choices where it leaves the scenario."""
-    keys = path.split(".")
-    depth = next(i for i in range(len(keys)) if not matches(data, ".".join(keys[: i + 1])))
-    before = matches(data, ".".join(keys[:depth])) if depth else [""]
-    inside = value_at(data, before[0])
-    choices = tuple(inside) if isinstance(inside, dict) else ()
-    choices = (*map(str, range(len(inside))), "*") if isinstance(inside, list) else choices
-    of = f" in base {base!r}" if base else ""
-    problem = f"is {path!r}; there is no {keys[depth]!r}{of}"
-    return Fault(at, problem, choices, given=keys[depth])
-
-
-def _misfit(axis: AxisTable, present: Any) -> str | None:
-    """Problem of an axis that cannot set a value like ``present``; None if it can."""
-    vector = isinstance(present, list)
-    if isinstance(axis, DirectionAxis):
-        return None if vector else "takes no vector"
-    if isinstance(axis, ListAxis):
-        return None
-    if isinstance(present, bool | str):
-        return f"is {json.dumps(present)}, not a number; use a list axis"
-    if vector:
-        return "is a vector; use a list or direction axis, or one of its numbers"
-    whole = isinstance(axis, GridAxis) and all(value.is_integer() for value in axis.values_of())
-    return "takes whole numbers only" if isinstance(present, int) and not whole else None
-
-
-def _misspelt(
-    where: str, axis: ListAxis, scenario: Scenario, path: str, others: Sequence[ListAxis]
-) -> Iterator[Fault]:
-    """Faults of words and truth values that are invalid with every value of the ``others``."""
-    data = scenario.model_dump(mode="json")
-    places = matches(data, path)
-    present = value_at(data, places[0])
-    words = [
-        (i, value)
-        for i, value in enumerate(axis.values)
-        if isinstance(value, bool | str) or isinstance(present, bool | str)
-    ]
-    if len(words) > MOST_WORDS:
-        problem = f"has {len(words)} texts and truth values; at most {MOST_WORDS}"
-        yield Fault(f"{where}.values", problem)
-        return
-    refused = 0
-    for i, value in words:
-        if refused >= MOST_FAULTS:
-            return
-        changes = dict.fromkeys(places, value)
-        try:
-            override(scenario, changes)
-        except ScenarioError as error:
-            # Faults elsewhere are of the combination, not of this word.
-            faults = [fault for fault in error.faults if fault.where in places]
-            if faults and not _goes_with_another(scenario, changes, others):
-                refused += 1
-                yield from (fault.at(f"{where}.values.{i}") for fault in faults)
-
-
-def _goes_with_another(
-    scenario: Scenario, changes: Mapping[str, Any], others: Sequence[ListAxis]
-) -> bool:
-    """True if changes are valid together with some value of one of the axes ``others``."""
-    data = scenario.model_dump(mode="json")
-    for other in others:
-        places = [place for path in other.paths for place in matches(data, path)]
-        for value in other.values[:MOST_WORDS]:
-            try:
-                override(scenario, dict(changes) | dict.fromkeys(places, value))
-            except ScenarioError:
-                continue
-            return True
-    return False
-
-
-def _clashes(
-    file: SweepFile, bases: Mapping[str, Scenario], changes: Mapping[str, Any]
-) -> Iterator[Fault]:
-    """Faults of values that are set twice, and of groups that are no crossed axes."""
-    data = next(iter(bases.values())).model_dump(mode="json")
-    owners: dict[str, str] = {}
-    for i, axis in enumerate(file.axes):
-        for place in (place for path in axis.paths for place in matches(data, path)):
-            if owners.setdefault(place, f"axes.{i}") != f"axes.{i}":
-                yield Fault(f"axes.{i}.path", f"{place!r} is set by {owners[place]} too")
-    for origin, paths in (("set.", file.set), ("--set ", changes)):
-        for path in paths:
-            others = [owners[place] for place in matches(data, path) if place in owners]
-            if others:
-                yield Fault(origin + path, f"is set by {others[0]} too")
-    if not file.axes and len(bases) < 2:
-        yield Fault("axes", "is missing: a sweep has at least one axis, or several bases")
-    groups = (
-        *([BASE] if len(bases) > 1 else []),
-        *(axis.name for axis in file.axes if axis.crossed),
-    )
-    for i, name in enumerate(file.group_by or ()):
-        if name not in groups:
-            problem = f"{name!r} is no grid or list axis of this sweep"
-            yield Fault(f"group_by.{i}", problem, groups, given=name)
-
-
-def _excess(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
-    """Faults of too many trials, or of more samples in a batch than fit into memory."""
-    size = trial_count(len(bases), file.axes, file.samples)
-    if size > MOST_TRIALS:
-        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")
-    elif size * len(file.axes) > MOST_VALUES:
-        problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
-        yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
-    yield from excess_samples(min(file.batch, size), bases.values())
-
-
-def excess_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
-    """Yield the fault of a batch of ``together`` trials with more samples than fit into memory."""
-    for scenario in bases:
-        samples = samples_of(scenario)
-        if samples * together > MOST_SAMPLES:
-            problem = (
-                f"takes {together} trials together, each of {samples} samples up to the time limit "
-                f"of {scenario.name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
-                f"{MOST_SAMPLES // samples} trials"
-            )
-            yield Fault("batch", problem)
-            return
+def _rate(outcomes: Collection[str]) -> dict[str, Any]:
+    """Numbers of trials and successes, and the success rate with its Wilson 95 % interval."""
+    counts = Counter(outcomes)
+    # They say nothing of the robot, only of the plan or the program.
+    valid = len(outcomes) - counts[INVALID] - counts[ERROR]
+    passed = counts[Outcome.REACHED_GOAL]
+    low, high = wilson_interval(passed, valid)
+    return {
+        "trials": len(outcomes),
+        "invalid": counts[INVALID],
+        "error": counts[ERROR],
+        "counted": valid,
+        "successes": passed,
+        "success_rate": passed / valid if valid else None,
+        "success_rate_95": [low, high],
+    }

@@ -15,9 +15,7 @@ from functools import cache
 from typing import Any
 
 import mujoco
-import numpy as np
 from llvmlite import binding, ir
-from numpy.typing import NDArray
 
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import (
@@ -45,6 +43,7 @@ from omnitrack_sim.walls.bodies import (
 )
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, in_world
 from omnitrack_sim.walls.curves import holds
+from omnitrack_sim.walls.layout import library, words_of
 from omnitrack_sim.walls.record import DEPTH, DEPTH_IN_BORE, KIND, MARK, RECORD_SIZE, kinds
 from omnitrack_sim.walls.record import SIZE as SIZE_OF_BORE
 from omnitrack_sim.walls.rims import (
@@ -119,10 +118,6 @@ before that of lines; address of the table of kinds; words of MuJoCo's mjModel t
 of user data, the number of geoms and the fields; those of mjData that hold positions and
 orientations of geoms; addresses of MuJoCo's function that raises an error, and of the messages of
 ``guard``."""
-_CHUNK, _MOST_CHUNKS = 256, 240
-"""Words that are searched at a time, so as to read little past a structure's end; and how often,
-before the search gives up. The fields come long before that."""
-_WORD = ctypes.sizeof(ctypes.c_size_t)
 SOFT_IN_BORE, FIRM_TIME = 0.1, 0.005
 """Depth, in radii of the bore, below which a wall is as stiff as by this contact time, s, at least.
 A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 ms, which a step of
@@ -130,10 +125,10 @@ A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 
 
 
 @intrinsic
-def word(context, index):
+def word(_context, _index):
     """Read a word of the block."""
 
-    def code(context, builder, signature, arguments):
+    def code(_context, builder, _signature, arguments):
         module, kind = builder.module, ir.IntType(64)
         block = module.globals.get(BLOCK)
         if block is None:  # without an initialiser it is an external symbol
@@ -147,7 +142,7 @@ def _pointer(kind: Any) -> Any:
     """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
 
     @intrinsic
-    def pointer(context, address):
+    def pointer(_context, _address):
         def code(context, builder, signature, arguments):
             return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
@@ -160,7 +155,7 @@ doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTE
 
 
 @intrinsic
-def call_collide(context, address, model, data, contacts, wall, geom, margin):
+def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _margin):
     """Call the collision function at an address."""
     return calling(_COLLIDE)
 
@@ -177,8 +172,10 @@ def functions_of(number):
 
 @compiled
 def _hull(model, geom):
-    """The convex hull of a mesh geom, see ``bodies.mesh``, and the normals of its polygons; for a
-    geom below 0 nothing that may be read."""
+    """Return the hull of a mesh geom, see ``bodies.mesh``, and normals of its polygons.
+
+    For a geom below 0, it is nothing that may be read.
+    """
     if geom < 0:
         none = integers(0)
         return (floats(0), 0, none, 0, none, none, none), doubles(0)
@@ -237,8 +234,10 @@ def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
 
 @compiled
 def _firmness(model, wall, geom):
-    """Ratio, 1 at least, of the stiffness of a firm wall to that of the contact of two geoms, whose
-    numbers MuJoCo takes from the one of higher priority, or mixes."""
+    """Return the ratio, at least 1, of a firm wall's stiffness to that of the contact of two geoms.
+
+    MuJoCo takes the numbers from the geom of higher priority, or mixes them.
+    """
     priority, mix = integers(model[word(PRIORITY)]), doubles(model[word(SOLMIX)])
     mixes = priority[wall] == priority[geom]
     part = 1.0 * (priority[wall] > priority[geom])
@@ -257,8 +256,7 @@ def _firmness(model, wall, geom):
 
 @compiled
 def _is_nearest(model, data, wall, geom, distance, out):
-    """Return whether no wall but a given one, ``distance`` m from the middle of a geom, is farther
-    from it: whether its bore is the nearest."""
+    """Tell whether a wall's bore is the nearest to the middle of a geom, ``distance`` m from it."""
     count, records = model[word(USER_SIZE)], doubles(model[word(USER)])
     kinds_of = integers(model[word(TYPE)])
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
@@ -355,77 +353,10 @@ def block_of_process() -> Any:
     """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
     block[KINDS] = kinds.table.ctypes.data
-    block[USER_SIZE:RAISE] = _fields()
+    block[USER_SIZE:RAISE] = [
+        *words_of("mjModel", ("nuser_geom", "ngeom", *MODEL_FIELDS)),
+        *words_of("mjData", ("geom_xpos", "geom_xmat")),
+    ]
     # Before any code that refers to it is loaded.
     binding.add_symbol(BLOCK, ctypes.addressof(block))
     return block
-
-
-def _fields() -> list[int]:
-    """Return the words of MuJoCo's mjModel and mjData that hold what the collider reads, in the
-    order of the block.
-
-    Found by their values in two models, so that the layout of the installed version is used and not
-    one assumed.
-
-    Raises:
-        RuntimeError: the fields are not found.
-    """
-    first, second = _fields_of_model(101, 13), _fields_of_model(157, 29)
-    # Of the words that hold a count in one model, only the true field also does in the other.
-    counts = [np.intersect1d(*words) for words in zip(first[0], second[0], strict=True)]
-    if first[1] != second[1] or any(len(words) != 1 for words in counts):
-        raise RuntimeError("the fields of MuJoCo's structures are not where they are expected")
-    return [*(int(words[0]) for words in counts), *first[1]]
-
-
-def _fields_of_model(user_size: int, geoms: int) -> tuple[list[NDArray[np.intp]], list[int]]:
-    """Return the words (k,) that may be the length of the user data and the number of geoms in a
-    model of these, and those of the other fields."""
-    # A part of every kind: an empty field would have the same address as its neighbour.
-    spec = mujoco.MjSpec()
-    spec.nuser_geom = user_size
-    spec.add_mesh(name="mesh", uservert=[0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1])
-    for size in (geoms - 2, 2):
-        body = spec.worldbody.add_body()
-        body.add_freejoint()
-        for _ in range(size):
-            body.add_geom(type=GEOM.mjGEOM_MESH, meshname="mesh")
-        body.add_site()
-        body.add_camera()
-        body.add_light()
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    # The counts come before the pointers in mjModel.
-    size = _word_of(model._address, model.geom_size)
-    counts = _words(model._address, size)
-    fields = [_word_of(model._address, getattr(model, name)) for name in MODEL_FIELDS]
-    fields += [_word_of(data._address, array) for array in (data.geom_xpos, data.geom_xmat)]
-    return [np.flatnonzero(counts == count) for count in (user_size, geoms)], fields
-
-
-def _word_of(structure: int, array: NDArray[Any]) -> int:
-    """Return which word of the structure at an address points to ``array``."""
-    # NumPy's views of a model share its memory, so the address is that in the structure's pointer.
-    wanted = array.ctypes.data
-    for chunk in range(_MOST_CHUNKS):
-        hits = np.flatnonzero(_words(structure + chunk * _CHUNK * _WORD, _CHUNK) == wanted)
-        if len(hits):
-            return chunk * _CHUNK + int(hits[0])
-    raise RuntimeError("a field of MuJoCo's structures was not found")
-
-
-def _words(address: int, count: int) -> NDArray[np.uintp]:
-    """Return the words (count,) of memory from an address on."""
-    return np.ctypeslib.as_array((ctypes.c_size_t * count).from_address(address))
-
-
-@cache
-def library() -> ctypes.CDLL:
-    """Return the libmujoco of this process."""
-    # The library has to be the very one that Python's module uses, wherever it was installed.
-    with open("/proc/self/maps", encoding="utf-8") as maps:
-        paths = {line.split(maxsplit=5)[-1].strip() for line in maps if "libmujoco" in line}
-    if len(paths) != 1:
-        raise RuntimeError(f"{len(paths)} libraries of MuJoCo are loaded")
-    return ctypes.CDLL(paths.pop())

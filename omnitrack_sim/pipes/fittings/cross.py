@@ -82,8 +82,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 
 @compiled
 def clear(sizes, px, py, pz, ax, ay, az):
-    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
-    more."""
+    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rim leaves more."""
     sin, cos = sizes[5], sizes[6]
     low, high = in_bore(px, py, ax, ay, sizes[2])
     w, across = px * cos - pz * sin, ax * cos - az * sin
@@ -93,8 +92,9 @@ def clear(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Cross(Wye):
-    """A run of ``run_length`` m and two branches opposite to each other, at ``angle`` rad from it;
-    either ends ``branch_length`` m from the point where the axes meet.
+    """A run of ``run_length`` m and two opposite branches at ``angle`` rad from it.
+
+    Either branch ends ``branch_length`` m from the point where the axes meet.
 
     Between a run and a branch a robot turns as in a tee; it may also go straight on over the run,
     or across it from branch to branch.
@@ -126,14 +126,6 @@ class Cross(Wye):
         branch_diameter: Annotated[Size | None, Unit("m")] = None
         """Of both branches, 0.4 to 1 of `inner_diameter`, which is the run's. Left out:
         `inner_diameter`."""
-
-    def bore_key(self, port: str) -> str:
-        """See ``Fitting``."""
-        return "branch_diameter" if port in self.branches else "inner_diameter"
-
-    def port_radius(self, port: str) -> float:
-        """See ``Fitting``."""
-        return self.branch_diameter / 2 if port in self.branches else self.radius
 
     @property
     def ports(self) -> dict[str, Pose]:
@@ -167,7 +159,7 @@ class Cross(Wye):
         """See ``Branched``: of both branches together; out of a branch as in a wye."""
         if enter in self.branches:
             return super().mouth("branch")
-        sin, cos = math.sin(self.angle), math.cos(self.angle)
+        sin, cos = self.sin_cos
         return self.run_length / 2, (self.radius * cos + self.branch_radius) / sin
 
     def describe(self, enter: str, leave: str) -> Description:
@@ -175,19 +167,19 @@ class Cross(Wye):
         description = super().describe(enter, leave)
         if enter not in self.branches or leave not in self.branches:
             return description
-        sin, cos = math.sin(self.angle), math.cos(self.angle)
+        sin, cos = self.sin_cos
         opening = self.branch_length, (self.radius + self.branch_radius * cos) / sin
         return replace(description, words="across the run", opening=opening)
 
     def extent(self, points: Array) -> Array:
-        """See ``Wye``."""
+        """See ``Branched``."""
         p = np.asarray(points, float)
         # Half a turn brings the side of the opposite branch to that of the branch.
         beyond = (p @ self.branch_axis < 0)[..., None]
         return super().extent(np.where(beyond, p * HALF_TURN, p))
 
     def mouth_at(self, middle: float, half_angle: float) -> tuple[float, float] | None:
-        """See ``Wye``: of either branch."""
+        """See ``Branched``: of either branch."""
         one = super().mouth_at(middle, half_angle)
         other = super().mouth_at(middle + math.pi, half_angle)
         if other is None:
@@ -196,7 +188,7 @@ class Cross(Wye):
         return (low, high) if one is None else (min(one[0], low), max(one[1], high))
 
     def add_branches(self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float) -> None:
-        """See ``Wye``: once more after half a turn about the y axis."""
+        """See ``Branched``: once more after half a turn about the y axis."""
         side = Pieces()
         super().add_branches(side, run_ring, branch_ring, depth)
         pieces.add(side)
@@ -208,6 +200,6 @@ class Cross(Wye):
         return 2 * (super().piece_count(tolerance, staves) - around)
 
     def branch_solids(self, kit: Kit, more: float, longer: float) -> list[Solid]:
-        """See ``Wye``: once more after half a turn about the y axis."""
+        """See ``Branched``: once more after half a turn about the y axis."""
         solids, turn = super().branch_solids(kit, more, longer), Pose(np.diag(HALF_TURN))
         return [*solids, *(kit.moved(solid, turn) for solid in solids)]

@@ -1,44 +1,25 @@
-"""A wye: a run with an oblique branch of equal or smaller bore; at 90 degrees the (reducing) tee.
-
-Frame: run along z, centred at the origin; the branch leaves the origin along (sin a, 0, cos a).
-Port frames have z out of the fitting and x towards the branch, or along the run.
-"""
+"""A wye: a run with an oblique branch of equal or smaller bore; at 90 degrees the reducing tee."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-import numpy as np
 from pydantic import Field
 
-from omnitrack_sim.base.rotations import Array, Pose, unit
 from omnitrack_sim.base.table import Size, Unit
-from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
-    Branched,
     FittingTable,
-    Y,
     check,
     fill_in,
     in_bores,
     lengthen,
     positive,
 )
-from omnitrack_sim.pipes.fittings.wye_surface import EQUAL, clear, span, surface
-from omnitrack_sim.pipes.shapes import (
-    STRIP_ROWS,
-    THICKNESS,
-    Kit,
-    Pieces,
-    Ring,
-    Solid,
-    rounded_rim,
-    stave_count,
-)
+from omnitrack_sim.pipes.fittings.branched import Branched
+from omnitrack_sim.pipes.fittings.wye_surface import EQUAL
 
 ANGLES = (math.radians(30), math.radians(90))
 """Least and largest angle between branch and run, rad."""
@@ -46,24 +27,14 @@ LEAST_ANGLE_DEG = 29.999999
 """Of files, degrees: 30 with room for what rounding makes of it."""
 LEAST_BRANCH = 0.4
 """Least diameter of the branch, in diameters of the run."""
-CROTCH_PATCH = 0.007
-"""Half width of the flat pieces where the two halves of the rim meet, m."""
-
-RIM_STEP = 0.008
-"""Longest capsule along the rim, m."""
-RIM_SAGITTA = 1.5e-4
-"""By how much a capsule's chord may leave the rim, m."""
-_DENSE, _CUT_SAMPLES = 4001, 17
-"""Points along the rim between which its curvature is measured, and across the cut end of a
-stave."""
-CLEARANCE = 0.5
-"""Least distance of an axis curve from the rim inside its turn, in radii of the branch."""
 
 
 @dataclass(frozen=True)
 class Wye(Branched):
-    """A run of ``run_length`` m with a branch that leans by ``angle`` rad from +z and ends
-    ``branch_length`` m from the point where the axes meet.
+    """A run with a branch of equal or smaller bore that leans by ``angle`` rad from +z.
+
+    The run is ``run_length`` m long, the branch ends ``branch_length`` m from the point where the
+    axes meet.
 
     The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
     opened by it.
@@ -81,7 +52,6 @@ class Wye(Branched):
     inner_diameter: float = BORE
     branch_diameter: float = in_bores(1)
     kind: ClassVar[str] = "wye"
-    wall: ClassVar[Wall] = Wall(surface, span, clear)
 
     class Table(FittingTable):
         """Keys in files."""
@@ -126,286 +96,6 @@ class Wye(Branched):
         half, far = self.least_lengths
         lengthen(self, left_out, run_length=2 * half, branch_length=far)
 
-    @property
-    def least_lengths(self) -> tuple[float, float]:
-        """Least half run and branch length, m: how far the rim's fillet reaches along them at the
-        crotch."""
-        big, small = self._edge_radii()
-        sin, cos = math.sin(self.angle), math.cos(self.angle)
-        return (big * cos + small) / sin, (big + small * cos) / sin
-
-    @property
-    def branch_angle(self) -> float:
-        """See ``Branched``."""
-        return self.angle
-
-    @property
-    def branch_axis(self) -> Array:
-        """See ``Branched``."""
-        return np.array([math.sin(self.angle), 0.0, math.cos(self.angle)])
-
-    @property
-    def sizes(self) -> tuple[float, ...]:
-        """See ``wye_surface``: lengths and radii, m, sine and cosine of the angle."""
-        lengths = (self.run_length / 2, self.branch_length)
-        radii = (self.radius, self.branch_radius, self.fillet_radius)
-        return (*lengths, *radii, math.sin(self.angle), math.cos(self.angle))
-
     def bore_key(self, port: str) -> str:
         """See ``Fitting``."""
-        return "branch_diameter" if port == "branch" else "inner_diameter"
-
-    def port_radius(self, port: str) -> float:
-        """See ``Fitting``."""
-        return self.branch_diameter / 2 if port == "branch" else self.radius
-
-    def extent(self, points: Array) -> Array:
-        """See ``Fitting``; each leg by its own ports, for the legs of an oblique wye cross the
-        other's port planes.
-
-        A point belongs to the branch where it is nearer to that bore's wall than to the run's, or
-        less deep in the run.
-        """
-        p = np.asarray(points, float)
-        x, y, z = np.moveaxis(p, -1, 0)
-        out = self.branch_axis
-        # Coordinates along the branch and across it in the plane of the axes.
-        t, w = x * out[0] + z * out[2], x * out[2] - z * out[0]
-        in_branch = (t > 0) & (np.hypot(y, w) - self.branch_radius < np.hypot(x, y) - self.radius)
-        return np.where(in_branch, self.branch_length - t, self.run_length / 2 - np.abs(z))
-
-    def clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
-        """See ``Branched``: the largest arc that stays ``CLEARANCE`` off the wall inside it."""
-        around = np.linspace(0, turn, 97)[:, None]
-        # Per metre of radius, from where the axes meet.
-        arc = normal * (1 - np.cos(around)) + tangent * (np.sin(around) - math.tan(turn / 2))
-
-        def is_clear(radius: float) -> bool:
-            return bool(
-                self.signed_distance(radius * arc)[0].min() >= CLEARANCE * self.branch_radius
-            )
-
-        if is_clear(radius):
-            return radius
-        # Arcs shrink towards the corner of the axes, so clearance grows: bisection finds its limit.
-        low, high = 0.0, radius
-        for _ in range(24):
-            low, high = (middle, high) if is_clear(middle := (low + high) / 2) else (low, middle)
-        return low
-
-    def mouth(self, enter: str) -> tuple[float, float]:
-        """See ``Branched``.
-
-        Along the run the mouth (the sharp edge of the bores) is 2 r / sin a long, about R cot a
-        from where the axes meet, towards the side the branch leans to. Out of the branch it begins
-        where the crotch is and ends at the far wall of the run.
-        """
-        run, branch, sin, cos = (
-            self.radius,
-            self.branch_radius,
-            math.sin(self.angle),
-            math.cos(self.angle),
-        )
-        if enter == "branch":
-            first = self.branch_length - (run + branch * cos) / sin
-            last = self.branch_length + run / sin
-        else:
-            middle = self.run_length / 2 + (run if enter == "run_start" else -run) * cos / sin
-            first, last = middle - branch / sin, middle + branch / sin
-        return (first + last) / 2, (last - first) / 2
-
-    def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
-        """See ``Fitting``: staves cut back along the rim, strips along it, capsules as the rim."""
-        run_ring = Ring.of(self.radius, staves or stave_count(self.radius, tolerance))
-        branch_ring = Ring.of(
-            self.branch_radius, staves or stave_count(self.branch_radius, tolerance)
-        )
-        # A piece by the rim is no thicker than the wall is there: a ball of the fillet's radius
-        # fits.
-        depth = min(THICKNESS, 2 * self.fillet_radius)
-        self._add_run(pieces, run_ring, depth)
-        self.add_branches(pieces, run_ring, branch_ring, depth)
-
-    def add_branches(self, pieces: Pieces, run_ring: Ring, branch_ring: Ring, depth: float) -> None:
-        """Add the wall of the branch and its rim; rings and depth as in ``add_walls``."""
-        self._add_branch(pieces, branch_ring, depth)
-        equal = self.radius - self.branch_radius < EQUAL
-        if equal:
-            # Where the halves of the rim meet the wall is flat: run and branch share their tangent
-            # plane.
-            for side in (1.0, -1.0):
-                y = np.array([0, side, 0])
-                point, z = (self.radius + 5e-5) * y, np.array([0, 0, 1.0])
-                pieces.facet(point, y, z, CROTCH_PATCH, CROTCH_PATCH, THICKNESS)
-        for q in self._rim_angles():
-            self._add_rim(pieces, q, run_ring, branch_ring, depth)
-
-    def piece_count(self, tolerance: float, staves: int | None) -> int:
-        """See ``Fitting``."""
-        around = staves or stave_count(self.radius, tolerance)
-        _, small = self._edge_radii()
-        # The rim is about the ellipse in which a plane cuts the branch, bent round the run; its
-        # circumference is Ramanujan's.
-        a, b = small / math.sin(self.angle), small
-        rim = 1.3 * math.pi * (3 * (a + b) - math.sqrt((3 * a + b) * (a + 3 * b)))
-        capsules = math.ceil(rim / min(RIM_STEP, math.sqrt(8 * RIM_SAGITTA * small)))
-        return 3 * around + (1 + 2 * STRIP_ROWS) * capsules + 2
-
-    def _rim_angles(self) -> list[Array]:
-        """Angles around the branch, rad, of the ends of the capsules: one closed line, or two where
-        the bores are equal."""
-        big, small = self._edge_radii()
-        equal = self.radius - self.branch_radius < EQUAL
-        parts = (
-            [(-np.pi / 2, np.pi / 2), (np.pi / 2, 3 * np.pi / 2)] if equal else [(0.0, 2 * np.pi)]
-        )
-        lines = []
-        for first, last in parts:
-            q = np.linspace(first, last, _DENSE)
-            chords = np.diff(edge_curve(q, big, small, self.angle), axis=0)
-            lengths = np.linalg.norm(chords, axis=1)
-            turns = np.linalg.norm(np.diff(unit(chords), axis=0), axis=1)
-            curvature = np.pad(turns / lengths[1:], (0, 1), mode="edge")
-            # A chord of length c leaves an arc of curvature k by the sagitta k c² / 8.
-            step = np.minimum(RIM_STEP, np.sqrt(8 * RIM_SAGITTA / np.maximum(curvature, 1e-9)))
-            count = np.concatenate([[0.0], np.cumsum(lengths / step)])
-            # An even number of steps puts corners at heel and crotch.
-            lines.append(
-                np.interp(np.linspace(0, count[-1], 2 * math.ceil(count[-1] / 2) + 1), count, q)
-            )
-        return lines
-
-    def _edge_radii(self) -> tuple[float, float]:
-        return self.radius + self.fillet_radius, self.branch_radius + self.fillet_radius
-
-    def _add_run(self, pieces: Pieces, ring: Ring, depth: float) -> None:
-        """Staves of the run; those that the mouth interrupts in two parts, square at their ends."""
-        half, z = self.run_length / 2, np.array([0, 0, 1.0])
-        for u in ring.azimuths:
-            out = np.array([math.cos(u), math.sin(u), 0.0])
-            mouth = self.mouth_at(u, np.pi / len(ring.azimuths))
-            if mouth is None:
-                pieces.facet(ring.face * out, out, z, ring.half_width, half, THICKNESS)
-                continue
-            for a, b in ((-half, mouth[0]), (mouth[1], half)):
-                ring.add_stave(pieces, out, z, (a, b), depth)
-
-    def mouth_at(self, middle: float, half_angle: float) -> tuple[float, float] | None:
-        """Return between which heights z, m, the rim's edge opens the run within ``half_angle`` rad
-        of an azimuth; None where it does not."""
-        big, small = self._edge_radii()
-        sin, cos = math.sin(self.angle), math.cos(self.angle)
-        middle, limit = math.remainder(middle, 2 * math.pi), math.asin(min(1.0, small / big))
-        # Beyond `limit` the mouth of a smaller branch does not reach around the run.
-        first, last = max(middle - half_angle, -limit), min(middle + half_angle, limit)
-        if last - first <= 1e-9:
-            return None
-        around = np.linspace(first, last, _CUT_SAMPLES)
-        root = np.sqrt(np.maximum(small**2 - (big * np.sin(around)) ** 2, 0.0))
-        # The edge's two heights z at an azimuth of the run; between them is the mouth.
-        low, high = ((big * np.cos(around) * cos + side * root) / sin for side in (-1.0, 1.0))
-        return low.min(), high.max()
-
-    def _add_branch(self, pieces: Pieces, ring: Ring, depth: float) -> None:
-        """Staves of the branch, from the rim to the port."""
-        big, small = self._edge_radii()
-        sin, cos, along = math.sin(self.angle), math.cos(self.angle), self.branch_axis
-        across = np.array([cos, 0.0, -sin])
-        half_angle = np.pi / len(ring.azimuths)
-        for u in ring.azimuths:
-            out = math.cos(u) * across + math.sin(u) * np.array([0, 1.0, 0])
-            around = np.linspace(u - half_angle, u + half_angle, _CUT_SAMPLES)
-            x = np.sqrt(np.maximum(big**2 - (small * np.sin(around)) ** 2, 0.0))
-            start = ((x - small * np.cos(around) * cos) / sin).max()
-            ring.add_stave(pieces, out, along, (start, self.branch_length), depth)
-
-    def _add_rim(
-        self, pieces: Pieces, q: Array, run_ring: Ring, branch_ring: Ring, depth: float
-    ) -> None:
-        """Capsules along the angles ``q`` of the edge, and the strips on either side of them."""
-        edge = edge_curve(q, *self._edge_radii(), self.angle)
-        for a, b in itertools.pairwise(edge):
-            pieces.capsule(a, b, self.fillet_radius)
-        axes = (
-            (np.array([0, 0, 1.0]), self.radius, run_ring),
-            (self.branch_axis, self.branch_radius, branch_ring),
-        )
-        outward = [unit(edge - np.outer(edge @ axis, axis)) for axis, _, _ in axes]
-        for (axis, radius, ring), mine, other in zip(axes, outward, reversed(outward), strict=True):
-            # A tenth wider than a share of a stave, so that rows overlap instead of leaving gaps.
-            strip = 1.1 * 2 * radius * math.tan(np.pi / len(ring.azimuths)) / STRIP_ROWS
-            line = edge - self.fillet_radius * mine
-            pieces.add_strips(line, axis, radius, other, strip, depth, self.extent)
-
-    def fill(self, kit: Kit, more: float) -> Solid:
-        """See ``Fitting``: the rim is rounded within and without, so that the wall is as thick at
-        the crotch as elsewhere."""
-        return self._solid(kit, more, 0.0)
-
-    def bore(self, kit: Kit) -> Solid:
-        """See ``Fitting``."""
-        return self._solid(kit, 0.0, kit.overcut)
-
-    def _solid(self, kit: Kit, more: float, longer: float) -> Solid:
-        """Return the bores, their rim rounded, and ``more`` m around them, between the ports."""
-        solid = kit.cylinder(self.run_length, self.radius + more, centred=True)
-        for part in self.branch_solids(kit, more, longer):
-            solid += part
-        return solid
-
-    def branch_solids(self, kit: Kit, more: float, longer: float) -> list[Solid]:
-        """Return the branch's bore and what the fillet rounds off its rim, see ``_solid``."""
-        radius, branch_radius, along = (
-            self.radius + more,
-            self.branch_radius + more,
-            self.branch_axis,
-        )
-        turned = Pose(np.stack([np.cross(Y, along), Y, along], axis=-1))
-        solids = [kit.moved(kit.cylinder(self.branch_length + longer, branch_radius), turned)]
-        # The outer wall is parallel to the bore, so its ball is smaller by the wall's thickness.
-        fillet = self.fillet_radius - more
-        if fillet > 2 * kit.overcut:
-            for q in self._solid_rim_angles(kit.sections):
-                solids.append(self._fillet(kit, q, radius, branch_radius, fillet))
-        return solids
-
-    def _solid_rim_angles(self, sections: int) -> list[Array]:
-        """Angles around the branch, rad, of the cross-sections: a closed line, or two that end
-        short of where they meet."""
-        step = 2 * np.pi / sections
-        if self.radius - self.branch_radius < EQUAL:
-            # Half way between the corners of the cylinders: threads may stay where corners
-            # coincide.
-            around = (np.arange(sections // 2) + 0.5) * step
-            return [np.asarray(around + turn, float) for turn in (-np.pi / 2, np.pi / 2)]
-        # Where the edge bends sharply, even steps along the hyperbola as well; see
-        # ``wye_surface``.
-        big, small = self._edge_radii()
-        # Half axis of the hyperbola (x + w)(x - w) = A² - B² that the edge is when seen along y.
-        gap = math.sqrt(big**2 - small**2)
-        along = gap / small * np.sinh(np.linspace(-3, 3, 25))
-        bend = np.arccos(along[np.abs(along) < 1])
-        q = np.sort(np.concatenate([np.arange(sections) * step, bend, 2 * np.pi - bend]))
-        return [np.asarray(q[np.diff(q, append=q[0] + 2 * np.pi) > 0.1 * step], float)]
-
-    def _fillet(
-        self, kit: Kit, q: Array, radius: float, branch_radius: float, fillet: float
-    ) -> Solid:
-        """Return what a ball of radius ``fillet`` m rounds off the rim of two bores, at angles
-        ``q`` around the branch."""
-        centre = edge_curve(q, radius + fillet, branch_radius + fillet, self.angle)
-        corner = edge_curve(q, radius - kit.overcut, branch_radius - kit.overcut, self.angle)
-        axis = self.branch_axis
-        to_run = unit(centre * [1, 1, 0])
-        to_branch = unit(centre - np.outer(centre @ axis, axis))
-        # Equal bores give two open lofts that need end caps, a smaller branch one closed ring.
-        closed = self.radius - self.branch_radius >= EQUAL
-        return rounded_rim(kit, centre, corner, (to_run, to_branch), fillet, closed=closed)
-
-
-def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
-    """Points (..., 3) m of the edge at angles ``q`` (...,) rad; ``big`` and ``small`` are A and B,
-    m."""
-    y, w = small * np.sin(q), small * np.cos(q)
-    x = np.sqrt(big * big - small * small + w * w)
-    return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)
+        return "branch_diameter" if port in self.branches else "inner_diameter"

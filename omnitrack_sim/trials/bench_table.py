@@ -1,184 +1,28 @@
-"""Benchmark runs: the sweeps of all courses and entries on one engine, and their tables."""
+"""Results of a bench: a row for each course and entry, as a table and as a page."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from omnitrack_sim.base.arguments import check_is
-from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import finite, strict_json
-from omnitrack_sim.base.writing import as_output_error, check_folder, write_file, write_files
+from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
-from omnitrack_sim.results.provenance import environment
-from omnitrack_sim.show.plots.style import attempt, figure_bytes
-from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import INVALID
-from omnitrack_sim.trials.bench import Bench, Suite
-from omnitrack_sim.trials.dispatch import Engine, MakeExecutor, Progress, Status
-from omnitrack_sim.trials.store import column, made_by, passed_of, to_csv, to_parquet
-from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.sweep_run import finish_sweep, sweep_store
+from omnitrack_sim.trials.table import column, joined, passed_of
 
-BENCH_FILE = "bench.json"
-TRIALS = "trials"
-"""Folder with the sweeps of all courses and entries."""
+if TYPE_CHECKING:
+    from omnitrack_sim.trials.bench import Bench, Suite
+
 MISFIT = "does not fit"
 ALL = "all"
 """Course of the rows over all courses together."""
-RESULTS, TRIALS_TABLE, PAGE, FIGURE = "results", "trials.parquet", "results.md", "bench.png"
-FILES = (BENCH_FILE, f"{RESULTS}.parquet", f"{RESULTS}.csv", TRIALS_TABLE, PAGE, FIGURE)
-
-
-@dataclass(frozen=True, eq=False)
-class BenchResult:
-    """Result of a benchmark.
-
-    Attributes:
-        bench: that was run.
-        table: one row for each course and entry: rates, means, scores, differences from the default
-            entry.
-        status: how many trials there are, were found done, and are done now.
-        folder: of the files; None if nothing was written.
-        rows: of ``table``, each without the columns that it has no value for.
-        trials: all trials of all entries.
-
-    Example:
-        >>> short = {"run.time_limit": 0.01}
-        >>> bench = ot.Bench.of(
-        ...     "control", ["elbow"], ["feedback", "equal"], trials=1, changes=short
-        ... )
-        >>> result = ot.run_bench(bench)
-        >>> [(row["entry"], row["passed"], row["others"]) for row in result.rows]
-        [('feedback', 0, '1 timed_out'), ('equal', 0, '1 timed_out')]
-    """
-
-    bench: Bench
-    table: pa.Table
-    status: Status
-    folder: Path | None
-    rows: list[dict[str, Any]]
-    trials: pa.Table
-
-
-def run_bench(
-    bench: Bench,
-    *,
-    out: str | Path | None = None,
-    workers: int = 1,
-    executor: Executor | MakeExecutor | None = None,
-    progress: Progress | None = None,
-) -> BenchResult:
-    """Run the trials of a benchmark that are not done yet.
-
-    Args:
-        bench: what to run.
-        out: folder of the files; trials that are there already are not run again, whatever entries
-            and courses were asked for then. Without one nothing is written.
-        workers: processes that run trials; with 1 this one does.
-        executor: runs them instead, as in ``run_sweep``.
-        progress: called with the ``Status`` of all trials together.
-
-    Raises:
-        InputError: an entry cannot drive a course; no such number of workers.
-        OutputError: the folder holds something else, or cannot be written; finished batches stay.
-        WorkersLost: the given executor has broken; the same call goes on from there.
-
-    Example:
-        >>> bench = ot.Bench.of(
-        ...     "mobility", ["elbow_15"], ["presser"], trials=2, changes={"run.time_limit": 0.01}
-        ... )
-        >>> ot.run_bench(bench).trials.num_rows
-        2
-    """
-    check_is(Bench, "bench", bench)
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        check_folder(folder, mark=BENCH_FILE, files=FILES)
-        _check_record(bench, folder)
-    planned = bench.sweeps()
-    if folder is not None and not (folder / BENCH_FILE).is_file():
-        with as_output_error(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-        # The record marks the folder as a benchmark's before the first batch, in case this is
-        # killed.
-        write_file(folder / BENCH_FILE, (strict_json(_plan(bench)) + "\n").encode())
-    sweeps = {key: sweep for key, sweep in planned.items() if isinstance(sweep, Sweep)}
-    with Engine(workers, executor, progress) as engine:
-        tables = _tables(sweeps, folder, engine)
-    # A sweep all of whose trials are invalid is no error here: the table says so.
-    rows = rows_of(bench.suite, {key: tables.get(key, misfit) for key, misfit in planned.items()})
-    result = BenchResult(
-        bench, _table(bench.suite, rows), engine.status, folder, rows, _all_trials(tables)
-    )
-    if folder is not None:
-        _write(result, folder)
-    return result
-
-
-def _tables(
-    sweeps: Mapping[tuple[str, str], Sweep], folder: Path | None, engine: Engine
-) -> dict[tuple[str, str], pa.Table]:
-    """Run the missing trials of sweeps, and return the table of each."""
-    stores = {
-        key: sweep_store(sweep, None if folder is None else folder.joinpath(TRIALS, *key))
-        for key, sweep in sweeps.items()
-    }
-    jobs = {
-        key: [(stores[key], batch) for batch in sweep.batches()] for key, sweep in sweeps.items()
-    }
-    engine.begin(sum(sweep.size for sweep in sweeps.values()))
-    # All sweeps as one list, so that workers stay busy from one course to the next.
-    parts = iter(engine.run([job for own in jobs.values() for job in own]))
-    tables = {}
-    for key, sweep in sweeps.items():
-        made = [next(parts) for _ in jobs[key]]
-        tables[key] = stores[key].columns.merged(made)
-        makers = {made_by(part) for part in made}
-        # The benchmark has a figure of its own: one for each of hundreds of sweeps would take long.
-        finish_sweep(sweep, stores[key], tables[key], makers, draws=False)
-    return tables
-
-
-def _plan(bench: Bench) -> dict[str, Any]:
-    """Return the values that all runs in one folder share."""
-    return {
-        "suite": bench.suite.name,
-        "version": bench.suite.version,
-        "quick": bench.quick,
-        "trials": bench.trials,
-        "changes": dict(bench.changes),
-    }
-
-
-def _check_record(bench: Bench, folder: Path) -> None:
-    """Refuse a folder with another benchmark.
-
-    Raises:
-        OutputError: its suite, version, number of trials or changes are others.
-    """
-    file = folder / BENCH_FILE
-    try:
-        record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    except (ValueError, OSError):
-        record = {}
-    for key, value in json.loads(strict_json(_plan(bench))).items():
-        if record.get(key, value) != value:
-            raise OutputError(
-                f"{folder}: holds a benchmark with {key} {record[key]!r}, not {value!r}; choose "
-                "another folder with --out, or remove this one to begin anew"
-            )
 
 
 def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> list[dict[str, Any]]:
@@ -223,7 +67,7 @@ def _over_all(
     for entry in dict.fromkeys(entry for _, entry in tables):
         own = {key: table for key, table in tables.items() if key[1] == entry}
         fit = {key: table for key, table in own.items() if not isinstance(table, str)}
-        together[ALL, entry] = _all_trials(fit) if fit else next(iter(own.values()))
+        together[ALL, entry] = joined(fit.values()) if fit else next(iter(own.values()))
     return together
 
 
@@ -287,32 +131,8 @@ def _differences(suite: Suite, table: pa.Table, default: pa.Table) -> dict[str, 
     return row
 
 
-def _write(result: BenchResult, folder: Path) -> None:
-    """Write everything but the trials' own folders, none before all are made."""
-    bench, rows = result.bench, result.rows
-    record = {
-        **_plan(bench),
-        "courses": {course.name: course.words for course in bench.courses},
-        "entries": {e.name: {"words": e.words, "changes": dict(e.changes)} for e in bench.entries},
-        "rows": rows,
-        **environment(),
-    }
-    files = {
-        f"{RESULTS}.parquet": to_parquet(result.table),
-        f"{RESULTS}.csv": to_csv(result.table),
-        TRIALS_TABLE: to_parquet(result.trials),
-        PAGE: page(bench, rows).encode(),
-        BENCH_FILE: (strict_json(record) + "\n").encode(),
-    }
-    passable = {course.name for course in bench.courses if course.is_passed} | {ALL}
-    judged = [row for row in rows if row["course"] in passable]
-    figure = attempt(FIGURE, lambda: figure_bytes(bench_figure(judged))) if judged else None
-    files |= {} if figure is None else {FIGURE: figure}
-    write_files({folder / name: data for name, data in files.items()})
-
-
-def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """The rows as a table with all columns, and the units of those that have one."""
+def results_table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Return the rows as a table with all columns, and the units of those that have one."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     kinds = {"trials": pa.int64(), "passed": pa.int64()}
     kinds |= dict.fromkeys(("course", "entry", "others", "reason"), pa.string())
@@ -320,20 +140,6 @@ def _table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     units = {name: m.unit for name in names for m in suite.measures if name.startswith(m.name)}
     fields = [column(name, kinds.get(name, pa.float64()), units.get(name, "1")) for name in names]
     return pa.Table.from_pylist([dict(row) for row in rows], pa.schema(fields))
-
-
-def _all_trials(tables: Mapping[tuple[str, str], pa.Table]) -> pa.Table:
-    """All trials of all entries in one table; columns that a course does not vary are null."""
-    parts = []
-    for (course, entry), table in tables.items():
-        # Each sweep's table has its own hash in the metadata; tables with different ones do not
-        # join.
-        plain = table.replace_schema_metadata(None)
-        for name, value in (("entry", entry), ("course", course)):
-            plain = plain.add_column(0, name, pa.array([value] * len(plain), pa.string()))
-        parts.append(plain)
-    # Without a single trial, as where no robot fits, there is nothing to join.
-    return pa.concat_tables(parts, promote_options="permissive") if parts else pa.table({})
 
 
 def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
