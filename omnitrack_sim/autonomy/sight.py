@@ -44,8 +44,8 @@ class Sighting:
     """Sighting of the pipe before one end of a robot, at one moment.
 
     Ahead is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. The
-    frame is that of the gear, which has z ahead and x towards module 1 in both
-    (``robots/omnitrack/control/command.py``); that of a look back is turned by half a turn.
+    frame is that of the gear, which has z ahead and x towards module 1 in both; that of a look back
+    is turned by half a turn.
 
     Attributes:
         fitting: the next one that the robot's centre has not come into and that is no plain
