@@ -59,14 +59,20 @@ class Observation:
             # Kept as an attribute: Python comes here only where there is none yet.
             value = self.__dict__[name] = self.__dict__["_readings"][name]
         except KeyError:
-            known = list(self.__dict__.get("_readings", ()))
+            known = self._channels()
             near = did_you_mean(name, known)
             message = f"no channel {name!r} is observed{near} (choose from: {', '.join(known)})"
             raise AttributeError(message) from None
         return value
 
     def __repr__(self) -> str:
-        return f"Observation({len(self.leg)} robots, {len(self._readings)} channels)"
+        return f"Observation({len(self.leg)} robots, {len(self._channels())} channels)"
+
+    def _channels(self) -> list[str]:
+        """Names of the channels that are observed."""
+        readings = self.__dict__.get("_readings", ())
+        # Sensors are read when they are first asked for.
+        return list(getattr(readings, "sensors", readings))
 
 
 class Actuation(NamedTuple):

@@ -20,9 +20,9 @@ from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
-from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
@@ -181,13 +181,20 @@ def _changed(
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
     """Robot table with all values at its own scale, to which changes refer."""
-    if not isinstance(robot, Mapping) or robot.get("kind", DEFAULT) != DEFAULT:
+    if not isinstance(robot, Mapping):
+        return robot
+    try:
+        model = robot_class(str(robot.get("kind", DEFAULT)))
+    except InputError:
+        return robot  # reported where the robot is read
+    if "values_at_scale" not in model.model_fields:
         return robot
     changed = {keys_of(path)[1] for path in changes if path.startswith("robot.")}
     # A change may mend the very value that makes the table invalid: then it is tried without it.
-    for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
+    for left_out in ({"kind"}, {"kind", *changed}):
+        table = {key: value for key, value in robot.items() if key not in left_out}
         try:
-            return Omnitrack.model_validate(table, strict=True).model_dump(mode="json")
+            return model.model_validate(table, strict=True).model_dump(mode="json")
         except (ValidationError, RecursionError):
             continue
     return robot
@@ -371,7 +378,7 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     data["name"] = driven_name(scenario.name)
     data["run"]["expected_outcome"] = None
     data["control"] |= {
-        "kind": KIND,
+        "kind": _driven_kind(scenario.robot),
         "parameters": {
             "driver": driver,
             "autopilot": autopilot["kind"],
@@ -382,6 +389,19 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     if data["run"]["time_limit"] is None:
         data["run"]["time_limit"] = LONGEST_DRIVE
     return validate(data)
+
+
+def _driven_kind(robot: Robot) -> str:
+    """Return the kind of a robot's controller that obeys a driver.
+
+    Raises:
+        ScenarioError: it has none.
+    """
+    for kind, controller in robot.controllers().items():
+        if obeys_orders(controller):
+            return kind
+    problem = f"is {robot.kind!r}, of which no controller obeys a driver"
+    raise ScenarioError([Fault("robot.kind", problem)])
 
 
 def driven_name(name: str) -> str:
@@ -399,7 +419,7 @@ def with_orders(scenario: Scenario, orders: Sequence[Order]) -> Scenario:
 def autopilot_of(scenario: Scenario) -> dict[str, Any]:
     """Plain data of ``[control]`` with the autopilot as controller; unchanged if nobody drives."""
     control = scenario.control.model_dump(mode="json")
-    if scenario.control.kind != KIND:
-        return control
     table = scenario.control_parameters
+    if not isinstance(table, DriverTable):
+        return control
     return control | {"kind": table.autopilot, "parameters": table.autopilot_parameters}
