@@ -23,7 +23,7 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import Lines, Moment
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
+from omnitrack_sim.robots.driving import ObeysOrders, Order
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -530,8 +530,8 @@ class Driver(Player):
         return self.run.simulation
 
     @property
-    def _controller(self) -> DrivenController:
-        assert isinstance(self.simulation.controller, DrivenController)
+    def _controller(self) -> ObeysOrders:
+        assert isinstance(self.simulation.controller, ObeysOrders)
         return self.simulation.controller
 
     def act(self, do: Do) -> None:
