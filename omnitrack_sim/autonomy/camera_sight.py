@@ -39,12 +39,12 @@ class CameraSightSettings:
     Attributes:
         reach: bores, from the lens up to which a fitting is believed: 0.35 m in a bore of 0.16 m,
             to which the recogniser was right in 100 of 100 trials with the depth camera.
-        nearest: bores, from the lens up to which a fitting or an end is ignored: a lens within a
-            bend takes the bend to begin where the lens is, and one before a wall sees a plate.
-        shortest: bores, length of a reducer up to which it is none: the search has ended near its
-            bound of 0.2, so the picture shows something else.
+        min_distance: bores, from the lens up to which a fitting or an end is ignored: a lens within
+            a bend takes the bend to begin where the lens is, and one before a wall sees a plate.
+        min_reducer: bores, length of a reducer up to which it is none: the search has ended near
+            its bound of 0.2, so the picture shows something else.
         bore_step: m, bores that differ by less share a recogniser: making one takes seconds.
-        least_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
+        min_free: bores, from the lens up to which a pipe has to be free of fittings for a look to
             tell anything.
         past: bores, from a fitting to the lens up to which the fitting tells how the lens stands:
             the picture shows the wall from 0.4 bores beyond the lens on.
@@ -70,10 +70,10 @@ class CameraSightSettings:
     """
 
     reach: float = 2.2
-    nearest: float = 0.15
-    least_free: float = 0.25
+    min_distance: float = 0.15
+    min_free: float = 0.25
     past: float = 0.6
-    shortest: float = 0.24
+    min_reducer: float = 0.24
     bore_step: float = 1e-3
     by_lamp: float = 0.9
     angles: tuple[float, ...] = (math.radians(45), math.radians(90))
@@ -124,7 +124,7 @@ class CameraSight:
         fitting, port = passage.part.fitting, passage.part.port(passage.leave)
         bore = round(2 * fitting.port_radius(passage.leave) / CAMERA_SIGHT.bore_step)
         bore *= CAMERA_SIGHT.bore_step
-        lens, prior, nearest = self._eyes.mount.ahead, CENTRED, CAMERA_SIGHT.nearest * bore
+        lens, prior, nearest = self._eyes.mount.ahead, CENTRED, CAMERA_SIGHT.min_distance * bore
         if estimate is not None and not fitting.is_plain:
             # Out of a fitting no straight wall shows that would tell how the camera stands in the
             # pipe beyond; the map does.
@@ -183,7 +183,7 @@ def sighting_of(detection: Detection, bore: float, lens: float, nearest: float) 
         confidence=detection.confidence,
         axis=frame[2],
     )
-    if detection.kind == "straight" and detection.distance < CAMERA_SIGHT.least_free * bore:
+    if detection.kind == "straight" and detection.distance < CAMERA_SIGHT.min_free * bore:
         return None
     if detection.kind == "straight" or detection.distance > reach:
         return ahead
@@ -199,7 +199,7 @@ def sighting_of(detection: Detection, bore: float, lens: float, nearest: float) 
         fitting = form.make(**detection.sizes)
     except GeometryError:
         return None
-    if isinstance(fitting, Reducer) and fitting.length < CAMERA_SIGHT.shortest * bore:
+    if isinstance(fitting, Reducer) and fitting.length < CAMERA_SIGHT.min_reducer * bore:
         return None
     turn = math.atan2(-float(frame[1, 0]), float(frame[0, 0])) if form.period else 0.0
     located = replace(ahead, distance_std=along, turn=turn, turn_std=about)

@@ -21,41 +21,41 @@ class CandidateSettings:
     """Tolerances of comparing poses with pictures, limbs and gravity.
 
     Attributes:
-        least_incidence: sine of the angle between a ray and its wall below which the wall's tangent
+        min_incidence: sine of the angle between a ray and its wall below which the wall's tangent
             plane is no guide; bounds the change of a range.
-        nearest, farthest: bounds of a range in a picture from close by, as parts of the range
-            before.
+        min_range_ratio: least range in a picture from close by, as a part of the range before:
+            farther from there the wall is flat no longer.
+        max_range_ratio: largest such range.
         huber: residual, in standard deviations, from which on it is down-weighted (Huber).
-        least_share: part of a picture's pixels that have to be comparable for a misfit of the map.
-        most_error: residual, in standard deviations, at which the cost of a pixel stays: at an edge
+        min_valid_share: part of a picture's pixels that have to be comparable for a misfit of the
+            map.
+        max_error: residual, in standard deviations, at which the cost of a pixel stays: at an edge
             between near and far wall a pixel is as wrong as it can be.
-        shift: m, between the pictures whose differences are the gradients of a picture.
-        tilt: rad, the same of rotations.
+        shift: m, and rad of rotations, between the pictures whose differences are the gradients of
+            a picture: less than a pixel, and far more than rounding.
         distinct_turn: rad, rotation from which on two poses are different answers.
         distinct_place: m, the same of positions.
-        blur: factor of the pixels' standard deviations where candidates are far apart: that much a
-            pixel differs between two of them.
-        blurs: the same of each improvement of the best candidates, from far apart to exact.
+        blurs: factors of the pixels' standard deviations, of each improvement of the best
+            candidates: first those are far apart, and a pixel differs by that much between two of
+            them.
         finalists: number of candidates that are improved and compared again.
-        longest_shift: m, by which an improvement moves a candidate at most.
-        longest_turn: rad, the same of its rotation.
+        max_shift: m, by which an improvement moves a candidate at most.
+        max_turn: rad, the same of its rotation.
     """
 
-    least_incidence: float = 0.03
-    nearest: float = 0.7
-    farthest: float = 1.4
+    min_incidence: float = 0.03
+    min_range_ratio: float = 0.7
+    max_range_ratio: float = 1.4
     huber: float = 2.0
-    least_share: float = 0.1
-    most_error: float = 3.0
+    min_valid_share: float = 0.1
+    max_error: float = 3.0
     shift: float = 5e-4
-    tilt: float = 5e-4
     distinct_turn: float = 0.3
     distinct_place: float = 0.06
-    blur: float = 4.0
     blurs: tuple[float, ...] = (4.0, 4.0, 4.0, 2.0, 2.0, 1.0)
     finalists: int = 8
-    longest_shift: float = 0.03
-    longest_turn: float = 0.2
+    max_shift: float = 0.03
+    max_turn: float = 0.2
 
 
 CANDIDATES = CandidateSettings()
@@ -90,11 +90,10 @@ def reprojected(
     before = np.einsum("...ij,kj->...ki", frame, rays)
     after = np.einsum("...ij,kj->...ki", turned, rays)
     ahead = reach * dot(normal, before) + dot(normal, (place - other)[..., None, :])
-    far = ahead / np.minimum(dot(normal, after), -CANDIDATES.least_incidence)
+    far = ahead / np.minimum(dot(normal, after), -CANDIDATES.min_incidence)
     near = np.broadcast_to(hits, (*far.shape, hits.shape[-1])).copy()
-    near[..., RANGE] = np.where(
-        met, np.clip(far, CANDIDATES.nearest * reach, CANDIDATES.farthest * reach), np.inf
-    )
+    low, high = CANDIDATES.min_range_ratio * reach, CANDIDATES.max_range_ratio * reach
+    near[..., RANGE] = np.where(met, np.clip(far, low, high), np.inf)
     if lamp is not None:
         reach = np.where(met, near[..., RANGE], 1.0)
         at_lamp = np.einsum("...ij,j->...i", turned, lamp)[..., None, :]
@@ -141,7 +140,7 @@ def of_limbs(
     # over an opening, and touches nothing.
     doubt = np.einsum("nmi,nij,nmj->nm", slopes, covariance, slopes) + std**2
     held = limbs.pressed & np.all(part >= 0, axis=-1)
-    held &= gap**2 < CANDIDATES.most_error**2 * doubt
+    held &= gap**2 < CANDIDATES.max_error**2 * doubt
     return normal_equations(slopes, -gap, held * huber(gap / std) / std**2)
 
 
@@ -204,7 +203,7 @@ def median(size: Array, valid: NDArray[np.bool_]) -> Array:
     ordered = np.sort(np.where(valid, size, np.inf), axis=1)
     count = valid.sum(axis=1)
     middle = np.take_along_axis(ordered, (count // 2 % size.shape[1])[:, None], axis=1)[:, 0]
-    return np.where(count > CANDIDATES.least_share * size.shape[1], middle, 0.0)
+    return np.where(count > CANDIDATES.min_valid_share * size.shape[1], middle, 0.0)
 
 
 class Shot(NamedTuple):
@@ -344,7 +343,7 @@ class Candidates:
             frames: (m, c, 3, 3), their rotations.
         """
         rows = np.arange(len(robots))[:, None]
-        cost = self.cost(robots, shot, places, frames, CANDIDATES.blur)
+        cost = self.cost(robots, shot, places, frames, CANDIDATES.blurs[0])
         best = np.argsort(cost, axis=1, kind="stable")[:, : CANDIDATES.finalists]
         places, frames = places[rows, best], frames[rows, best]
         for blur in CANDIDATES.blurs:
@@ -394,14 +393,14 @@ class Candidates:
         residual = (measured - expected) / camera.spread(expected) / blur
         # Where only one of both has a value, they differ as much as can be.
         nothing = np.isnan(measured) != np.isnan(expected)
-        residual = np.where(nothing, CANDIDATES.most_error, np.nan_to_num(residual))
+        residual = np.where(nothing, CANDIDATES.max_error, np.nan_to_num(residual))
         size = np.abs(residual)
         # Beyond the end of the map every value is as probable: the cost of one standard deviation.
         beyond = np.isnan(hits[..., RANGE]).reshape(m, c, -1)
         if shared:
             unseen = (hits[..., PART] == BEYOND).reshape(m, c, -1)
             beyond |= unseen.any(axis=1, keepdims=True)
-        loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.most_error) ** 2 / 2)
+        loss = np.where(beyond, 0.5, np.minimum(size, CANDIDATES.max_error) ** 2 / 2)
         picture = self.share * len(self.pixels) / len(pixels)
         held = np.einsum("mcij,mi->mcj", frames, -self._gravity[robots])
         force = (held - self.held[robots, None]) / self._table.force_std
@@ -419,15 +418,13 @@ class Candidates:
         residual, valid, slopes = self._difference(
             which, flat, turned, facing, measured, rays, blur
         )
-        near = valid & (np.abs(residual) < 2 * CANDIDATES.most_error)
+        near = valid & (np.abs(residual) < 2 * CANDIDATES.max_error)
         information, evidence = normal_equations(slopes, residual, near.astype(float))
         # A prior of the longest step keeps directions that no pixel shows where they are.
-        stiff = np.diag(
-            1 / np.array([CANDIDATES.longest_shift] * 3 + [CANDIDATES.longest_turn] * 3) ** 2
-        )
+        stiff = np.diag(1 / np.array([CANDIDATES.max_shift] * 3 + [CANDIDATES.max_turn] * 3) ** 2)
         change = np.linalg.solve(information + stiff, evidence[..., None])[..., 0]
-        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / CANDIDATES.longest_shift
-        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / CANDIDATES.longest_turn
+        size = np.sqrt((change[:, :3] ** 2).sum(axis=-1)) / CANDIDATES.max_shift
+        turn = np.sqrt((change[:, 3:] ** 2).sum(axis=-1)) / CANDIDATES.max_turn
         change = change / np.maximum(1.0, np.maximum(size, turn))[:, None]
         moved = flat + change[:, :3]
         rotated = orthonormal(turned_by(change[:, 3:]) @ turned)
@@ -484,7 +481,7 @@ class Candidates:
         """
         slopes = np.empty((*expected.shape, POSE))
         for axis in range(POSE):
-            place, turned, step = position, frame, CANDIDATES.shift if axis < 3 else CANDIDATES.tilt
+            place, turned, step = position, frame, CANDIDATES.shift
             change = np.zeros((len(position), 3))
             change[:, axis % 3] = step
             if axis < 3:

@@ -51,27 +51,27 @@ class LocaliserSettings:
 
     Attributes:
         touch_period: s, time between two updates by arms and accelerometer.
-        all_turns: number of rotations about the axis that a robot of unknown rotation compares, 15
+        seek_turns: number of rotations about the axis that a robot of unknown rotation compares, 15
             degrees apart.
-        few_places: number of positions at which each of these is compared: the rotation is sought
+        seek_places: number of positions at which each of these is compared: the rotation is sought
             there, the position only has to be near.
-        most_doubt: probability of all other rotations together below which it takes the best.
+        max_doubt: probability of all other rotations together below which it takes the best.
         margin: cost by which any other answer has to be worse for one to be taken.
-        most_pixel_cost: cost of each independent pixel up to which a pose explains a picture.
+        max_pixel_cost: cost of each independent pixel up to which a pose explains a picture.
         relocated_turn_std: rad, standard deviation of a rotation taken from such candidates.
         relocated_place_std: m, the same of a position along the pipe.
         verified_reach: m, to which positions on both sides are compared where a robot verifies its
             rotation.
-        least_place_std: m, standard deviation of its position from which on a robot compares poses:
+        min_place_std: m, standard deviation of its position from which on a robot compares poses:
             farther from the truth the linear update leads astray, as gradients see no edges.
-        least_turn_std: rad, the same of its rotation about its axis.
+        min_turn_std: rad, the same of its rotation about its axis.
         reach: standard deviations to either side within which poses are compared.
-        most_reach: m, bound of that reach for positions.
+        max_reach: m, bound of that reach for positions.
         places: number of positions compared along the direction of largest uncertainty.
         turns: number of rotations about the axis compared.
         variance_drop: part of its prior variance below which an update has to bring the posterior:
             where all candidates look alike, a smaller gain is chance.
-        least_contrast: cost by which rotations about the axis have to differ in a picture that
+        min_contrast: cost by which rotations about the axis have to differ in a picture that
             tells one from another.
         pause: pictures of one end that are not compared after one without information.
         remapped_place_std: m, standard deviation that is added where a bend of the map changes.
@@ -79,22 +79,22 @@ class LocaliserSettings:
     """
 
     touch_period: float = 0.1
-    all_turns: int = 24
-    few_places: int = 3
-    most_doubt: float = 1e-3
+    seek_turns: int = 24
+    seek_places: int = 3
+    max_doubt: float = 1e-3
     margin: float = 4.0
-    most_pixel_cost: float = 2.0
+    max_pixel_cost: float = 2.0
     relocated_turn_std: float = 0.1
     relocated_place_std: float = 0.02
     verified_reach: float = 0.01
-    least_place_std: float = 0.01
-    least_turn_std: float = 0.02
+    min_place_std: float = 0.01
+    min_turn_std: float = 0.02
     reach: float = 3.0
-    most_reach: float = 0.2
+    max_reach: float = 0.2
     places: int = 13
     turns: int = 9
     variance_drop: float = 0.85
-    least_contrast: float = 1.0
+    min_contrast: float = 1.0
     pause: int = 2
     remapped_place_std: float = 0.015
     remapped_turn_std: float = 0.03
@@ -118,8 +118,10 @@ class Localiser:
         filter: the estimate; set by ``reset``, as all that is kept for a robot.
         misfit: (n,) median residual of the last picture's pixels, in their standard deviations.
         unknown: (n,) bool, robots of unknown rotation about their axis.
-        shot: the last picture that has arrived.
+        shot: the last picture that has arrived, with the pose before its gradients corrected it:
+            in a wrong rotation they lead astray.
         pixels: (k,) those of a picture that are compared with the map, counted row by row.
+        turns: (t,) rad, rotations about the axis that a robot of unknown rotation compares.
     """
 
     def __init__(
@@ -141,15 +143,16 @@ class Localiser:
         self.pixels = self._candidates.pixels
         self.misfit, self.unknown = np.zeros(n), np.zeros(n, bool)
         self._force = np.zeros((n, 3))
-        self._felt, self._clock = np.zeros(n, int), 0
+        self._control_steps, self._clock = np.zeros(n, int), 0
         # Pictures of each end, tail and nose, to come until poses are compared again.
         self._rest = np.zeros((n, 2), np.intp)
-        self._turns = np.arange(LOCALISER.all_turns) * 2 * np.pi / LOCALISER.all_turns
-        self._evidence = np.zeros((n, LOCALISER.all_turns))  # of all pictures against each turn
+        self.turns = np.arange(LOCALISER.seek_turns) * 2 * np.pi / LOCALISER.seek_turns
+        self._evidence = np.zeros((n, LOCALISER.seek_turns))  # of all pictures against each turn
         self._mismatch = np.zeros(n)  # s, for which pictures have not matched the map
         self._steps = max(1, round(LOCALISER.touch_period / period))
         self._arriving: deque[tuple[int, Shot]] = deque()
         self.shot: Shot | None = None
+        self._corrected: Shot | None = None  # the same with its last pose
 
     def reset(
         self, rows: NDArray[np.intp], gravity: Array, position: Array, rotation: Array
@@ -168,7 +171,7 @@ class Localiser:
         held = -np.einsum("nji,nj->ni", rotation, gravity)
         set_rows(self._candidates, rows, held=held)
         set_rows(self, rows, unknown=not self._table.start.theta5_known, misfit=0.0, _mismatch=0.0)
-        set_rows(self, rows, _force=0.0, _felt=0, _rest=0, _evidence=0.0)
+        set_rows(self, rows, _force=0.0, _control_steps=0, _rest=0, _evidence=0.0)
         # Pictures that a robot took before its reset must not reach it afterwards.
         if self.shot is not None:
             self.shot = _without(self.shot, rows)
@@ -187,8 +190,8 @@ class Localiser:
         self.filter.advance(motion, readings.rotation, skid, self._period)
         # Mean of the accelerometer over the period until its next use.
         self._force = self._force + readings.force / self._steps
-        self._felt, self._clock = self._felt + 1, self._clock + 1
-        due = self._felt % self._steps == 0
+        self._control_steps, self._clock = self._control_steps + 1, self._clock + 1
+        due = self._control_steps % self._steps == 0
         if np.count_nonzero(due):
             self.filter.settle(due)
             self._correct_by_touch(due, self._odometry.limbs(readings.body))
@@ -286,11 +289,15 @@ class Localiser:
             self._seek_turn(shot, rested)
         # Whole pictures first: gradients converge only from close to the truth.
         self._narrow_down(self.shot, rested)
-        self._compare(self.shot, np.flatnonzero(active))
+        self._corrected = self._compare(self.shot, np.flatnonzero(active))
         return True
 
-    def _compare(self, shot: Shot, robots: NDArray[np.intp]) -> None:
-        """Correct the poses of robots (m,) by the gradients of their pictures' residuals."""
+    def _compare(self, shot: Shot, robots: NDArray[np.intp]) -> Shot:
+        """Correct the poses of robots (m,) by the gradients of their pictures' residuals.
+
+        Returns:
+            The picture with its pose corrected.
+        """
         residual, valid, slopes = self._candidates.difference(robots, shot)
         self.misfit = self.misfit.copy()
         self.misfit[robots] = median(np.abs(residual), valid)
@@ -302,7 +309,7 @@ class Localiser:
         n = len(self.unknown)
         information, evidence = np.zeros((n, POSE, POSE)), np.zeros((n, POSE))
         information[robots], evidence[robots] = normal_equations(slopes, residual, weight)
-        self._correct(information, evidence, shot)
+        return self._correct(information, evidence, shot)
 
     def _correct(self, information: Array, evidence: Array, shot: Shot) -> Shot:
         """Correct the poses by a picture, those of pictures on their way as well.
@@ -331,7 +338,7 @@ class Localiser:
         robots = np.flatnonzero(self.unknown & rested)
         if len(robots) == 0:
             return
-        turns, few = self._turns, LOCALISER.few_places
+        turns, few = self.turns, LOCALISER.seek_places
         axis = self.filter.rotation[robots, :, 2]
         std = self.filter.std(PLACE, self.filter.rotation[:, :, 2])[robots]
         steps = LOCALISER.reach * std[:, None] * np.linspace(-1.0, 1.0, few)  # (m, p)
@@ -342,7 +349,7 @@ class Localiser:
         )
         # Where no fitting is in sight, as behind it mostly, all turns look alike.
         of_each = cost.min(axis=2)
-        alike = np.ptp(of_each, axis=1) < LOCALISER.least_contrast
+        alike = np.ptp(of_each, axis=1) < LOCALISER.min_contrast
         self._pause(robots, shot, alike)
         weight = probabilities(cost)  # (m, t, p)
         # Pictures are taken as independent, so their evidence adds up; none rules a turn out.
@@ -351,7 +358,7 @@ class Localiser:
         best = of_turn.argmax(axis=1)
         apart = wrap_angle(turns - turns[best, None])  # (m, t)
         doubt = (of_turn * (np.abs(apart) > CANDIDATES.distinct_turn)).sum(axis=1)
-        unique = doubt < LOCALISER.most_doubt
+        unique = doubt < LOCALISER.max_doubt
         if not np.count_nonzero(unique):
             return
         mean_turn, turn_variance = moments(apart, of_turn)
@@ -363,7 +370,7 @@ class Localiser:
             shot,
             (shot.position[robots] + mean_step[:, None] * axis)[unique],
             (shot.rotation[robots] @ turned_by(turn))[unique],
-            (turn_variance + (2 * np.pi / LOCALISER.all_turns) ** 2)[unique],
+            (turn_variance + (2 * np.pi / LOCALISER.seek_turns) ** 2)[unique],
             (step_variance + (LOCALISER.reach * std / few) ** 2)[unique],
         )
 
@@ -374,12 +381,12 @@ class Localiser:
         """
         shot = self.shot
         assert shot is not None
-        every = np.tile(self._turns, (len(robots), 1))
+        every = np.tile(self.turns, (len(robots), 1))
         axis, reach = self.filter.rotation[robots, :, 2], LOCALISER.verified_reach
-        steps = np.tile(np.linspace(-reach, reach, LOCALISER.few_places), (len(robots), 1))
+        steps = np.tile(np.linspace(-reach, reach, LOCALISER.seek_places), (len(robots), 1))
         few = self._candidates.few
         cost = self._candidates.around(robots, shot, axis, steps, every, few).min(axis=2)
-        apart = np.abs(wrap_angle(self._turns)) > CANDIDATES.distinct_turn
+        apart = np.abs(wrap_angle(self.turns)) > CANDIDATES.distinct_turn
         wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - LOCALISER.margin
         self.unknown[robots] |= wrong
 
@@ -391,15 +398,15 @@ class Localiser:
         more; farther off they lead astray, and where pixels begin or cease to see something, as at
         an open end, they tell nothing.
         """
-        axis, place_std = self.filter.least_certain()
+        axis, place_std = self.filter.most_uncertain()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std(TURN, forward)
         ready = ~self.unknown & rested
-        apart = ready & (place_std > LOCALISER.least_place_std)
-        turned = ready & (turn_std > LOCALISER.least_turn_std)
+        apart = ready & (place_std > LOCALISER.min_place_std)
+        turned = ready & (turn_std > LOCALISER.min_turn_std)
         information = np.zeros((len(axis), POSE, POSE))
         evidence, informative = np.zeros((len(axis), POSE)), np.zeros(len(axis), bool)
-        most = np.minimum(LOCALISER.reach * place_std, LOCALISER.most_reach)
+        most = np.minimum(LOCALISER.reach * place_std, LOCALISER.max_reach)
         for block, uncertain, direction, std, reach, count in (
             (PLACE, apart, axis, place_std, most, LOCALISER.places),
             (TURN, turned, forward, turn_std, LOCALISER.reach * turn_std, LOCALISER.turns),
@@ -436,24 +443,23 @@ class Localiser:
         end = (shot.facing[robots] > 0).astype(np.intp)
         self._rest[robots, end] = np.where(uninformative, LOCALISER.pause, 0)
 
-    def seek(
-        self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array
-    ) -> NDArray[np.bool_]:
-        """Put robots to the candidate that fits their picture best, where it is unambiguous.
+    def seek(self, robots: NDArray[np.intp], places: Array, frames: Array) -> NDArray[np.bool_]:
+        """Put robots to the candidate that fits their last picture best, where it is unambiguous.
 
         Args:
             robots: (m,).
-            shot: the picture, and the robots' estimates at it.
             places: (m, c, 3) m.
             frames: (m, c, 3, 3), robot frames in the world.
 
         Returns:
             (m,) robots that have relocalised.
         """
+        shot = self._corrected
+        assert shot is not None
         best = self._candidates.best(robots, shot, places, frames)
         pixels = self._candidates.share * len(self.pixels)
         unique = best.other - best.cost > LOCALISER.margin
-        unique &= best.cost < LOCALISER.most_pixel_cost * pixels
+        unique &= best.cost < LOCALISER.max_pixel_cost * pixels
         count = int(np.count_nonzero(unique))
         if count:
             self._put(
@@ -496,7 +502,8 @@ class Localiser:
         covariance = standing_covariance(rotation[:, :, 2], step_variance, turn_variance)
         pose.put(robots, position, rotation, covariance)
         # What this picture and those on their way tell from now on, they tell of the new pose.
-        self.shot = _moved(shot, robots, place, frame)
+        assert self.shot is not None
+        self.shot = _moved(self.shot, robots, place, frame)
         for i, (due, later) in enumerate(self._arriving):
             new = _moved(later, robots, *moved(later.position, later.rotation))
             self._arriving[i] = due, new

@@ -40,7 +40,7 @@ class PoseFilterSettings:
         across_std: m, standard deviation of its position across the pipe.
         tilt_std: rad, of its rotation about every axis.
         known_turn_std: rad, in addition about the pipe's axis, where that rotation is known.
-        least_travel: m, travel of a control step below which ratios to it are bounded.
+        min_travel: m, travel of a control step below which ratios to it are bounded.
         min_bend_share: part of a bend's radius from the bend's axis at which a robot's centre
             counts at least: at the axis, all points of the bend are equally near.
     """
@@ -48,7 +48,7 @@ class PoseFilterSettings:
     across_std: float = 0.003
     tilt_std: float = 0.03
     known_turn_std: float = 0.02
-    least_travel: float = 1e-6
+    min_travel: float = 1e-6
     min_bend_share: float = 0.25
 
 
@@ -99,7 +99,7 @@ class PoseFilter:
             period: s.
         """
         travel = motion.travel
-        table, imu, least = self._table, self._imu, POSE_FILTER.least_travel
+        table, imu, least = self._table, self._imu, POSE_FILTER.min_travel
         turned = turned - self.bias * period
         way = np.abs(travel)
         across = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2)
@@ -227,7 +227,7 @@ class PoseFilter:
         spread = slopes @ self.covariance[:, :POSE, :POSE] @ np.swapaxes(slopes, 1, 2)
         return np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
 
-    def least_certain(self) -> tuple[Array, Array]:
+    def most_uncertain(self) -> tuple[Array, Array]:
         """Return the direction (n, 3) of largest uncertainty of the position, world frame.
 
         The second value is the standard deviation (n,) m along it.

@@ -114,14 +114,12 @@ class RelocalisationSettings:
     Attributes:
         reach: m, length of route before and behind a robot that is searched: it slips no farther.
         spacing: m, between the positions compared: about what a pose is corrected by from there.
-        turns: turns about the axis compared at each position.
         check_period: s, between two checks of a robot's turn about its axis before a fitting.
         committed: m, depth of a robot's nose in a fitting from which on it goes on with it.
     """
 
     reach: float = 1.0
     spacing: float = 0.02
-    turns: int = 24
     check_period: float = 1.0
     committed: float = 0.03
 
@@ -208,8 +206,6 @@ class Relocaliser:
         """Compare the pictures of inconsistent robots with the map at all poses along the route."""
         localiser, routes = self._localiser, self._routes
         rows = np.flatnonzero(localiser.inconsistent & robots)
-        shot = localiser.shot
-        assert shot is not None
         reach, spacing = RELOCALISATION.reach, RELOCALISATION.spacing
         steps = np.arange(-reach, reach + spacing / 2, spacing)
         distance = location.distance[rows, None] + steps  # (m, c)
@@ -217,12 +213,12 @@ class Relocaliser:
         longest = routes.lengths[route].reshape(distance.shape)
         distance = np.clip(distance, 0.0, longest)
         places, frames = [], []
-        for turn in np.arange(RELOCALISATION.turns) * 2 * np.pi / RELOCALISATION.turns:
+        for turn in localiser.turns.tolist():
             points, frame = routes.poses(route, distance.ravel(), np.full(len(route), turn))
             places.append(points.reshape(len(rows), -1, 3))
             frames.append(frame.reshape(len(rows), -1, 3, 3))
         frame = heading(np.concatenate(frames, axis=1), gear[rows][:, None])
-        relocated = localiser.seek(rows, shot, np.concatenate(places, axis=1), frame)
+        relocated = localiser.seek(rows, np.concatenate(places, axis=1), frame)
         self._relocated = rows[relocated].tolist()
 
     def take_nearest(self, route: NDArray[np.intp], near: Array) -> Array:

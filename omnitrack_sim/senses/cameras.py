@@ -43,7 +43,7 @@ class DepthCamera:
     def __init__(self, table: DepthTable) -> None:
         self.optics, self.lamp = table, None
         self._table = table
-        self._least_sine = np.sin(np.radians(table.grazing_deg))
+        self._min_sine = np.sin(np.radians(table.grazing_deg))
 
     def picture(
         self,
@@ -84,7 +84,7 @@ class DepthCamera:
         normals = hits[..., NORMALS]
         across = (normals * directions).sum(axis=-1)
         # Normals face the camera, so ``across`` is negative; near 0 the slope would have no bound.
-        steep = np.minimum(across, -self._least_sine)
+        steep = np.minimum(across, -self._min_sine)
         moved = -normals / steep[..., None]  # (n, k, 3) world
         reach = np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], 0.0)[..., None]
         in_camera = np.einsum("nki,nij->nkj", moved, rotation)
