@@ -141,16 +141,16 @@ def candidates(trial: Trial, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 def sought(trial: Trial) -> bool:
     """Whether a robot relocalises among these by one picture."""
     trial.look(1)
-    return bool(trial.localiser.seek(ONE, *candidates(trial, 0.04))[0])
+    return bool(trial.localiser.seek(ONE, *candidates(trial, 0.11))[0])
 
 
 def test_a_robot_relocalises_where_one_pose_alone_explains_its_picture():
-    """Before a tee; its place is then right to a centimetre, and it is no longer lost."""
+    """Before a tee, from candidates 0.11 m and 60 degrees apart, to millimetres."""
     trial = Trial(before_tee(), off=0.1, turned=2.0)
     trial.localiser.reject(0)
     assert trial.localiser.inconsistent[0]
     assert sought(trial)
-    assert abs(trial.off) < 0.01
+    assert abs(trial.off) < 0.003
     assert np.degrees(abs(trial.turned)) < 6
     assert abs(trial.off) < trial.std(PLACE) < 0.03
     assert abs(trial.turned) < trial.std(TURN) < 0.15
@@ -246,7 +246,7 @@ def test_a_picture_of_hardly_any_pixels_makes_no_robot_lost():
 
 
 def test_gradients_of_a_camera_that_states_none_are_those_of_one_that_does():
-    """By differences of pictures: the depth camera's, within a few per cent of the largest."""
+    """By differences of pictures: the depth camera's, within a thousandth for most pixels."""
     trial = Trial(before_tee())
     candidates, camera = trial.localiser._candidates, trial.eyes.mount.camera
     rays = trial.eyes.mount.rays[trial.localiser.pixels]
@@ -257,7 +257,8 @@ def test_gradients_of_a_camera_that_states_none_are_those_of_one_that_does():
     found = candidates._slopes(hits, place, frame, rays, camera.expected(hits, rays))
     known = np.isfinite(found).all(axis=-1) & (np.abs(stated).max(axis=-1) < 10)
     assert known.mean() > 0.5
-    assert np.abs(found - stated)[known].max() < 0.05 * np.abs(stated[known]).max()
+    error = np.abs(found - stated)[known].max(axis=-1) / np.abs(stated[known]).max(axis=-1)
+    assert np.percentile(error, 90) < 1e-3
 
 
 def test_tilt_is_as_unsure_at_the_axis_of_a_bend_as_beside_it():
