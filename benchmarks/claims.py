@@ -12,7 +12,7 @@ from textwrap import fill
 
 from omnitrack_sim.paper.claim import Finding, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
-from omnitrack_sim.robots.robot import STANDARD
+from omnitrack_sim.robots.kinds import DEFAULT
 
 
 def cell(text: str) -> str:
@@ -28,7 +28,7 @@ def row(finding: Finding) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("robot", nargs="?", default=STANDARD, help="kind of the robot")
+    parser.add_argument("robot", nargs="?", default=DEFAULT, help="kind of the robot")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
     given = parser.parse_args()
@@ -36,7 +36,7 @@ def main() -> None:
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
     counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
     extent = f"The {made['form']} form"
-    if given.robot == STANDARD:
+    if given.robot == DEFAULT:
         extent += f", seed {made['seed']}: {made['runs']} runs, "
         extent += f"{made['simulated_s']:.0f} simulated seconds"
     print(f"## extent\n\n{fill(f'{extent}. {counts}.', 100)}\n")

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omnitrack_sim.paper.open_loop import EqualController
 from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianController
+from omnitrack_sim.robots.omnitrack.control.open_loop import EqualController
 from omnitrack_sim.trials.batches import Batch, Rows, run_rows
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_file import resolve

@@ -15,7 +15,8 @@ from omnitrack_sim import run_trials, shipped_files
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
-from omnitrack_sim.robots.robot import ROBOTS
+from omnitrack_sim.robots.kinds import ROBOTS
+from omnitrack_sim.robots.omnitrack.control import open_loop
 from omnitrack_sim.trials import dispatch
 from omnitrack_sim.trials.bench import Bench
 from omnitrack_sim.trials.bench_table import page, rows_of
@@ -96,12 +97,14 @@ def test_it_goes_on_and_takes_further_entries(tmp_path, monkeypatch):
         assert again.summary["rows"] == rows
     told = []
     more = Bench(
-        CONTROL, [SHORT], [*first, driven_by("omnitrack_sim.paper.open_loop:EqualController")]
+        CONTROL,
+        [SHORT],
+        [*first, driven_by(f"{open_loop.__name__}:EqualController")],
     )
     again = run_trials(more, out=tmp_path / "out", workers=2, progress=told.append)
     again = again.summary["rows"]
     assert again[:2] == rows
-    assert again[2]["entry"] == "omnitrack_sim.paper.open_loop.EqualController"
+    assert again[2]["entry"] == f"{open_loop.__name__}.EqualController"
     assert [(status.found, status.done) for status in (told[0], told[-1])] == [(8, 8), (8, 12)]
     for name in FILES:
         assert (tmp_path / "out" / name).stat().st_size > 0, name

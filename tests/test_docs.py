@@ -17,15 +17,15 @@ from omnitrack_sim.base.naming import (
 )
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import assignment
-from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.record import channels
-from omnitrack_sim.robots.control import controller_of, parameters_model
+from omnitrack_sim.robots.control import parameters_model
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.scenario import Scenario, load_scenario
 from omnitrack_sim.scenario import validate as validate_scenario
 from omnitrack_sim.scenario.tables import (
@@ -328,7 +328,7 @@ def test_every_table_of_parameters_and_sensors_is_documented():
     the sensors."""
     named = {
         f"control.parameters.{key}"
-        for controller in (controller_of(kind, CONTROLLERS) for kind in CONTROLLERS)
+        for controller in Omnitrack.controllers().values()
         for key, info in parameters_model(controller).model_fields.items()
         if isinstance(info.get_default(call_default_factory=True), BaseModel)
     }

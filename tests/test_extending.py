@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from documents import page
+from test_entry_points import GROUPS, install
 
 import omnitrack_sim as ot
 from omnitrack_sim.scenario import validate
@@ -15,14 +16,17 @@ PAGE = page("extending")
 BLOCKS = re.findall(r"(?:`(\w+\.py)`:\n\n)?```(python|toml)\n(.*?)```", PAGE, flags=re.DOTALL)
 MODULES = {name: code for name, _, code in BLOCKS if name}
 SCRIPTS = [code for name, kind, code in BLOCKS if kind == "python" and not name]
-TABLES = [code for _, kind, code in BLOCKS if kind == "toml"]
+# Entry points of a distribution: tests/test_entry_points.py.
+TABLES = [code for _, kind, code in BLOCKS if kind == "toml" and "entry-points" not in code]
 
 
 @pytest.fixture(autouse=True)
 def _own_modules(tmp_path, monkeypatch):
-    """The page's modules in a folder of the user's; forgotten afterwards."""
+    """The page's modules in a folder of the user's, and what installs them; forgotten
+    afterwards."""
     for name, code in MODULES.items():
         (tmp_path / name).write_text(code, encoding="utf-8")
+    install(tmp_path, GROUPS)
     monkeypatch.syspath_prepend(str(tmp_path))
     yield
     for name in MODULES:

@@ -42,6 +42,18 @@ def test_import_is_light():
     assert done.stdout.strip() == "[]"
 
 
+def test_reading_a_scenario_loads_no_physics():
+    """A scenario file and the parameters of its robot are read without MuJoCo, plots and meshes."""
+    heavy = ("mujoco", "matplotlib", "pyarrow", "trimesh", "manifold3d", "imageio")
+    code = f"""
+import sys, omnitrack_sim as ot
+scenario = ot.load_scenario("tee_turn")
+scenario.route, scenario.robot.mass, scenario.robot.parameters(), scenario.controller_class
+print([m for m in {heavy} if m in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_imported_name_is_there():
     """Each name that a module of the package takes from another one, also within a function, is
     there. Pyright does not look: MuJoCo's bindings are only partly typed."""

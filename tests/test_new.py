@@ -62,7 +62,7 @@ def test_it_has_every_key_there_is(tmp_path, monkeypatch):
         assert set(schema[table]["properties"]) <= keys
     assert set(ot.Omnitrack.model_fields) <= keys
     assert {"mean_radius", "end_diameter", "branch_diameter", "no_load_speed"} <= keys
-    for key, table in parameters_model(controller_of("jacobian", ot.Omnitrack.controllers))():
+    for key, table in parameters_model(controller_of("jacobian", ot.Omnitrack.controllers()))():
         assert f"[control.parameters.{key}]" in text
         assert set(type(table).model_fields) <= keys
     assert "\n#preload = 25.0  # N, 0 to 2000: force of a module's springs" in text

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import load_scenario, override, run_batch
-from omnitrack_sim.paper.open_loop import PaperController
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control import Command, ControlSetup, Settings
+from omnitrack_sim.robots.omnitrack.control.open_loop import PaperController
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 from omnitrack_sim.sim.builder import settings_of
 

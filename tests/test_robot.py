@@ -7,8 +7,9 @@ import pytest
 from pydantic import ValidationError
 
 from omnitrack_sim.base.table import Unit
+from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.robots.omnitrack import Motor, Omnitrack
-from omnitrack_sim.robots.robot import ROBOTS, Robot, robot_class
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.robots.tail import Tether
 
 

@@ -14,13 +14,11 @@ from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.paper.claim import Measurement, Sample, claim
 from omnitrack_sim.paper.reproduce import measure_robot, reproduce
 from omnitrack_sim.paper.robots import claims_of
-from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
 from omnitrack_sim.scenario import override
 from omnitrack_sim.sim.run import run_batch
 
-MEASURED = sorted(
-    kind for kind in set(ROBOTS) - {STANDARD} if kind != "mjcf" and claims_of(robot_class(kind))
-)
+MEASURED = sorted(kind for kind in set(ROBOTS) - {DEFAULT} if claims_of(robot_class(kind)))
 
 
 class Roller(Ball):

@@ -16,7 +16,7 @@ from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
-from omnitrack_sim.robots.robot import ROBOTS, robot_class
+from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.scenario import validate
 
 ROOMS = ("walls", "pipes", "show", "sim")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from omnitrack_sim.base import writing
 from omnitrack_sim.base.errors import OutputError
@@ -51,18 +51,14 @@ def told(target):
     return {path.read_text() for path in target.iterdir()}, len(list(target.iterdir()))
 
 place = Path(sys.argv[1])
-if sys.argv[2] == "renames":
-    def cannot(one, other):
-        raise OSError(writing.errno.ENOSYS, "no such call")
-    writing._exchange = cannot
 for step in itertools.count():
     target = place / f"{step}" / "run"
     target.mkdir(parents=True)
     for name in ("mark", "other"):
         (target / name).write_text("old")
     alive = not killed_at(step, lambda: replace(target))
-    if sys.argv[2] == "exchange":
-        assert told(target) in (({"old"}, 2), ({"new"}, 2)), step
+    assert writing.whole(target).is_dir(), step
+    assert told(target) in (({"old"}, 2), ({"new"}, 2)), step
     writing.check_folder(target, "mark")
     assert told(target) in (({"old"}, 2), ({"new"}, 2)), step
     assert [path.name for path in target.parent.iterdir()] == ["run"], step
@@ -74,12 +70,11 @@ print(step)
 """Replaces a folder in processes that are killed one call of the system later each time."""
 
 
-@pytest.mark.parametrize("way", ["exchange", "renames"])
-def test_no_kill_loses_a_folder_or_leaves_anything(tmp_path, way):
-    """Whenever the process is killed, the earlier folder or the new one is there, whole, and the
-    next check takes away what is left; where folders cannot be exchanged, after that check."""
+def test_no_kill_loses_a_folder_or_leaves_anything(tmp_path):
+    """Whenever the process is killed, a reader finds the earlier folder or the new one, whole, and
+    the next check takes away what is left."""
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path), way], capture_output=True, text=True
+        [sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 15  # so many places to be killed at
@@ -95,20 +90,19 @@ def replace(target: Path, text: str) -> None:
 
 
 def test_a_replacement_that_fails_restores_the_earlier_folder(tmp_path, monkeypatch):
-    """Where folders cannot be exchanged and the second rename fails, the first one is undone."""
+    """The second move fails, and the first one is undone."""
 
-    def cannot(*_):
-        raise OSError(errno.ENOSYS, "no such call")
+    def fails(move):
+        def second(source, target):
+            if Path(source).name == "new" and Path(target).name == "run":
+                raise PermissionError(errno.EACCES, "Permission denied")
+            move(source, target)
 
-    def second_fails(source, target):
-        if source.name == "new" and target.name == "run":
-            raise PermissionError(errno.EACCES, "Permission denied")
-        rename(source, target)
+        return second
 
     replace(tmp_path / "run", "old")
-    rename = os.rename
-    monkeypatch.setattr(writing, "_exchange", cannot)
-    monkeypatch.setattr(writing.os, "rename", second_fails)
+    for name in ("rename", "replace"):
+        monkeypatch.setattr(writing.os, name, fails(getattr(os, name)))
     with pytest.raises(OutputError, match="Permission denied"):
         replace(tmp_path / "run", "new")
     assert contents(tmp_path / "run") == {MARK: "old"}
@@ -240,11 +234,9 @@ def test_only_the_workshops_of_the_dead_are_taken_away(tmp_path):
     for folder in (dead, alive, own):
         folder.mkdir()
         (folder / "new").touch()
-    lock = os.open(alive, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    check_file(tmp_path / "a")
-    assert sorted(tmp_path.iterdir()) == sorted([alive, own])
-    os.close(lock)
+    with FileLock(alive / "lock"):
+        check_file(tmp_path / "a")
+        assert sorted(tmp_path.iterdir()) == sorted([alive, own])
     check_folder(tmp_path, None)
     assert list(tmp_path.iterdir()) == [own]
 

@@ -25,8 +25,7 @@ CHANGES = {
     *("os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.link", "os.symlink", "os.chmod"),
     *("os.truncate", "shutil.rmtree", "shutil.move", "tempfile.mkdtemp", "tempfile.mkstemp"),
 }
-"""Audit events of changes to files. Opening for writing, and looking up a system call that renames
-by ``ctypes``, count too."""
+"""Audit events of changes to files. Opening for writing counts, too."""
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -62,8 +61,6 @@ def _watch(folder: str, deadly: int, count_file: Path) -> None:
 
 def _changes(event: str, given: tuple[Any, ...], folder: str) -> bool:
     """Whether an event is a change below the folder."""
-    if event == "ctypes.dlsym":
-        return str(given[1]).startswith("rename")
     if event == "open":
         return bool(given[2] & WRITING) and _below(given[0], folder)
     if event not in CHANGES:

@@ -1,8 +1,8 @@
 """Commands that replace what is there, killed on their way.
 
-After each kill the earlier output must be there whole, or the data of the new one: pictures are
-drawn after the data are saved. After the next undisturbed start the new one must be there whole,
-with its pictures and nothing beside it.
+After each kill whoever reads finds the earlier output whole, or the data of the new one: pictures
+are drawn after the data are saved. After the next undisturbed start the new one must be there
+whole, with its pictures and nothing beside it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from killing.processes import kill_group, started
+from omnitrack_sim.base.writing import whole
 
 LAUNCH = Path(__file__).with_name("launch.py")
 LAST = 0.4
@@ -97,6 +98,8 @@ class Trial:
             process = self._killed_in_time(life, rng)
         if process.returncode in self.subject.statuses:
             yield "was not killed"
+        for path in self.kept.iterdir():
+            whole(self.out / path.name)  # as what reads a folder does
         state = _state(self.out)
         if all(state.items() & known.items() != known.items() for known in self.states):
             yield f"neither the earlier output nor the new one: {_told(state, self.states)}"

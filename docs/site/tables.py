@@ -27,13 +27,13 @@ from omnitrack_sim.base.reading import KINDS
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli.complete import comment
 from omnitrack_sim.gym.options import TERMS, EnvOptions
-from omnitrack_sim.paper.open_loop import PaperTable
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
+from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.robots.omnitrack.motors import Motor
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, PolicyTable

@@ -1,4 +1,4 @@
-"""Objects and files by name: choices, ``module:Object``, and shipped files.
+"""Objects and files by name: shipped ones, entry points, ``module:Object``, and shipped files.
 
 Imports stay light, because shell completion loads this module.
 """
@@ -8,12 +8,16 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import no_such
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 _HANDED_OVER: dict[str, Any] = {}
 _FOLDERS: list[Path] = []
@@ -39,16 +43,39 @@ def name_of(thing: Any) -> str:
     return name
 
 
-def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
-    """Return the shipped object of a name, or import the user's own ``module:Object``.
+Group = Literal["robots", "controllers", "fittings"]
+"""What installed distributions may add, by entry points of the groups ``omnitrack_sim.GROUP``."""
 
-    Modules are looked for where Python looks for them, in the working folder, and beside the files
-    that were read.
+
+def installed(group: Group) -> Mapping[str, EntryPoint]:
+    """Return the entry points that installed distributions declare in a group, by name.
+
+    None of them is loaded.
+    """
+    return _installed(f"omnitrack_sim.{group}", tuple(sys.path))
+
+
+@lru_cache(maxsize=8)
+def _installed(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Return entry points by name; ``path`` is where Python looks for distributions."""
+    from importlib.metadata import entry_points
+
+    # Of two of one name the first counts, as of two modules of one name.
+    return {entry.name: entry for entry in reversed(tuple(entry_points(group=group)))}
+
+
+def named(name: str, where: str, shipped: Mapping[str, Any], group: Group | None = None) -> Any:
+    """Return the object that a name in a file stands for.
+
+    That is a shipped one, one that an installed distribution adds, or the user's own
+    ``module:Object``, which is imported. Modules are looked for where Python looks for them, in the
+    working folder, and beside the files that were read.
 
     Args:
         name: as it stands in a file.
         where: the dotted path where it stands, for the fault.
         shipped: objects by their short names.
+        group: of the entry points that count; None: there are none.
 
     Raises:
         InputError: there is no such object; the fault says what was looked for and the choices.
@@ -58,11 +85,37 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
     # Before any import: a class of a notebook or of a function's inside has no importable module.
     if name in _HANDED_OVER:
         return _HANDED_OVER[name]
-    choices = (*shipped, "module:Object")
+    added = {} if group is None else installed(group)
+    if name in added:
+        return _loaded(added[name], where)
     module_name, colon, path = name.partition(":")
     if not (colon and module_name and path):
+        choices = (*shipped, *added, "module:Object")
         raise InputError(Fault(where, f"is {name!r}", choices, given=name))
-    folders = [Path.cwd(), *_FOLDERS]
+    return _imported(module_name, path, where, (*shipped, *added))
+
+
+def _loaded(entry: EntryPoint, where: str) -> Any:
+    """Return the object of an entry point.
+
+    Raises:
+        InputError: it cannot be imported.
+    """
+    try:
+        return entry.load()
+    except (Exception, SystemExit) as error:  # whatever a module does while it is imported
+        whose = "" if entry.dist is None else f" of {entry.dist.name} {entry.dist.version}"
+        problem = f"is {entry.name!r}: {entry.value!r}{whose} cannot be imported ({error})"
+        raise InputError(Fault(where, problem)) from error
+
+
+def _imported(module_name: str, path: str, where: str, known: tuple[str, ...]) -> Any:
+    """Return the object ``path`` of a user's module; ``known`` are the short names there are.
+
+    Raises:
+        InputError: there is no such module or object.
+    """
+    folders, name = [Path.cwd(), *_FOLDERS], f"{module_name}:{path}"
     # Appended, not put first, so that a file in these folders cannot hide an installed module.
     here = [] if "" in sys.path else folders[:1]
     sys.path += [str(f) for f in (*here, *_FOLDERS) if str(f) not in sys.path]
@@ -74,14 +127,14 @@ def named(name: str, where: str, shipped: Mapping[str, Any]) -> Any:
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
             f"on Python's path and in {searched}"
         )
-        raise InputError(Fault(where, problem, choices)) from error
+        raise InputError(Fault(where, problem, (*known, "module:Object"))) from error
     _refuse_twin(thing, name, where)
     # Listed before the walk, since `thing` then moves on to the attributes of the module.
     own = _own(thing)
     for part in path.split("."):
         if not hasattr(thing, part):
             problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
-            raise InputError(Fault(where, problem, (*shipped, *own), given=name))
+            raise InputError(Fault(where, problem, (*known, *own), given=name))
         thing = getattr(thing, part)
     return thing
 

@@ -1,23 +1,20 @@
 """Files and folders that are written whole or not at all.
 
-What is written is made in a *workshop*: a hidden folder beside the place where it is to stand,
-which is locked for as long as its process lives. When it is whole, it takes its place in one step.
-A process that is killed leaves its workshop behind without a lock; ``tidy``, which every check of
-a place calls, takes such workshops away.
+What is written is made in a *workshop*, a hidden folder beside the place where it is to stand, with
+a lock that is held for as long as its process lives. When it is whole it is moved to its place. A
+folder that stands there is moved into the workshop just before: of a process that is killed between
+the two moves, ``tidy`` finishes the second one. Every check of a place, and everything that reads a
+folder, tidies first; workshops without a lock are then taken away.
 """
 
 from __future__ import annotations
 
-import ctypes
-import errno
-import fcntl
 import io
 import os
 import re
 import shutil
 import stat
 import tempfile
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -28,13 +25,11 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError
 
 _PREFIX, _SUFFIX = ".omnitrack-", ".tmp"
 _WORKSHOP = re.compile(r"\.omnitrack-[a-z0-9_]{8}\.tmp")
-_NEW, _OLD = "new", "old"
-"""Contents of a workshop: what is being made and, where the system cannot exchange two folders, a
-folder with the one that it replaces, under its own name."""
-_ROOM = 100
-"""Bytes by which a path in a workshop may be longer than the path that it replaces."""
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2  # linux/fcntl.h, linux/fs.h
-_CANNOT_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
+_NEW, _OLD, _LOCK = "new", "old", "lock"
+"""Contents of a workshop: what is being made, a folder with the one that it replaces, under its own
+name, and the file that is locked."""
+_ROOM = "x" * 100
+"""As long as what a path in a workshop has more than the path that it replaces."""
 
 
 def format_of(path: object, format: str | None, what: str, formats: tuple[str, ...]) -> str:
@@ -90,16 +85,9 @@ def write_file(path: str | Path, data: bytes) -> None:
 
 
 def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Pack arrays as ``numpy.savez_compressed`` does, with equal bytes for equal arrays."""
+    """Pack arrays as ``numpy.savez_compressed`` does; equal arrays give equal bytes."""
     data = io.BytesIO()
-    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, np.ascontiguousarray(array))
-            # The earliest date that a zip file can hold; the time of day would change the bytes.
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, buffer.getvalue())
+    np.savez_compressed(data, **arrays)
     return data.getvalue()
 
 
@@ -159,10 +147,10 @@ def _whole(target: Path) -> Iterator[Path]:
         new = shop / _NEW
         yield new
         for path in (new, *new.rglob("*")):
-            _keep(path)
+            _flush(path)
         _put(shop, target)
         # A name is part of the folder above, which has to reach the disk, too.
-        _keep(target.parent)
+        _flush(target.parent)
 
 
 def check_file(path: str | Path) -> None:
@@ -192,27 +180,34 @@ def check_folder(directory: str | Path, mark: str | None = None, files: Iterable
         while not os.path.lexists(there):
             names.append(there.name)
             there = there.parent
-        _check_lengths(there, target, names)
-        _try_out(there)
+        # The system looks at the length of a path before it looks for files.
+        with suppress(FileNotFoundError, NotADirectoryError):
+            os.lstat(target / _ROOM / max(files, key=len, default=""))
+        _try_out(there, names)
         if mark is not None and there == target:
             _try_out(target.parent)
 
 
-def tidy(place: Path) -> None:
-    """Remove the workshops that killed processes left in a folder, and finish a replacement that
-    one was in the middle of."""
-    for shop in place.iterdir():
-        if not is_workshop(shop.name):
-            continue
+def tidy(folder: Path) -> None:
+    """Finish or take away what killed processes left in a folder."""
+    from filelock import FileLock  # only where something is left
+
+    for shop in folder.iterdir():
+        if is_workshop(shop.name):
+            # A living process holds the lock: the attempt fails at once, and its workshop stays.
+            with suppress(OSError):
+                with FileLock(shop / _LOCK, blocking=False):
+                    _finish(shop)
+                shutil.rmtree(shop)
+
+
+def whole(directory: str | Path) -> Path:
+    """Return the path of a folder that may have been replaced by a process that was killed."""
+    path = Path(directory)
+    if not path.exists() and path.parent.is_dir():
         with suppress(OSError):
-            lock = os.open(shop, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            try:
-                # A living process holds the lock: the attempt fails at once, and its workshop
-                # stays.
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                _clear(shop)
-            finally:
-                os.close(lock)
+            tidy(path.parent)
+    return path
 
 
 def is_workshop(name: str) -> bool:
@@ -261,87 +256,62 @@ def _folder_place(path: str | Path, mark: str | None) -> Path:
     return target
 
 
-def _check_lengths(there: Path, target: Path, names: Iterable[str]) -> None:
-    """Refuse names and paths that are too long for the file system of the folder ``there``."""
-    longest = max((len(os.fsencode(name)) for name in names), default=0)
-    if longest > os.pathconf(there, "PC_NAME_MAX"):
-        raise OSError(errno.ENAMETOOLONG, f"{os.strerror(errno.ENAMETOOLONG)} in it")
-    if len(os.fsencode(target)) + longest + _ROOM > os.pathconf(there, "PC_PATH_MAX"):
-        raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-
-
-def _try_out(folder: Path) -> None:
-    """Make sure that workshops can be made in a folder, and tidy it."""
+def _try_out(folder: Path, names: Iterable[str] = ()) -> None:
+    """Make sure that workshops, and files of these names, can be made in a folder; tidy it."""
     # Only an attempt is certain: access rights say nothing of a full file system.
-    with _workshop(folder):
+    with _workshop(folder) as shop:
+        for name in names:
+            (shop / name).touch()
         tidy(folder)
 
 
 @contextmanager
 def _workshop(folder: Path) -> Iterator[Path]:
     """Yield a locked workshop in a folder, and remove it in the end."""
+    from filelock import FileLock  # what only reads does without it
+
     while True:
         shop = Path(tempfile.mkdtemp(_SUFFIX, _PREFIX, folder))
-        lock = os.open(shop, os.O_RDONLY)
-        with suppress(OSError):  # a file system without locks; nobody can take it away then
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if shop.exists():  # nobody took it away before it was locked
+        lock = FileLock(shop / _LOCK)
+        with suppress(FileNotFoundError):
+            lock.acquire()
+        if (shop / _LOCK).exists():  # nobody took it away before it was locked
             break
-        os.close(lock)
+        lock.release()
     try:
         yield shop
     finally:
         with suppress(OSError):
-            _clear(shop)
-        os.close(lock)
+            _finish(shop)
+        lock.release()
+        shutil.rmtree(shop, ignore_errors=True)
 
 
 def _put(shop: Path, target: Path) -> None:
     """Move what a workshop has made to ``target``; an earlier folder goes into the workshop."""
-    new, old = shop / _NEW, shop / _OLD / target.name
-    if not target.is_dir():
-        os.replace(new, target)
-        return
-    try:
-        _exchange(new, target)
-    except OSError as error:
-        if error.errno not in _CANNOT_EXCHANGE:
-            raise
-        # Killed between the two renames, the first one of the next process to ``tidy`` finishes.
-        old.parent.mkdir()
-        os.rename(target, old)
-        try:
-            os.rename(new, target)
-        except OSError:
-            os.rename(old, target)
-            raise
+    if target.is_dir():
+        (shop / _OLD).mkdir()
+        os.rename(target, shop / _OLD / target.name)
+    os.replace(shop / _NEW, target)
 
 
-def _clear(shop: Path) -> None:
-    """Finish the replacement that a killed process was in the middle of; remove its workshop."""
-    # An earlier folder without a target means that the process died between its two renames.
+def _finish(shop: Path) -> None:
+    """Finish a replacement that ended between its two moves; undo it where that cannot be."""
     for old in (shop / _OLD).glob("*"):  # one at most
         target = shop.with_name(old.name)
-        if (shop / _NEW).is_dir() and not target.exists():
-            os.rename(shop / _NEW, target)
-    shutil.rmtree(shop)
+        if not target.exists():
+            try:
+                os.rename(shop / _NEW, target)
+            except OSError:
+                os.rename(old, target)
 
 
-def _exchange(one: Path, other: Path) -> None:
-    """Exchange two folders in one atomic step; an ``OSError`` of ``_CANNOT_EXCHANGE`` where the
-    system or the file system does not know how."""
-    library = ctypes.CDLL(None, use_errno=True)
-    ends = _AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other)
-    known = hasattr(library, "renameat2")
-    if not known or library.renameat2(*ends, _RENAME_EXCHANGE) != 0:
-        # An older C library lacks the call, which counts as a system that cannot do it.
-        code = ctypes.get_errno() if known else errno.ENOSYS
-        raise OSError(code, os.strerror(code), str(other))
-
-
-def _keep(path: Path) -> None:
+def _flush(path: Path) -> None:
     """Wait until a file or folder is on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    is_folder = path.is_dir()
+    if is_folder and os.name == "nt":  # Windows keeps the names in folders itself
+        return
+    descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
     try:
         os.fsync(descriptor)
     finally:

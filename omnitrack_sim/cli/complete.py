@@ -42,9 +42,9 @@ def policies(incomplete: str) -> Choices:
 
 def kinds(incomplete: str) -> Choices:
     """Kinds of robots."""
-    from omnitrack_sim.robots.robot import ROBOTS
+    from omnitrack_sim.robots.kinds import robot_kinds
 
-    return [(kind, "") for kind in ROBOTS if kind.startswith(incomplete)]
+    return [(kind, "") for kind in robot_kinds() if kind.startswith(incomplete)]
 
 
 def robots(incomplete: str) -> Choices:
@@ -102,16 +102,18 @@ def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
     from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
     from omnitrack_sim.robots.control import controller_of, parameters_model
+    from omnitrack_sim.robots.kinds import DEFAULT, default_robot, robot_class
     from omnitrack_sim.scenario.tables import ControlTable, Pipe
 
     # Without validation, which would ask for pipes.
     scenario = ot.Scenario.model_construct()
     for name, table in scenario:
         if name == "robot":
-            yield from ((f"robot.{row.name}", row.source) for row in ot.Omnitrack().parameters())
+            yield from ((f"robot.{row.name}", row.source) for row in default_robot().parameters())
         else:
             yield from _below(name, table)
-    controller = parameters_model(controller_of(ControlTable().kind, ot.Omnitrack.controllers))
+    controllers = robot_class(DEFAULT).controllers()
+    controller = parameters_model(controller_of(ControlTable().kind, controllers))
     yield from _below("control.parameters", controller())
     # Keys that several fittings have are offered once.
     keys = {

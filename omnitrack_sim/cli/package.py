@@ -58,10 +58,10 @@ def parameters(
 ) -> None:
     """A robot's parameters with unit, range, provenance and source."""
     from omnitrack_sim.base.reading import checked
-    from omnitrack_sim.robots.robot import ROBOTS, STANDARD, robot_class
+    from omnitrack_sim.robots.kinds import DEFAULT, robot_class, robot_kinds
 
-    kind = robot or STANDARD
-    is_kind = kind in ROBOTS or ":" in kind
+    kind = robot or DEFAULT
+    is_kind = kind in robot_kinds() or ":" in kind
     rows = (
         checked(robot_class(kind), {}, InputError) if is_kind else load(kind, None).robot
     ).parameters()

@@ -1,1 +1,1 @@
-"""The paper of the robot: its open-loop controllers, its claims made measurable, their figures."""
+"""The paper of the robot: its claims made measurable, their figures."""

@@ -33,12 +33,11 @@ from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
 from omnitrack_sim.paper.region import plot_singularity
 from omnitrack_sim.paper.robots import claims_of
 from omnitrack_sim.results.provenance import environment, provenance_of
+from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 from omnitrack_sim.sim.simulation import Progress
-from omnitrack_sim.trials.sweep_plot import singular_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +76,7 @@ DRIVES = {
 def reproduce(
     directory: str | Path,
     *,
-    robot: str = STANDARD,
+    robot: str = DEFAULT,
     quick: bool = False,
     format: str = "svg",
     progress: Progress | None = None,
@@ -103,7 +102,7 @@ def reproduce(
     """
     # Before the runs, which take long: a folder that may not be replaced is refused at once.
     check_folder(directory, CLAIMS_FILE)
-    standard = robot == STANDARD
+    standard = robot == DEFAULT
     if standard:
         runs = run_all(scenarios(quick), progress)
         findings, title = measure(runs, quick), TITLE
@@ -192,7 +191,7 @@ def _success_map(runs: Runs) -> Figure:
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
     kinds = ("jacobian", "paper")
     passed = {kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in kinds}
-    return success_figure(theta5, passed, *singular_range(TurnCase()))
+    return success_figure(theta5, passed, *TurnCase().singular_range)
 
 
 def _success_rates(runs: Runs) -> Figure:

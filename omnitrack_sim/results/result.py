@@ -22,7 +22,7 @@ from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.reading import table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import shown, strict_json
-from omnitrack_sim.base.writing import whole_folder
+from omnitrack_sim.base.writing import whole, whole_folder
 from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
@@ -299,7 +299,7 @@ def load_result(directory: str | Path) -> Result:
         >>> ot.load_result(folder).duration_s == result.duration_s
         True
     """
-    folder = Path(directory)
+    folder = whole(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
         events = [event_of(table) for table in summary.events]

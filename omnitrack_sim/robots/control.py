@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
+from omnitrack_sim.base.naming import installed, named
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import did_you_mean
@@ -250,22 +250,22 @@ class NoParameters(Table):
     """``[control.parameters]`` of a controller that has none."""
 
 
-def controller_of(kind: str, shipped: Mapping[str, str]) -> type[Controller]:
-    """The controller class that ``control.kind`` names.
+def controller_of(kind: str, shipped: Mapping[str, type[Controller]]) -> type[Controller]:
+    """Return the controller class that ``control.kind`` names.
 
     Args:
-        kind: short name of a shipped controller, or ``module:Class``.
-        shipped: ``module:Class`` by the short names; see ``Robot.controllers``.
+        kind: name of a shipped controller, of an entry point of the group
+            ``omnitrack_sim.controllers``, or ``module:Class``.
+        shipped: classes by their names; see ``Robot.controllers``.
 
     Raises:
         InputError: there is no such class, or it has no ``step``.
     """
-    if kind in shipped:
-        return named(shipped[kind], "control.kind", {})
-    controller = named(kind, "control.kind", shipped)
+    controller = named(kind, "control.kind", shipped, "controllers")
     if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
+        choices = (*shipped, *installed("controllers"), "module:Object")
         problem = f"is {kind!r}, which is no class with a step"
-        raise InputError(Fault("control.kind", problem, (*shipped, "module:Object")))
+        raise InputError(Fault("control.kind", problem, choices))
     return controller
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -37,6 +37,7 @@ class Mjcf(Robot):
         ('ball', 0.14, 0.14)
     """
 
+    kind: ClassVar[str] = "mjcf"
     file: Annotated[str, FileName("sha256")] = quantity(
         ..., "", "unstated", "MJCF or URDF file, relative to the scenario", max_length=4096
     )

@@ -9,23 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
+from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import name_of, named
-from omnitrack_sim.base.reading import by_kind
+from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly, Port
-from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.pipes import Assembly, Passage, Port
+from omnitrack_sim.record.channels import COMMON, Channel, SingularRange
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.control import Controller, OwnController
 from omnitrack_sim.robots.quantity import (
     Parameter,
     QuantityModel,
@@ -41,21 +41,8 @@ if TYPE_CHECKING:
 
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.odometry import Odometry
+    from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
 
-STANDARD = "omnitrack"
-"""Kind of a robot of a file that does not say one."""
-ROBOTS: Mapping[str, str] = {
-    STANDARD: "omnitrack_sim.robots.omnitrack.parameters:Omnitrack",
-    "climber": "omnitrack_sim.robots.climber:Climber",
-    "presser": "omnitrack_sim.robots.presser:Presser",
-    "inchworm": "omnitrack_sim.robots.inchworm:Inchworm",
-    "screw": "omnitrack_sim.robots.screw:Screw",
-    "snake": "omnitrack_sim.robots.snake:Snake",
-    "pirate": "omnitrack_sim.robots.pirate:Pirate",
-    "helix": "omnitrack_sim.robots.helix:Helix",
-    "mjcf": "omnitrack_sim.robots.mjcf:Mjcf",
-}
-"""Shipped robots, ``module:Class`` by the short name that ``robot.kind`` may give."""
 GRAVITY = 9.81
 """Weight of a mass, N/kg, where a figure of a robot asks for it."""
 REFERENCE_BORE = 0.16
@@ -69,21 +56,6 @@ SPECIAL: Mapping[str, Any] = {
 }
 """Keys of a scenario that mean something to some robots alone, with what they are for all
 others."""
-
-
-def robot_class(kind: str) -> type[Robot]:
-    """Return the class of robots that ``robot.kind`` names.
-
-    Raises:
-        InputError: there is no such class.
-    """
-    if kind in ROBOTS:
-        return named(ROBOTS[kind], "robot.kind", {})
-    robot = named(kind, "robot.kind", ROBOTS)
-    if not (isinstance(robot, type) and issubclass(robot, Robot)):
-        problem = f"is {kind!r}, which is no ot.Robot"
-        raise InputError(Fault("robot.kind", problem, (*ROBOTS, "module:Class")))
-    return robot
 
 
 @dataclass(frozen=True)
@@ -115,18 +87,10 @@ class Robot(QuantityModel):
     to the nose, and the origin lies half-way between nose and tail.
 
     Attributes:
-        kind: name in files, of a class.
-        scene: ``module:function`` that makes the model of robot and pipes; see ``to_spec``.
-        plant_class: ``module:Class`` of the plant, which steps the physics; see ``Plant``.
-        diagnosis_class: ``module:Class`` of what finds causes of failures; see ``Diagnosis``.
-        decisions_class: ``module:Class`` from a learner's actions to commands; see
-            ``InputDecisions``.
-        controllers: ``module:Class`` of shipped controllers by the short name that
-            ``control.kind`` may give; the first is the default.
+        kind: name of the class in files: a word for robots of the package, else ``module:Class``.
         understands: keys of a scenario that have a meaning for this kind of robot alone, of
             ``SPECIAL``.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
-            Empty where nothing is measured.
         tether: that it drags along; None: it has none.
         slips: its metrics have the slip without load, which takes a short run of its own.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
@@ -155,38 +119,38 @@ class Robot(QuantityModel):
         None, "", "assumed", "a table of the line that it drags; left out: none"
     )
     OTHER_KEYS: ClassVar[tuple[str, ...]] = ("kind",)
+    kind: ClassVar[str]
     understands: ClassVar[tuple[str, ...]] = ()
-    scene: ClassVar[str] = "omnitrack_sim.robots.plant:scene"
-    plant_class: ClassVar[str] = "omnitrack_sim.robots.plant:Plant"
-    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.plant:Diagnosis"
-    decisions_class: ClassVar[str] = "omnitrack_sim.robots.decisions:InputDecisions"
-    controllers: ClassVar[Mapping[str, str]] = {"own": "omnitrack_sim.robots.control:OwnController"}
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
     slips: ClassVar[bool] = False
     own_values: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        # A user's class must be importable by its name again when the file is read on another day.
+        if "kind" not in vars(cls):
+            cls.kind = name_of(cls)
+
+    @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
-        """Return the class of the ``kind`` that stands in ``value``; the standard robot's without
-        one."""
+        """Return the class of the ``kind`` in ``value``, or that of the default robot."""
+        from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+
         try:
-            return robot_class(str(value.get("kind", STANDARD)))
+            return robot_class(str(value.get("kind", DEFAULT)))
         except InputError:
             return cls
 
-    @property
-    def kind(self) -> str:
-        """Name of the class in files: the short one of a shipped robot, else ``module:Class``."""
-        name = name_of(type(self))
-        return next((short for short, shipped in ROBOTS.items() if shipped == name), name)
-
     @model_serializer(mode="wrap")
     def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        from omnitrack_sim.robots.kinds import DEFAULT
+
         values = handler(self)
         if self.tether is None:
             values.pop("tether", None)  # most robots have none
-        return values if self.kind == STANDARD else {"kind": self.kind, **values}
+        return values if self.kind == DEFAULT else {"kind": self.kind, **values}
 
     @property
     def chassis(self) -> str:
@@ -228,10 +192,21 @@ class Robot(QuantityModel):
             raise InputError(Fault("robot", problem))
         return model.actuator_ctrlrange.copy()
 
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """Return the shipped controllers by the name that ``control.kind`` may give.
+
+        The first is the default. Controllers of installed distributions are beside them, see
+        ``controller_of``.
+        """
+        return {"own": OwnController}
+
     @property
     def decisions(self) -> Any:
         """Class from a learner's actions to commands of this robot; see ``InputDecisions``."""
-        return named(self.decisions_class, "decisions_class", {})
+        from omnitrack_sim.robots.decisions import InputDecisions
+
+        return InputDecisions
 
     def gait(self, observation: Any) -> Array | None:
         """Return the control inputs (n, nu) of the robot's own gait; None: it has none, and its
@@ -287,7 +262,9 @@ class Robot(QuantityModel):
     def length(self) -> float:
         """Nose to tail along the robot axis, m; by default between the sites of these names along
         z, in the initial state."""
-        data = named("omnitrack_sim.robots.plant:initial_state", "robot", {})(self)
+        from omnitrack_sim.robots.plant import initial_state
+
+        data = initial_state(self)
         return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
 
     @property
@@ -368,11 +345,15 @@ class Robot(QuantityModel):
 
     def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
-        return named(self.scene, "scene", {})(self, network, options)
+        from omnitrack_sim.robots.plant import scene
 
-    def plant(self, model: mujoco.MjModel, start: Any, *more: Any) -> Any:
+        return scene(self, network, options)
+
+    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> Plant:
         """Return the plant of n robots; arguments as of ``Plant``."""
-        return named(self.plant_class, "plant_class", {})(model, self, start, *more)
+        from omnitrack_sim.robots.plant import Plant
+
+        return Plant(model, self, start, *more)
 
     @property
     def joint_count(self) -> int:
@@ -394,7 +375,9 @@ class Robot(QuantityModel):
 
     @property
     def _model(self) -> mujoco.MjModel:
-        return named("omnitrack_sim.robots.plant:compiled", "robot", {})(self)
+        from omnitrack_sim.robots.plant import compiled
+
+        return compiled(self)  # type: ignore[arg-type]  # a frozen model is hashable
 
     @property
     def display(self) -> RobotDisplay:
@@ -414,8 +397,9 @@ class Robot(QuantityModel):
     @property
     def channels(self) -> Mapping[str, Channel]:
         """Channels that are measured, by name, in the order of the file."""
-        own = named("omnitrack_sim.robots.plant:model_channels", "robot", {})(self._model)
-        return {**COMMON, **own}
+        from omnitrack_sim.robots.plant import model_channels
+
+        return {**COMMON, **model_channels(self._model)}
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -441,9 +425,11 @@ class Robot(QuantityModel):
             force, speed = force[:, carrying], speed[:, carrying]
         return Touch(force > 0, force, speed, None, trajectory["actuator_power"])
 
-    def diagnosis(self, limits: Any, period: float, n: int) -> Any:
+    def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
         """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
-        return named(self.diagnosis_class, "diagnosis_class", {})(self, limits, period, n)
+        from omnitrack_sim.robots.plant import Diagnosis
+
+        return Diagnosis(self, limits, period, n)
 
     def advice(self, outcome: Outcome) -> str:
         """Return what an outcome means for a robot of this kind, and what to try."""
@@ -458,10 +444,15 @@ class Robot(QuantityModel):
         """Return notes on forces or travel that a run should not have shown."""
         return []
 
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """Return the orientations in which the robot cannot turn; None where it can in all.
+
+        Args:
+            passage: that it takes.
+            bend_radius: of the arc that its centre follows round a corner, m; None: its own.
+        """
+        return None
+
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield remarks on a run through bores (m) before it begins."""
         return iter(())
-
-
-RobotOfKind = Annotated[SerializeAsAny[Robot], by_kind(robot_class, STANDARD)]
-"""A robot as a table of a file, which its key ``kind`` reads."""

@@ -19,10 +19,10 @@ from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
-from omnitrack_sim.robots.control import controller_of, parameters_model
+from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
-from omnitrack_sim.robots.robot import STANDARD, robot_class
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
@@ -180,7 +180,7 @@ def _changed(
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
     """Robot table with all values at its own scale, to which changes refer."""
-    if not isinstance(robot, Mapping) or robot.get("kind", STANDARD) != STANDARD:
+    if not isinstance(robot, Mapping) or robot.get("kind", DEFAULT) != DEFAULT:
         return robot
     changed = {keys_of(path)[1] for path in changes if path.startswith("robot.")}
     # A change may mend the very value that makes the table invalid: then it is tried without it.
@@ -235,8 +235,8 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
         is_file_name = Path(robot).suffix in (".xml", ".mjcf")
         robot = {"kind": "mjcf", "file": robot} if is_file_name else {"kind": robot}
         data = {**data, "robot": robot}
-    kind = robot.get("kind", STANDARD) if isinstance(robot, Mapping) else STANDARD
-    if kind == STANDARD or not isinstance(kind, str):
+    kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
+    if kind == DEFAULT or not isinstance(kind, str):
         return data, []
     try:
         model = robot_class(kind)
@@ -244,7 +244,7 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
         return {key: value for key, value in data.items() if key != "robot"}, list(error.faults)
     control = data.get("control", {})
     if isinstance(control, Mapping) and "kind" not in control:
-        control = {**control, "kind": next(iter(model.controllers))}
+        control = {**control, "kind": next(iter(model.controllers()))}
     files = _absolute_files(robot, model, folder)
     return {**data, "robot": {**robot, **files}, "control": control}, []
 
@@ -275,18 +275,18 @@ def _with_parameters(
     return {**data, "control": {**control, "parameters": known}}, faults
 
 
-def _controllers_of(data: Mapping[str, Any]) -> Mapping[str, str]:
+def _controllers_of(data: Mapping[str, Any]) -> Mapping[str, type[Controller]]:
     """Shipped controllers of the robot of a scenario's data."""
     try:
-        return robot_class(_robot_kind(data)).controllers
+        return robot_class(_robot_kind(data)).controllers()
     except InputError:
-        return Omnitrack.controllers  # reported where the robot is read
+        return robot_class(DEFAULT).controllers()  # reported where the robot is read
 
 
 def _robot_kind(data: Any) -> str:
     """``robot.kind`` of a scenario's data."""
     kind = value_at(data, "robot.kind")
-    return STANDARD if kind is None else str(kind)
+    return DEFAULT if kind is None else str(kind)
 
 
 def _absolute_files(

@@ -35,15 +35,10 @@ from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, robot_class
 from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.robot import (
-    ROBOTS,
-    SPECIAL,
-    RobotOfKind,
-    SceneOptions,
-    robot_class,
-)
+from omnitrack_sim.robots.robot import SPECIAL, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -262,7 +257,7 @@ class Scenario(Table):
         Raises:
             InputError: there is no such class.
         """
-        return controller_of(self.control.kind, self.robot.controllers)
+        return controller_of(self.control.kind, self.robot.controllers())
 
     @property
     def control_parameters(self) -> Any:

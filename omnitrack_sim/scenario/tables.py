@@ -115,9 +115,9 @@ class ControlTable(Table):
 
     kind: str = "jacobian"
     """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
-    inner module backward in a tee), open loop; "equal" runs all modules at cruise speed; "driven"
-    obeys a driver's orders; "policy" is a trained policy of a file; `module:Class` names a class
-    of your own."""
+    inner module backward in a tee), open loop; "eq20" by Eq. 20 in every turn; "equal" runs all
+    modules at cruise speed; "driven" obeys a driver's orders; "policy" is a trained policy of a
+    file; `module:Class` names a class of your own, and an installed package may give it a word."""
     cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
     """Speed of the robot's centre, in turns as well."""
     align: bool = True

@@ -14,9 +14,9 @@ from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.control import parameters_model
+from omnitrack_sim.robots.kinds import DEFAULT
 from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Omnitrack
 from omnitrack_sim.robots.quantity import Quantity, QuantityModel, quantity_of
-from omnitrack_sim.robots.robot import STANDARD
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
 
@@ -56,7 +56,7 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     # A saved scenario.json writes every key, also those that nothing was given for.
     data = {**_without_none(data), "name": name}
     has_pipes = bool(data.get("pipes"))
-    if scenario.robot.kind != STANDARD:
+    if scenario.robot.kind != DEFAULT:
         # The default of a controller is the robot's.
         data = data | {"control": {**data.get("control", {}), "kind": scenario.control.kind}}
     meanings = meanings_of(Scenario)
@@ -179,7 +179,7 @@ def _robot_with_motors(data: Mapping[str, Any], scenario: Scenario) -> list[str]
     # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
     values, kind = data.get("robot", {}), scenario.robot.kind
     lines = ["", *_comment(_ROBOT), "[robot]"]
-    lines += [] if kind == STANDARD else [f"kind = {as_toml(kind)}"]
+    lines += [] if kind == DEFAULT else [f"kind = {as_toml(kind)}"]
     lines += [line for _, rows in _keys(type(scenario.robot), values) for line in rows]
     motor = values.get("motor")
     if isinstance(motor, Mapping):

@@ -17,8 +17,9 @@ from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.control import Settings
+from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.plant import Start
-from omnitrack_sim.robots.robot import STANDARD, Robot, robot_class
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import PhysicsTable
 from omnitrack_sim.walls.geoms import TIMESTEP
@@ -60,7 +61,7 @@ def batch_key(data: Mapping[str, Any]) -> str:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
     """
     shared = copy.deepcopy(dict(data))
-    for path in _own_paths(str(data.get("robot", {}).get("kind", STANDARD))):
+    for path in _own_paths(str(data.get("robot", {}).get("kind", DEFAULT))):
         *tables, key = path.split(".")
         place: Any = shared
         for table in tables:
@@ -84,7 +85,7 @@ def _own_paths(kind: str) -> tuple[str, ...]:
 @functools.cache
 def is_shared(path: str) -> bool:
     """Return True if the scenarios of a batch share the value at a dotted path."""
-    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(STANDARD))
+    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(DEFAULT))
 
 
 def each(scenarios: Sequence[Scenario], name: str) -> NDArray:

@@ -14,7 +14,7 @@ from omnitrack_sim.base.arguments import check_all, check_is
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.control import Controller
-from omnitrack_sim.robots.robot import STANDARD
+from omnitrack_sim.robots.kinds import DEFAULT
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.loading import autopilot_of
@@ -159,7 +159,7 @@ sixth of the time of a turn."""
 def _says_all(scenario: Scenario) -> bool:
     """Return whether nothing decides a scenario's run that stands in a file or in a user's code,
     which may change while a process lasts."""
-    return scenario.robot.kind == STANDARD and scenario.control.kind in ("jacobian", "paper")
+    return scenario.robot.kind == DEFAULT and scenario.control.kind in ("jacobian", "paper")
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:

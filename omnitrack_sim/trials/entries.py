@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import installed
 from omnitrack_sim.base.reading import NAME_PATTERN, checked
 from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.robot import STANDARD, Robot, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import set_value
 
 Changes = Mapping[str, Any]
@@ -58,7 +60,7 @@ def robot_of(changes: Changes) -> Robot:
     for path, value in changes.items():
         if path.startswith("robot."):
             set_value(data, path, value)
-    kind = data["robot"].pop("kind", STANDARD)
+    kind = data["robot"].pop("kind", DEFAULT)
     return checked(robot_class(kind), data["robot"], InputError)
 
 
@@ -77,7 +79,7 @@ def robot_entry(
     Raises:
         InputError: there is no such robot or controller, or it cannot be used.
     """
-    name, is_renamed, what = (source or STANDARD).rpartition("=")
+    name, is_renamed, what = (source or DEFAULT).rpartition("=")
     what, bore = _without_bore(what)
     if what in (shipped or {}):
         entry = (shipped or {})[what]
@@ -92,7 +94,7 @@ def robot_entry(
         entry = _resized(entry, bore)
     robot = robot_of(entry.changes)
     if controller:
-        controller_of(controller, robot.controllers)
+        controller_of(controller, robot.controllers())
         changes = {**entry.changes, "control.kind": controller}
         entry = Entry(f"{entry.name}.{controller}".replace(":", "."), entry.words, changes)
     return entry.renamed(name if is_renamed else entry.name, source)
@@ -118,12 +120,13 @@ def controller_entry(source: str, shipped: Mapping[str, Entry]) -> Entry:
         changes = {"control.kind": "policy", "control.parameters.policy": path}
         entry = Entry(Path(what).stem, f"policy {what}", changes)
     else:
-        kinds = robot_of({}).controllers
+        own = robot_of({}).controllers()
+        kinds = {**own, **installed("controllers")}
         if what not in kinds and ":" not in what:
             choices = (*dict.fromkeys((*shipped, *kinds)), "module:Object", "FILE.npz")
             raise InputError(Fault("--controller", f"is {what!r}", choices, given=what))
         # Refuse a class that cannot be imported before any trial of another entry is run.
-        controller_of(what, kinds)
+        controller_of(what, own)
         entry = Entry(what.replace(":", "."), f"controller {what}", {"control.kind": what})
     return entry.renamed(name if is_renamed else entry.name, source)
 

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal, TypeGuard, TypeVar
 from pydantic import create_model
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
+from omnitrack_sim.base.naming import installed, named
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes.fittings.base import Fitting, FittingTable
 
@@ -47,8 +47,10 @@ def known_fittings() -> Mapping[str, type[Fitting]]:
 
 
 def fitting_class(kind: str) -> type[Fitting]:
-    """Return the class of a ``kind`` of a file: a shipped one, or ``module:Class``, which is
-    imported.
+    """Return the class of a ``kind`` of a file.
+
+    That is a shipped one, an entry point of the group ``omnitrack_sim.fittings``, or
+    ``module:Class``, which is imported.
 
     Raises:
         InputError: there is no such kind; the fault has the shipped ones as choices.
@@ -56,9 +58,9 @@ def fitting_class(kind: str) -> type[Fitting]:
     known = known_fittings().get(kind)
     if known is not None:
         return known
-    choices = tuple(shipped_fittings())
-    fitting = named(kind, "kind", shipped_fittings())
+    fitting = named(kind, "kind", shipped_fittings(), "fittings")
     if not _is_kind(fitting):
+        choices = (*shipped_fittings(), *installed("fittings"))
         raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices, given=kind))
     _brought[kind] = fitting
     return fitting

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.robots.control import ControlSetup, Observation
+from omnitrack_sim.pipes import Passage
+from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
@@ -35,8 +36,8 @@ class Climber(Omnitrack):
         ('differential', 0.16)
     """
 
+    kind: ClassVar[str] = "climber"
     understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
-    controllers: ClassVar[Mapping[str, str]] = {"steady": "omnitrack_sim.robots.climber:Steady"}
 
     drive: str = quantity(
         "differential",
@@ -45,6 +46,15 @@ class Climber(Omnitrack):
         "abstract of arXiv 2112.02996: a three-output open differential modulates the track speeds "
         "mechanically; the motor is as strong and heavy as three of the sister robot's (assumed)",
     )
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """See ``Robot``."""
+        return {"steady": Steady}
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> None:
+        """See ``Robot``: no orientation is held in a turn, as its modules do not roll."""
+        return None
 
     def odometry(self) -> TrackOdometry:
         """See ``Robot``: its modules do not roll."""

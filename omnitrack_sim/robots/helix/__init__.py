@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -93,6 +93,8 @@ class Helix(Robot):
         3.0, "N m", "inferred", f"of a joint: peaks of over 2.7 N m; {LAB}, series elasticity"
     )
     friction: Positive = quantity(0.8, "1", "assumed", "of the skin, where the walls state none")
+
+    kind: ClassVar[str] = "helix"
 
     def angles(self, phase: Any, twist: float) -> Array:
         """Return the joints' angles (..., 16) rad at phases (...) rad of the gait."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -37,6 +37,7 @@ class Inchworm(Robot):
         ['spindle', 'rear_grip', 'front_grip']
     """
 
+    kind: ClassVar[str] = "inchworm"
     bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that its pads are set for")
     grip: Positive = quantity(25.0, "N", "assumed", "of each pad of a closed clamp")
     friction: Positive = quantity(

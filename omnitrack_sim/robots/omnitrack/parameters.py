@@ -15,11 +15,12 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
@@ -31,10 +32,15 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot
+from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot, SceneOptions
 
 if TYPE_CHECKING:
+    import mujoco
+
+    from omnitrack_sim.pipes import Assembly, Passage
     from omnitrack_sim.robots.display import RobotDisplay
+    from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
+    from omnitrack_sim.robots.plant import Start
 
 MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -45,15 +51,6 @@ MOST_PRELOADS = 20.0
 on a result carries a note. Springs at their end press with 3 times the preload."""
 STOP_ROOM = 0.001
 """Distance beyond its stop from which on an arm's place is noted, m, for a robot of scale 1."""
-CONTROLLERS = {
-    "jacobian": "omnitrack_sim.robots.omnitrack.control.jacobian:JacobianController",
-    "paper": "omnitrack_sim.paper.open_loop:PaperController",
-    "equal": "omnitrack_sim.paper.open_loop:EqualController",
-    "driven": "omnitrack_sim.robots.omnitrack.control.driven:DrivenController",
-    "policy": "omnitrack_sim.robots.omnitrack.policy.controller:PolicyController",
-}
-"""Shipped controllers, ``module:Class`` by the short name that ``control.kind`` may give. Only the
-one that a scenario names is imported, so a controller may itself name another one."""
 LONGEST_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
@@ -81,13 +78,9 @@ class Omnitrack(Robot):
         'lug_radius'
     """
 
-    scene: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:scene"
-    plant_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackPlant"
-    diagnosis_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.track_plant:TrackDiagnosis"
+    kind: ClassVar[str] = "omnitrack"
     understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
-    controllers: ClassVar[Mapping[str, str]] = CONTROLLERS
     slips: ClassVar[bool] = True
-    decisions_class: ClassVar[str] = "omnitrack_sim.robots.omnitrack.policy.controller:Decisions"
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
@@ -462,7 +455,53 @@ class Omnitrack(Robot):
         """
         return 0.1 * steps**2.6
 
-    # See ``Robot``
+    # What is made of the parameters
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
+        from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
+        from omnitrack_sim.robots.omnitrack.control.open_loop import (
+            BendController,
+            EqualController,
+            PaperController,
+        )
+        from omnitrack_sim.robots.omnitrack.policy.controller import PolicyController
+
+        return {
+            "jacobian": JacobianController,
+            "paper": PaperController,
+            "equal": EqualController,
+            "eq20": BendController,
+            "driven": DrivenController,
+            "policy": PolicyController,
+        }
+
+    @property
+    def decisions(self) -> Any:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+
+        return Decisions
+
+    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import scene
+
+        return scene(self, network, options)
+
+    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> TrackPlant:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
+
+        return TrackPlant(model, self, start, *more)
+
+    def diagnosis(self, limits: Any, period: float, n: int) -> TrackDiagnosis:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis
+
+        return TrackDiagnosis(self, limits, period, n)
 
     @property
     def display(self) -> RobotDisplay:
@@ -550,6 +589,20 @@ class Omnitrack(Robot):
             time = float(trajectory.time[sample])
             events.append(BeyondStop(0, time, int(arm) + 1, 1000 * depth))
         return events
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """See ``Robot``: by the theory of a turn in a tee."""
+        from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+
+        if passage.manoeuvre != "tee_turn":
+            return None
+        return TurnCase(
+            pipe_radius=passage.corner_radius,
+            turn_angle=passage.description.turn_angle,
+            reach=self.reach,
+            contact_length=self.contact_length,
+            bend_radius=bend_radius,
+        ).singular_range
 
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield the bore for which the robot is not made, though its arms reach it: where the

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, Pose, dot
 from omnitrack_sim.base.table import Positive
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
+from omnitrack_sim.robots.control import Actuation, Controller, ControlSetup, Observation
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.walls.geoms import new_spec
@@ -69,10 +69,12 @@ class Pirate(Robot):
     torque_limit: Positive = quantity(0.15, "N m", "assumed", "of a wheel's motor")
     friction: Positive = quantity(0.8, "1", "assumed", "of the tyres, where the walls state none")
 
-    controllers: ClassVar[Mapping[str, str]] = {
-        "shape": "omnitrack_sim.robots.pirate:Shape",
-        **Robot.controllers,
-    }
+    kind: ClassVar[str] = "pirate"
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """See ``Robot``."""
+        return {"shape": Shape, **super().controllers()}
 
     @property
     def bores(self) -> tuple[float, float]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.base.table import Positive
-from omnitrack_sim.robots.control import Actuation, ControlSetup, Observation
+from omnitrack_sim.robots.control import Actuation, Controller, ControlSetup, Observation
 from omnitrack_sim.robots.presser.odometry import ARMS, WheelOdometry
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
@@ -76,10 +76,12 @@ class Presser(Robot):
         4e-4, "kg m²", "assumed", "of a wheel with its motor behind the gears"
     )
 
-    controllers: ClassVar[Mapping[str, str]] = {
-        "bend": "omnitrack_sim.robots.presser:BendSpeeds",
-        **Robot.controllers,
-    }
+    kind: ClassVar[str] = "presser"
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Controller]]:
+        """See ``Robot``."""
+        return {"bend": BendSpeeds, **super().controllers()}
 
     @property
     def nominal_speed(self) -> float:
@@ -138,7 +140,7 @@ class Presser(Robot):
 
     def gait(self, observation: Any) -> Array:
         """See ``Robot``: all wheels (n, 6) turn alike, rad/s."""
-        return np.full((len(observation.leg), 6), self.speed / self.wheel_radius)
+        return np.full((len(observation.time), 6), self.speed / self.wheel_radius)
 
     def odometry(self) -> WheelOdometry:
         """See ``Robot``."""

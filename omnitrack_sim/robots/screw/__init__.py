@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -89,6 +89,8 @@ class Screw(Robot):
     rotor_inertia: Positive = quantity(
         0.0088, "kg m²", "derived", "of the motor behind its gears: 9e-9 kg m² times 986.41²"
     )
+
+    kind: ClassVar[str] = "screw"
 
     @property
     def lever(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -48,6 +48,7 @@ class Snake(Robot):
         14
     """
 
+    kind: ClassVar[str] = "snake"
     bore: Positive = quantity(0.16, "m", "assumed", "of the pipe that the helix is made for")
     friction: Positive = quantity(0.8, "1", "assumed", "of the rubber, where the walls state none")
     turn: Positive = quantity(

@@ -3,10 +3,8 @@
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation, Settings
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
 
 __all__ = [
-    "CONTROLLERS",
     "Command",
     "ControlSetup",
     "Controller",

@@ -37,7 +37,7 @@ from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.robots.robot import REFERENCE_BORE
 
 BY_HAND = "by_hand"
@@ -119,7 +119,7 @@ class DrivenTable(Table):
         Raises:
             InputError: there is no such class.
         """
-        return controller_of(self.autopilot, CONTROLLERS)
+        return controller_of(self.autopilot, Omnitrack.controllers())
 
     @property
     def autopilot_model(self) -> type[BaseModel]:

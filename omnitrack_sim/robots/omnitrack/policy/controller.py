@@ -28,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, hel
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.parameters import CONTROLLERS
+from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
 from omnitrack_sim.robots.omnitrack.policy.features import (
     ACTIONS,
     PREVIEW,
@@ -109,7 +109,7 @@ class Decisions:
         self._base: Any = None  # a shipped controller, with ``reset``
         self.phases: tuple[str, ...] = ("decide",)
         if acting.base is not None:
-            base: Any = controller_of(acting.base, CONTROLLERS)
+            base: Any = controller_of(acting.base, Omnitrack.controllers())
             parameters = BASE_PARAMETERS.get(acting.base, {})
             self._defaults = [parameters_model(base)(**parameters)] * n
             self._base = base(replace(setup, parameters=self._defaults))

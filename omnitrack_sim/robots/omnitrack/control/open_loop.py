@@ -1,4 +1,4 @@
-"""The paper's controller: speeds set beforehand, begun and ended at marks, open loop.
+"""The paper's controllers: speeds set beforehand, begun and ended at marks, open loop.
 
 Sections V and VI.
 """
@@ -26,8 +26,10 @@ _PHASES = {"elbow": ELBOW, "tee_turn": TEE_TURN, "tee_straight": TEE_STRAIGHT, N
 
 
 class PaperTable(Table):
-    """``[control.parameters]`` of the controllers ``paper`` and ``equal``. Lengths are for
-    D = 160 mm and grow with the robot's bore."""
+    """``[control.parameters]`` of the controllers ``paper``, ``equal`` and ``eq20``.
+
+    Lengths are for D = 160 mm and grow with the robot's bore.
+    """
 
     elbow_delay: Annotated[float, Field(ge=0, le=10), Unit("m")] = 0.0
     """Distance of the head past the bend's start when an elbow begins; 0.0726 begins it with the
