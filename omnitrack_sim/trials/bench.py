@@ -86,8 +86,12 @@ class Bench(Plan):
         chosen = [course for name, course in own.courses.items() if not courses or name in courses]
         made = []
         for source in own.entries if entries is None else entries:
-            alone = ("", source) if own.compares == "controllers" else (source, "")
-            made.append(own.entry(*(alone if isinstance(source, str) else source)))
+            if not isinstance(source, str):
+                made.append(own.entry(*source))
+            elif own.compares == "robots":
+                made.append(own.entry(robot=source))
+            else:
+                made.append(own.entry(controller=source))
         return cls(own, chosen, made, **options)
 
     def __post_init__(self) -> None:
