@@ -15,8 +15,8 @@ from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
 from omnitrack_sim.show.landmarks import Landmarks
-from omnitrack_sim.show.playback import moment_of, playback_of
 from omnitrack_sim.show.projection import clearest, needs_map
+from omnitrack_sim.show.run_playback import RunPlayback
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_the_camera_that_follows_looks_across_the_pipe():
     """In every plane: never along the pipe, never from far below, and without a jump."""
     result = chain_result()
     (way,) = result.routes()
-    back = view_directions(playback_of(result), [0.1, -1.0, 0.4])
+    back = view_directions(RunPlayback(result), [0.1, -1.0, 0.4])
     tangent = way.centreline.at(result.trajectory["distance"])[1]
     assert np.allclose(np.linalg.norm(back, axis=1), 1.0)
     assert np.abs((back * tangent).sum(axis=1)).max() < 0.75
@@ -147,7 +147,7 @@ def test_map_shows_the_way_driven_so_far():
     as it is."""
     result = two_legs_result()
     marks = Landmarks.of(result, result.trajectory)
-    inset = MapPanel(playback_of(result), marks, (1280, 720))
+    inset = MapPanel(RunPlayback(result), marks, (1280, 720))
     grey = np.full((720, 1280, 3), 90, np.uint8)
     frames = []
     for row in (0, 900, len(result.trajectory.time) - 1):
@@ -183,14 +183,14 @@ def test_overlay_names_fitting_and_gear():
     """Two fittings, and two gears, give different text; a long name is cut to the panel."""
     grey = np.full((720, 1280, 3), 90, np.uint8)
     result = two_legs_result()
-    trajectory, display = result.trajectory, result.scenario.robot.display
+    trajectory = result.trajectory
     last = len(trajectory.time) - 1
 
     def written(shown: Trajectory, name: str) -> np.ndarray:
         frame = grey.copy()
-        StatusPanel(lambda row: display.status(moment_of(shown, row, name)), 1280, 720).write(
-            frame, last
-        )
+        playback = RunPlayback(replace(result, trajectory=shown))
+        moment = playback.moment(last)._replace(part=name)
+        StatusPanel(lambda row: playback.display.status(moment), (1280, 720)).write(frame, last)
         return frame
 
     named, long = (written(trajectory, name) for name in ("drop", "a_very_long_name_" * 5))

@@ -21,8 +21,8 @@ from omnitrack_sim.show.film.overlay import MapPanel
 from omnitrack_sim.show.film.render import render_frames, strip_times
 from omnitrack_sim.show.film.shots import FollowCamera
 from omnitrack_sim.show.landmarks import Landmarks, passage_spans
-from omnitrack_sim.show.playback import playback_of
 from omnitrack_sim.show.replay.document import replay_data
+from omnitrack_sim.show.run_playback import RunPlayback
 
 TRUE = {
     "fittings": [
@@ -116,7 +116,7 @@ def test_pictures_do_not_depend_on_the_map_that_a_robot_makes(runs):
         frames = [render_frames(run, times=times, camera=camera, **size) for run in runs]
         assert np.array_equal(*frames), camera
     assert strip_times(good) == strip_times(bad)
-    pages = [replay_data([run]) for run in runs]
+    pages = [replay_data(RunPlayback(run, coarse=False)) for run in runs]
     for table in ("pipes", "map", "follow", "data"):
         assert pages[0][table] == pages[1][table], table
     assert pages[0]["runs"][0]["fittings"] == pages[1]["runs"][0]["fittings"]
@@ -125,7 +125,7 @@ def test_pictures_do_not_depend_on_the_map_that_a_robot_makes(runs):
 def test_the_robot_is_in_a_pipe_that_is_seen(runs):
     """At every sample the part around the robot is in the picture in full, and on the map."""
     run = runs[0]
-    record, parts, playback = run.trajectory, run.pipes.parts, playback_of(run)
+    record, parts, playback = run.trajectory, run.pipes.parts, RunPlayback(run)
     data = mujoco.MjData(playback.model)
     camera = FollowCamera(playback, 16 / 9, 0.12)
     landmarks = Landmarks.of(run, record)
@@ -148,7 +148,7 @@ def test_parts_are_called_by_their_true_names(runs):
         assert [v.part.name for v in passages] == [*names, *names[::-1], "shaft", "fork", "on"]
         words = [v.words for v in passages if v.part.name == "fork"]
         assert words == ["run to branch", "branch to run", "over the run"]
-        fittings = replay_data([run])["runs"][0]["fittings"]
+        fittings = replay_data(RunPlayback(run, coarse=False))["runs"][0]["fittings"]
         assert [row["name"] for row in fittings] == [v.part.name for v in passages]
         figure = plot_mission(run)
         texts = {text.get_text() for axis in figure.axes for text in axis.texts}
@@ -218,8 +218,8 @@ def test_a_plate_is_in_every_picture(runs):
 def test_film_and_page_show_the_same_map(runs):
     """At any time both have the same parts, plates and goals, more and more of them."""
     run = runs[0]
-    record, page = run.trajectory, replay_data([run])["map"]
-    panel = MapPanel(playback_of(run), Landmarks.of(run, record), (1280, 720))
+    record, page = run.trajectory, replay_data(RunPlayback(run, coarse=False))["map"]
+    panel = MapPanel(RunPlayback(run), Landmarks.of(run, record), (1280, 720))
     grey = np.full((720, 1280, 3), 90, np.uint8)
     drawn = []
     for row in (0, 300, 500, len(record.time) - 1):

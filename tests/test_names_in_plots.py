@@ -18,9 +18,9 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import StatusPanel
-from omnitrack_sim.show.playback import moment_of
 from omnitrack_sim.show.plots.style import PictureWarning, attempt, figure_bytes
 from omnitrack_sim.show.plots.success import Spread, sweep_figure
+from omnitrack_sim.show.run_playback import RunPlayback
 
 NAMES = ("$", "a$b$c", r"$\frac$", "_x^2_$", r"50%_\&#{}", "日本", "\x07\x1b[31m\x85", "n" * 250)
 """Mathematics, TeX, letters that the font lacks, control characters, length."""
@@ -84,9 +84,10 @@ def test_names_in_films(name):
     """A frame can be written, whatever the part is called."""
     grey = np.full((180, 320, 3), 90, np.uint8)
     frame, result = grey.copy(), named_result()
-    display = result.scenario.robot.display
-    moment = moment_of(result.trajectory, 0, name)
-    StatusPanel(lambda row: display.status(moment), 320, 180).write(frame, 0)
+    moment = RunPlayback(result).moment(0)._replace(part=name)
+    StatusPanel(lambda row: result.scenario.robot.display.status(moment), (320, 180)).write(
+        frame, 0
+    )
     assert (frame != grey).any()
 
 

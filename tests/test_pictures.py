@@ -17,10 +17,19 @@ from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
-from omnitrack_sim.show.film.overlay import BOTH_PANELS, MapPanel, levels, palette
+from omnitrack_sim.show.film.overlay import (
+    CAMERA_GAP,
+    CAMERA_HEIGHT,
+    HEIGHT,
+    LEFT,
+    MARGIN,
+    MapPanel,
+    levels,
+    palette,
+)
 from omnitrack_sim.show.film.render import painted, render_frames
 from omnitrack_sim.show.landmarks import Landmarks
-from omnitrack_sim.show.playback import playback_of
+from omnitrack_sim.show.run_playback import RunPlayback
 
 CAMERAS = ("depth", "headlight")
 
@@ -202,7 +211,7 @@ def test_a_film_shows_what_the_robot_sees(run, tmp_path):
         changed = np.argwhere((seen != bare).any(axis=-1))
         assert len(changed) > 5000
         (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
-        assert top >= (1 - BOTH_PANELS) * 360
+        assert top >= (1 - (LEFT + HEIGHT + CAMERA_GAP + CAMERA_HEIGHT + MARGIN) / 720) * 360
         assert left >= 8
         assert right <= 180
         assert bottom < 360 - 115
@@ -214,7 +223,7 @@ def test_a_film_shows_what_the_robot_sees(run, tmp_path):
         == with_panel[1]
     ).all()
     if run.scenario.sensing.camera == "depth":  # processes take long to start
-        spread = list(painted(run, times, size, "follow", {"fine": True}, processes=2))
+        spread = list(painted(RunPlayback(run), times, size, "follow", {"fine": True}, processes=2))
         assert (spread[1] == with_panel[1]).all()
 
 
@@ -227,7 +236,7 @@ def test_the_map_marks_where_the_robot_takes_itself_to_be():
         schema = {channel.name: channel for channel in (*RECORDED.values(), ESTIMATES[0])}
         trajectory = replace(result.trajectory, channels=channels, schema=schema)
         run = replace(result, trajectory=trajectory)
-        inset = MapPanel(playback_of(run), Landmarks.of(run, trajectory), (1280, 720))
+        inset = MapPanel(RunPlayback(run), Landmarks.of(run, trajectory), (1280, 720))
         frame = np.full((720, 1280, 3), 90, np.uint8)
         inset.write(frame, 900)
         blue = (frame[..., 2] > 200) & (frame[..., 0] < 150)

@@ -13,6 +13,7 @@ from pages import TOLERANCE, chromium, needs_browser, opened, picture
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.recording import FIELDS
+from omnitrack_sim.show.recording_playback import RecordingPlayback
 
 GEOM = mujoco.mjtGeom
 PAGE = Path(__file__).parents[1] / "docs/how-to/any-robot.md"
@@ -153,7 +154,7 @@ def coloured(frame: np.ndarray) -> np.ndarray:
 def test_films_show_the_ball_where_it_is(rolling, camera):
     """In all three parts the middle of the pixels of its colour is where the eye sees its centre,
     and around them there is the pipe that it is in."""
-    playback = rolling.playback()
+    playback = RecordingPlayback(rolling)
     with Stage(playback, (320, 180), camera, fine=False) as stage:
         for row in (10, 40, len(rolling) - 5):
             green = coloured(stage.paint(row))
@@ -179,8 +180,22 @@ def test_films_draw_contacts_state_and_map(rolling):
     assert changed[140:, :80].any()
     assert changed[:60, 240:].any()
     assert not changed[70:120].any()
-    assert rolling.cameras == ("side", "follow", "eye")
+    assert RecordingPlayback(rolling).cameras == ("side", "follow", "eye")
     assert ot.render_frame(rolling, time=0.8, camera="eye", **BARE).std() > 5
+
+
+def test_lines_of_forces_fit_into_the_picture(rolling):
+    """They begin at the contacts and lie along the forces; but for single shocks the longest is
+    half a bore long."""
+    forces, contacts = RecordingPlayback(rolling).forces, rolling.contacts
+    lengths = []
+    for row in range(len(rolling)):
+        begins, lines = forces.lines(row)
+        of_row = contacts.sample == row
+        np.testing.assert_array_equal(begins, contacts.position[of_row])
+        assert np.cross(lines, contacts.force[of_row]) == pytest.approx(0.0, abs=1e-9)
+        lengths += np.linalg.norm(lines, axis=1).tolist()
+    assert np.percentile(lengths, 98) == pytest.approx(0.08, rel=0.05)
 
 
 def test_films_and_strips_are_whole_files(rolling, tmp_path):
@@ -231,8 +246,8 @@ def test_pages_hold_the_true_positions(rolling, tmp_path):
 
 def test_figures_show_the_way_and_what_was_measured(rolling, tmp_path):
     """Two views of the pipes with the way, and a panel for each curve; the same bytes again."""
-    figure = rolling.plot(tmp_path / "a.png")
-    rolling.plot(tmp_path / "b.png")
+    figure = ot.plot_summary(rolling, path=tmp_path / "a.png")
+    ot.plot_summary(rolling, path=tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     titles = [axis.get_ylabel() for axis in figure.axes[2:]]
     assert titles[:3] == [
@@ -333,7 +348,7 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
     with pytest.raises(ot.InputError, match="no samples"):
         ot.render_replay(recording, path=tmp_path / "a.html")
     with pytest.raises(ot.InputError, match="no samples"):
-        recording.plot(tmp_path / "a.png")
+        ot.plot_summary(recording, path=tmp_path / "a.png")
     data.time = 1.0
     assert recording.append(data)
     assert not recording.append(data)
@@ -349,9 +364,10 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
         recording.append(mujoco.MjData(other))
     with pytest.raises(ot.InputError, match="no camera 'onboard'"):
         ot.render_video(recording, path=tmp_path / "a.gif", camera="onboard")
-    for write, name in ((recording.plot, "a.gif"), (recording.save, "a.zip")):
-        with pytest.raises(ot.InputError, match="format"):
-            write(tmp_path / name)
+    with pytest.raises(ot.InputError, match="format"):
+        recording.save(tmp_path / "a.zip")
+    with pytest.raises(ot.InputError, match="format"):
+        ot.plot_summary(recording, path=tmp_path / "a.gif")
     for render in (ot.render_replay, ot.render_video):
         with pytest.raises(ot.InputError, match="format"):
             render(recording, path=tmp_path / "a.png")
@@ -389,7 +405,7 @@ def test_geoms_of_every_shape_are_drawn():
     model = spec.compile()
     recording, data = ot.Recording(model, pipes, body="MESH"), mujoco.MjData(model)
     recording.append(data)
-    playback = recording.playback()
+    playback = RecordingPlayback(recording)
     assert len(playback.seen) == len(shapes)
     with Stage(playback, (320, 180), "side", fine=False) as stage:
         frame = stage.paint(0)

@@ -25,6 +25,7 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.replay.contents import STEPS, Pack
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
+from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.surfaces import geoms_surface
 
 
@@ -91,14 +92,14 @@ def test_words_in_the_data_are_no_markup(tmp_path):
 
 def test_a_run_of_two_legs_has_map_legs_and_gears():
     """What the page tells of a mission: the map, fittings by leg and gear, phases in order."""
-    data = replay_data([two_legs_result()])
+    data = replay_data(RunPlayback(two_legs_result(), coarse=False))
     fittings = data["runs"][0]["fittings"]
     assert {(fitting["leg"], fitting["tail"]) for fitting in fittings} == {(1, False), (2, True)}
     assert data["map"]["goals"]
     assert len(data["map"]["view"]) == 2
     starts = [phase["start"] for phase in data["runs"][0]["phases"]]
     assert starts == sorted(starts)
-    assert replay_data([sample_result()])["map"] is None
+    assert replay_data(RunPlayback(sample_result(), coarse=False))["map"] is None
 
 
 def test_physics_that_diverged_is_shown_up_to_there(tmp_path):
@@ -130,7 +131,7 @@ def test_channels_of_own_sensors_have_plots():
     }
     channels = {**plain.channels, "current": np.ones((201, 2)), "picture": np.zeros((201, 64))}
     trajectory = Trajectory(plain.time, channels, plain.phases, plain.qpos, {**RECORDED, **own})
-    data = replay_data([sample_result(trajectory)])
+    data = replay_data(RunPlayback(sample_result(trajectory), coarse=False))
     panels = {panel["channel"]: panel["unit"] for panel in data["panels"]}
     assert panels["current"] == "A"
     assert "picture" not in panels
@@ -165,7 +166,7 @@ def test_edges_stay_sharp_and_round_things_round():
 
 def test_arrows_are_as_long_as_half_a_bore_at_most():
     """98 % of the forces are at most 80 mm long; the scale is 1, 2 or 5 times a power of ten."""
-    data, trajectory = replay_data([sample_result()]), sample_trajectory()
+    data, trajectory = replay_data(RunPlayback(sample_result(), coarse=False)), sample_trajectory()
     assert list(data["arrows"]) == ["normal_force", "traction"]
     for name, kind in data["arrows"].items():
         longest = kind["scale"] * np.percentile(np.abs(trajectory[name]), 98)
@@ -204,9 +205,15 @@ def test_a_run_through_other_pipes_is_refused(tmp_path, pipes, told):
 
 def test_a_robot_of_another_size_is_a_ghost_of_its_own():
     """Its solids are its own; what both have in common stands in the page once."""
-    alone = len(replay_data([in_pipes()])["shapes"])
-    same = replay_data([in_pipes(), in_pipes(**{"world.friction": 0.4})])
-    other = replay_data([in_pipes(), in_pipes(**{"robot.contact_length": 0.1})])
+    alone = len(replay_data(RunPlayback(in_pipes(), coarse=False))["shapes"])
+    same = replay_data(
+        RunPlayback(in_pipes(), coarse=False),
+        RunPlayback(in_pipes(**{"world.friction": 0.4}), coarse=False),
+    )
+    other = replay_data(
+        RunPlayback(in_pipes(), coarse=False),
+        RunPlayback(in_pipes(**{"robot.contact_length": 0.1}), coarse=False),
+    )
     assert len(same["shapes"]) == alone < len(other["shapes"])
 
 

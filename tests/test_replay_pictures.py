@@ -16,6 +16,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.show.film.overlay import levels, palette
 from omnitrack_sim.show.replay.contents import PICTURE_PERIOD, TILES_ACROSS
 from omnitrack_sim.show.replay.document import replay_data
+from omnitrack_sim.show.run_playback import RunPlayback
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def result():
 
 def test_the_page_has_two_pictures_a_second_ahead(result):
     """Tiles of the last picture from the end that leads, in the colours of films."""
-    table = replay_data([result])["pictures"]
+    table = replay_data(RunPlayback(result, coarse=False))["pictures"]
     assert np.diff(table["time"]).min() > PICTURE_PERIOD - 0.2
     assert len(table["time"]) == int(result.duration_s / PICTURE_PERIOD) + 1
     sheet = Image.open(io.BytesIO(base64.b64decode(table["png"])))
@@ -45,7 +46,7 @@ def test_the_page_has_two_pictures_a_second_ahead(result):
 
 def test_a_run_without_pictures_has_none_in_its_page():
     """Nor does its page speak of them."""
-    data = replay_data([ot.run(there_and_back())])
+    data = replay_data(RunPlayback(ot.run(there_and_back()), coarse=False))
     assert data["pictures"] is None
     assert "position_estimate" not in json.dumps(data["panels"])
 

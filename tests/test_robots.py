@@ -16,8 +16,11 @@ from commands import omnitrack
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
+from omnitrack_sim.record.display import Moment, StatusText
+from omnitrack_sim.robots.display import RobotDisplay
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.show.run_playback import RunPlayback
 
 ROOMS = ("walls", "pipes", "show", "sim")
 PIPES = [{"kind": "straight", "length": 0.5}]
@@ -297,6 +300,45 @@ def test_a_film_shows_the_robot_in_its_pipe(run, tmp_path):
     assert np.count_nonzero((red > 150) & (red - blue > 80)) > 20
     path = ot.render_strip(run, path=tmp_path / "strip.png", count=2, width=160, height=120)
     assert iio.imread(path).std() > 10
+
+
+def test_the_camera_on_board_is_the_robots_own():
+    """That of a snake is on its head, far from the chassis in its middle, and within the pipe: it
+    sees lit walls in most of its picture."""
+    changes = {"robot": "snake", "start.distance": 0.3, "run.time_limit": 0.5}
+    run = ot.run(ot.load_scenario("straight", changes))
+    look = {"inset": False, "overlay": False, "width": 160, "height": 90}
+    view = ot.render_frame(run, time=0.5, camera="onboard", **look)
+    assert (view.max(axis=-1) > 20).mean() > 0.5
+
+
+class RollingDisplay(RobotDisplay):
+    """Display of a user's own."""
+
+    first_plots = ("theta5",)
+
+    def status(self, moment: Moment) -> StatusText:
+        """Return one line."""
+        return StatusText("rolling", (f"{moment.time:.1f} s",))
+
+
+class Shown(Ball):
+    """A ball with a display of its own."""
+
+    @property
+    def display(self) -> RobotDisplay:
+        """See ``RollingDisplay``."""
+        return RollingDisplay(self)
+
+
+def test_a_robot_of_ones_own_shows_itself():
+    """What its display overrides is shown in films and on pages; all else is as of any robot."""
+    run = ot.run(ball(**{"robot.kind": name_of(Shown), "run.time_limit": 0.1}))
+    playback = RunPlayback(run)
+    assert playback.status(2).title == "rolling"
+    assert playback.first_plots == ("theta5",)
+    assert playback.headline.keys() == set(RobotDisplay.headline)
+    assert ot.render_frame(run, time=0.1, width=160, height=90).std() > 5
 
 
 def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):

@@ -417,10 +417,12 @@ def replay(
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
     from omnitrack_sim.show.replay.document import pipes_mismatch
+    from omnitrack_sim.show.run_playback import RunPlayback
 
     # A run that cannot be read is the clearer message of the two.
-    result = ot.load_result(run_dir)  # before the place of the page, which may be in its folder
-    other = None if compare is None else ot.load_result(compare)
+    # And before the place of the page, which may be in its folder.
+    result = RunPlayback(ot.load_result(run_dir), coarse=False)
+    other = None if compare is None else RunPlayback(ot.load_result(compare), coarse=False)
     if other is not None and (problem := pipes_mismatch(result, other)):
         hint = "compares figures and scenarios of any two runs"
         problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"

@@ -32,7 +32,8 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.playback import FARTHEST, playback_of
+from omnitrack_sim.show.playback import FARTHEST
+from omnitrack_sim.show.run_playback import RunPlayback
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.viewer.window import Window
@@ -106,7 +107,7 @@ class EpisodeStage(Stage):
     _live: Array | None = None
 
     def __init__(self, way: Result, size: tuple[int, int], camera: str) -> None:
-        super().__init__(playback_of(way), size, camera, fine=False)
+        super().__init__(RunPlayback(way), size, camera, fine=False)
         self._display = way.scenario.robot.display
         self._places = way.trajectory["position"]
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from omnitrack_sim.base.rotations import Array
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.record.channels import Display
 
 Colour = tuple[float, float, float]
@@ -92,6 +94,20 @@ class CarriedCamera(NamedTuple):
     position: tuple[float, float, float]
     frame: tuple[tuple[float, float, float], ...]
     angle_deg: float
+
+
+def model_cameras(model: Any) -> dict[str, CarriedCamera]:
+    """Return the cameras of a MuJoCo model that have a name, each fixed to its body."""
+    cameras = {}
+    for i in range(model.ncam):
+        x, y, z = matrix_from_quaternion(np.array(model.cam_quat[i])).tolist()
+        cameras[model.camera(i).name] = CarriedCamera(
+            body=int(model.cam_bodyid[i]),
+            position=tuple(model.cam_pos[i].tolist()),
+            frame=(tuple(x), tuple(y), tuple(z)),
+            angle_deg=float(model.cam_fovy[i]),
+        )
+    return {name: camera for name, camera in cameras.items() if name}
 
 
 class ForceArrow(NamedTuple):

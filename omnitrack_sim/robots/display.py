@@ -21,8 +21,10 @@ from omnitrack_sim.record.display import (
     StateValue,
     StatusText,
     Track,
+    model_cameras,
 )
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.plant import initial_state
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
@@ -92,8 +94,8 @@ class RobotDisplay:
     track_speed: ClassVar[str] = ""
     track_pitch: float = 1.0
 
-    def __init__(self, robot: Any) -> None:
-        self.robot: Robot = robot
+    def __init__(self, robot: Robot) -> None:
+        self.robot: Any = robot
 
     # The robot as it is seen
 
@@ -121,11 +123,14 @@ class RobotDisplay:
 
     @property
     def camera(self) -> CarriedCamera:
-        """Camera ``onboard`` of films: at the nose, looking ahead."""
-        frame = self.robot.frame
-        place = frame.apply([0.0, 0.0, self.robot.length / 2])
-        x, y, z = (tuple(row) for row in (frame.rotation @ np.array(LOOKS_AHEAD)).tolist())
-        return CarriedCamera(self.robot.chassis, tuple(place.tolist()), (x, y, z), CAMERA_ANGLE_DEG)
+        """Camera ``onboard`` of films: the first of the robot's own, else one at the nose."""
+        robot = self.robot
+        model = initial_state(robot).model
+        for camera in model_cameras(model).values():
+            return camera._replace(body=model.body(camera.body).name)
+        place = robot.frame.apply([0.0, 0.0, robot.length / 2])
+        x, y, z = (tuple(row) for row in (robot.frame.rotation @ np.array(LOOKS_AHEAD)).tolist())
+        return CarriedCamera(robot.chassis, tuple(place.tolist()), (x, y, z), CAMERA_ANGLE_DEG)
 
     @property
     def page_camera(self) -> CarriedCamera:

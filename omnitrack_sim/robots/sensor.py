@@ -164,7 +164,9 @@ def read_together(moments: Iterable[Mapping[str, Array]], names: Iterable[str]) 
         return
     block = _Moments(states)
     for name in (*states[0].looks_back, *missing):
-        values = block[name].reshape(len(states), -1, *block[name].shape[1:])
+        values = block[name]  # (k n, ...), of which a robot may have nothing
+        robots = len(values) // len(states)
+        values = values.reshape(len(states), robots, *values.shape[1:])
         for state, value in zip(states, values, strict=True):
             state.setdefault(name, value)
     for state in states:

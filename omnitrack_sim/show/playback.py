@@ -1,70 +1,260 @@
-"""Playback: a model in pipes with its states over time, which films, pages and maps show."""
+"""Playback: a model in pipes with its states over time, which all pictures are made of."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import RenderError
-from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
-from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.record.display import CarriedCamera, Moment
-from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes import Assembly, Port
+from omnitrack_sim.record.display import (
+    CarriedCamera,
+    Colour,
+    Curve,
+    ForceArrow,
+    StateValue,
+    StatusText,
+    Track,
+)
+from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
+from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 
 FARTHEST = 1e5
-"""Largest magnitude of positions, m, and other shown values of a valid sample."""
-
+"""Largest magnitude of positions, m, and other shown values of a valid sample: far outside of any
+network, and far below where a film's numbers of single precision end."""
 POINTS_APART = 0.01
-"""Travel between two points of a path on a map, m."""
+"""Travel between two points of a path on a map, m: a pixel or less in all maps."""
+STANDARD = ("side", "follow")
+"""Cameras of every playback: one shows the pipes on the way, the other stays with the robot."""
 
 
-@dataclass(frozen=True, eq=False)
-class Playback:
-    """A model in pipes with its states over time.
+class PhaseSpan(NamedTuple):
+    """A phase of the controller: its name, begin and end, s, and number."""
+
+    name: str
+    start: float
+    end: float
+    code: int
+
+
+class ContactForces(NamedTuple):
+    """Forces on the robot that films draw, world frame.
 
     Attributes:
-        model: with the geoms that are seen.
-        network: the pipes, world frame.
-        time: (T,) s.
-        qpos: (T, nq) joint positions.
-        seen: numbers of the geoms that are seen; those of the world stand still like the pipes.
-        casting: those of them that throw shadows.
-        body: number of the body that cameras keep with.
-        position: (T, 3) m, of that body.
-        ahead: (T, 3) unit vectors, world frame, along which it drives.
-        travel: (T,) m, way that it has gone, which always grows a little.
-        path: (N,) samples through which maps draw the way that it has gone.
-        backward: (T,) whether it drives tail first, which maps draw in another colour.
-        estimate: (T, 3) m, where the robot takes itself to be; ``position`` where it does not say.
-        mocap: (T, nmocap, 7) positions, m, and quaternions of the model's mocap bodies.
-        mounts: cameras that bodies carry, by name.
-        size: of lengths in pictures, over those for a robot in a bore of 160 mm.
-        extremes: samples that tell how far the robot reaches about its body.
+        sample: (C,) in which sample, in order.
+        position: (C, 3) m.
+        force: (C, 3) N.
+        metres: length of an arrow for a force of 1 N, m.
     """
 
-    model: mujoco.MjModel
-    network: Assembly
-    time: Array
-    qpos: Array
-    seen: tuple[int, ...]
-    casting: tuple[int, ...]
-    body: int
+    sample: NDArray[Any]
     position: Array
-    ahead: Array
-    travel: Array
-    path: NDArray[np.intp]
-    backward: NDArray[np.bool_]
-    estimate: Array
-    mocap: Array
-    mounts: Mapping[str, CarriedCamera]
+    force: Array
+    metres: float
+
+    def lines(self, row: int) -> tuple[Array, Array]:
+        """Return begins and vectors (n, 3) m of the lines that are drawn at sample ``row``."""
+        these = slice(*np.searchsorted(self.sample, [row, row + 1]))
+        return self.position[these], self.metres * self.force[these]
+
+
+class Playback:
+    """Base class: a model in pipes with its states over time, and what pictures tell of it.
+
+    Films, pages, figures and the window take a playback alone. ``playback_of`` makes one of a run
+    or a recording; what is costly is made when it is first asked for. Below stand the defaults.
+
+    Attributes:
+        result: the run; None of a recording.
+        name: title of pages and figures.
+        network: the pipes, world frame.
+        plates: ports (part index, port) that are closed.
+        size: of lengths in pictures, over those for a robot in a bore of 160 mm.
+        extremes: samples that tell how far the robot reaches about its body.
+        album: pictures of the robot's cameras.
+        page_camera: camera on board of pages; None without one.
+        badges: bodies with numbers on them, on pages.
+        tracks: bodies that lie on others, by name.
+        track_pitch: way after which a track looks the same, m.
+        columns: name and colour of each column of curves with so many.
+        state: values below the phase, on pages.
+    """
+
+    result: Result | None = None
+    name: str
+    network: Assembly
+    plates: Sequence[Port] = ()
     size: float = 1.0
     extremes: tuple[int, ...] = (0,)
+    album: Pictures | None = None
+    page_camera: CarriedCamera | None = None
+    badges: tuple[str, ...] = ()
+    tracks: Mapping[str, Track] = {}
+    track_pitch: float = 1.0
+    columns: tuple[tuple[str, Colour], ...] = ()
+    state: tuple[StateValue, ...] = ()
+
+    # States over time
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """Model with the geoms that are seen."""
+        raise NotImplementedError
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the samples (T,), s."""
+        raise NotImplementedError
+
+    @cached_property
+    def qpos(self) -> Array:
+        """Joint positions (T, nq) as they are shown."""
+        raise NotImplementedError
+
+    @cached_property
+    def mocap(self) -> Array:
+        """Positions, m, and quaternions of the model's mocap bodies (T, nmocap, 7)."""
+        return np.zeros((len(self.time), self.model.nmocap, 7))
+
+    @cached_property
+    def seen(self) -> tuple[int, ...]:
+        """Geoms that are seen; those of the world stand still like the pipes."""
+        raise NotImplementedError
+
+    @cached_property
+    def casting(self) -> tuple[int, ...]:
+        """Geoms that throw shadows."""
+        return self.seen
+
+    @cached_property
+    def body(self) -> int:
+        """Number of the body that cameras keep with."""
+        raise NotImplementedError
+
+    @cached_property
+    def position(self) -> Array:
+        """Position of that body (T, 3), m."""
+        raise NotImplementedError
+
+    @cached_property
+    def ahead(self) -> Array:
+        """Unit vectors (T, 3), world frame, along which it drives."""
+        raise NotImplementedError
+
+    @cached_property
+    def travel(self) -> Array:
+        """Way that it has gone (T,), m, which always grows a little, so that it can be inverted."""
+        raise NotImplementedError
+
+    @cached_property
+    def path(self) -> NDArray[np.intp]:
+        """Samples (N,) through which maps draw its way."""
+        raise NotImplementedError
+
+    @cached_property
+    def backward(self) -> NDArray[np.bool_]:
+        """True (T,) where it drives tail first, which maps draw in another colour."""
+        return np.zeros(len(self.time), bool)
+
+    @cached_property
+    def estimate(self) -> Array:
+        """Position (T, 3), m, where the robot takes itself to be; the true one by default."""
+        return self.position
+
+    @cached_property
+    def mounts(self) -> Mapping[str, CarriedCamera]:
+        """Cameras that bodies carry, by name."""
+        raise NotImplementedError
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras of films."""
+        return (*STANDARD, *(name for name in self.mounts if name not in STANDARD))
+
+    # What is told of them
+
+    def status(self, row: int) -> StatusText:
+        """Return the text of the status panel at a sample."""
+        raise NotImplementedError
+
+    @cached_property
+    def passages(self) -> list[PassageSpan]:
+        """Passages of the body through the parts, in order of time."""
+        raise NotImplementedError
+
+    @cached_property
+    def leg(self) -> NDArray[np.intp] | None:
+        """Index of the leg (T,); None where there is only one."""
+        return None
+
+    @cached_property
+    def phases(self) -> list[PhaseSpan]:
+        """Phases of the controller, in order of time."""
+        return []
+
+    @cached_property
+    def events(self) -> list[tuple[float, str]]:
+        """Events with their times, s, in words, in order of time."""
+        return []
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Remarks about the set-up."""
+        return []
+
+    @cached_property
+    def landmarks(self) -> Landmarks | None:
+        """What a map shows, and from when on; None where pictures need no map."""
+        return None
+
+    @cached_property
+    def forces(self) -> ContactForces | None:
+        """Forces on the robot that films draw; None of a playback without them."""
+        return None
+
+    @cached_property
+    def curves(self) -> Mapping[str, Curve]:
+        """Values over time, by name, of pages and figures."""
+        raise NotImplementedError
+
+    @cached_property
+    def plots(self) -> Sequence[str]:
+        """Names of the curves that have a plot on pages."""
+        return tuple(self.curves)
+
+    @cached_property
+    def first_plots(self) -> Sequence[str]:
+        """Names of those that are shown before the reader chooses."""
+        return tuple(name for name, curve in self.curves.items() if not curve.names)
+
+    @cached_property
+    def heading(self) -> dict[str, Any]:
+        """Name, outcome, figures and provenance, for the head of a page."""
+        raise NotImplementedError
+
+    @cached_property
+    def headline(self) -> Mapping[str, str]:
+        """Titles of the figures in the head of a page, by their names."""
+        return {row["name"]: row["name"] for row in self.heading["figures"]}
+
+    @cached_property
+    def arrows(self) -> list[ForceArrow]:
+        """Arrows of forces on pages."""
+        return []
+
+    @cached_property
+    def track_travel(self) -> Array:
+        """Way (T, k), m, that the tracks have run."""
+        return np.zeros((len(self.time), 0))
+
+    # Looking things up
 
     def row(self, time: float) -> int:
         """Return the sample nearest to ``time`` s, the earlier one of two."""
@@ -77,6 +267,19 @@ class Playback:
         data.mocap_pos[:], data.mocap_quat[:] = np.split(self.mocap[row], [3], axis=-1)
         mujoco.mj_kinematics(self.model, data)
 
+    def body_poses(self, bodies: Sequence[int]) -> Array:
+        """Return positions, m, and quaternions (T, len(bodies), 7) without jumps in sign."""
+        data, rows = mujoco.MjData(self.model), list(bodies)
+        poses = np.zeros((len(self.time), len(rows), 7))
+        for row, pose in enumerate(poses):
+            self.place(data, row)
+            pose[:, :3], pose[:, 3:] = data.xpos[rows], data.xquat[rows]
+        turns = poses[..., 3:]
+        # q and -q are the same turn, but who shows them interpolates between neighbours.
+        flips = np.where((turns[1:] * turns[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
+        turns[1:] *= np.cumprod(flips, axis=0)[..., None]
+        return poses
+
     @property
     def still(self) -> tuple[int, ...]:
         """Geoms of the world that are seen, such as plates."""
@@ -88,75 +291,14 @@ class Playback:
         return tuple(geom for geom in self.seen if self.model.geom_bodyid[geom] > 0)
 
 
-def playback_of(result: Result, coarse: bool = True) -> Playback:
-    """Return the playback of a scenario's run; ``coarse`` faces are enough for films."""
-    scenario, trajectory = result.scenario, sound(result)
-    robot, display = scenario.robot, scenario.robot.display
-    model = display.spec(result.pipes, scenario.plates, coarse).compile()
-    seen = np.flatnonzero(model.geom_group == ROBOT_GROUP).tolist()
-    position, samples = trajectory["position"], len(trajectory.time)
-    return Playback(
-        model=model,
-        network=result.pipes,
-        time=trajectory.time,
-        qpos=display.poses(model, trajectory),
-        seen=tuple(seen),
-        casting=tuple(geom for geom in seen if display.casts_shadow(model.geom(geom).name)),
-        body=model.body(robot.chassis).id,
-        position=position,
-        ahead=matrix_from_quaternion(trajectory["quaternion"])[:, :, 2],
-        travel=_travel(trajectory),
-        path=_path(trajectory),
-        backward=trajectory["gear"] < 0,
-        estimate=trajectory.channels.get("position_estimate", position),
-        mocap=np.zeros((samples, model.nmocap, 7)),
-        mounts={"onboard": display.camera},
-    )
-
-
-def _travel(trajectory: Trajectory) -> Array:
-    """Travel (T,) m along the legs, which always grows a little, so that it can be inverted."""
-    step = np.abs(np.diff(trajectory["distance"]))
-    step = np.where((np.diff(trajectory["leg"]) == 0) & np.isfinite(step), step, 0.0)
-    return np.append(0.0, np.cumsum(step + 1e-9))
-
-
-def _path(trajectory: Trajectory) -> NDArray[np.intp]:
-    """Samples at the beginnings of the legs, and about ``POINTS_APART`` of travel apart."""
-    step = np.abs(np.diff(trajectory["distance"], prepend=trajectory["distance"][0]))
-    marks = np.floor(np.cumsum(np.where(np.isfinite(step), step, 0.0)) / POINTS_APART)
-    known = np.isfinite(trajectory["position"]).all(axis=1)
-    new_leg = np.diff(trajectory["leg"], prepend=trajectory["leg"][:1]) != 0
-    return np.flatnonzero(known & ((np.diff(marks, prepend=-1) > 0) | new_leg))
-
-
-def moment_of(trajectory: Trajectory, row: int, part: str) -> Moment:
-    """Return sample ``row`` of a record, with the robot's centre in the part of this name."""
-    phase = trajectory.phases[int(trajectory["phase"][row])]
-    return Moment(trajectory.time[row], phase, part, lambda name: trajectory[name][row])
-
-
-def sound(result: Result) -> Trajectory:
-    """Return the trajectory of a run, diverged samples replaced by the last finite one.
-
-    Raises:
-        RenderError: no sample is sound.
-    """
-    trajectory, names = result.trajectory, result.scenario.robot.display.finite
-    values = [trajectory.qpos, *(trajectory[name] for name in names)]
-    rows = sound_rows([value.reshape(len(trajectory.time), -1) for value in values])
-    if (rows == np.arange(len(rows))).all():
-        return trajectory
-    channels = {name: values[rows] for name, values in trajectory.channels.items()}
-    return replace(trajectory, channels=channels, qpos=trajectory.qpos[rows])
-
-
 def sound_rows(values: list[Array]) -> NDArray[np.intp]:
-    """Return for each sample of ``values``, each (T, ...), the last sound one up to it, or the
-    first of all.
+    """Return for each sample the last one up to it, or the first of all, that can be shown.
+
+    Args:
+        values: arrays (T, ...) that must be finite, and below ``FARTHEST``.
 
     Raises:
-        RenderError: no sample is sound.
+        RenderError: no sample can be shown.
     """
     samples = len(values[0])
     far = [np.abs(value.reshape(samples, -1)).max(axis=1, initial=0.0) for value in values]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Callable
-from dataclasses import asdict
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -18,33 +16,12 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is, check_time
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion
-from omnitrack_sim.base.text import finite
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
-from omnitrack_sim.record.channels import Display
-from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, StatusText
-from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.results.files import reading
-from omnitrack_sim.show.film.overlay import ForceArrows
-from omnitrack_sim.show.film.stage import STANDARD
-from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
-from omnitrack_sim.show.playback import POINTS_APART, Playback, sound_rows
-from omnitrack_sim.show.plots.run_figures import plot_recording
-from omnitrack_sim.show.plots.style import CURVE_COLOURS
-from omnitrack_sim.show.replay.contents import (
-    Pack,
-    PageRun,
-    fittings_table,
-    map_table,
-    page_data,
-)
-from omnitrack_sim.show.surfaces import DRAWN
 from omnitrack_sim.walls.around import AxisPoints, Pipes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FIELDS = (
     "qpos",
@@ -63,17 +40,10 @@ DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 """Warnings after which MuJoCo sets its data back to the beginning."""
-MOST_CURVES = 6
-"""Lines of one plot."""
 FORMAT = 1
 """Number of the form of a saved recording."""
 SOONER = 1e-9
 """Time by which a sample may come before it is due, s: sums of time steps are off by less."""
-HIDDEN_GROUPS = 3
-"""Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
-_BORE, _REACH = 0.16, 0.16  # m: bore, and reach of a robot about its body, of pictures of size 1
-_EXTREMES = 20  # samples by which the robot's reach is judged
-_LONGEST = 0.5  # length of the arrow of nearly the largest force, in bores
 
 
 class WallContacts(NamedTuple):
@@ -115,6 +85,7 @@ class Recording:
         pipes: as given.
         period: as given.
         body: number of the body.
+        is_wall: (ngeom,) geoms that are walls of ``pipes``.
 
     Raises:
         InputError: the model lacks these walls, its pipes move, it has no such body, or nothing in
@@ -154,9 +125,9 @@ class Recording:
         if not 0 <= period < np.inf:
             raise InputError(Fault("period", f"is {period!r}; a number from 0 on, s, is needed"))
         self.period = float(period)
-        self._is_wall = np.zeros(model.ngeom, bool)
-        self._is_wall[pipes.geoms(model)] = True
-        if model.geom_bodyid[self._is_wall].any():
+        self.is_wall = np.zeros(model.ngeom, bool)
+        self.is_wall[pipes.geoms(model)] = True
+        if model.geom_bodyid[self.is_wall].any():
             problem = "has pipes on a body; only pipes of the world are recorded"
             raise InputError(Fault("model", problem))
         self.body = _chassis(model, body)
@@ -207,7 +178,7 @@ class Recording:
     def _wall_contacts(self, data: mujoco.MjData) -> WallContacts:
         """Return the contacts of a state with walls, as those of sample ``len(self)``."""
         contact = data.contact
-        walls = self._is_wall[contact.geom]  # (ncon, 2)
+        walls = self.is_wall[contact.geom]  # (ncon, 2)
         rows = np.flatnonzero(walls[:, 0] != walls[:, 1])
         force, six = np.zeros((len(rows), 3)), np.zeros(6)
         for i, row in enumerate(rows.tolist()):
@@ -297,266 +268,10 @@ class Recording:
         along = (step * (forward[1:] + forward[:-1]) / 2).sum(axis=1)
         return np.append(0.0, np.cumsum(along)), forward
 
-    def curves(self) -> dict[str, Curve]:
-        """Return the curves over time of figures and pages, by name."""
-        places, (distance, _) = self.places, self.progress()
-        speed = np.gradient(distance, self.time) if len(self) > 1 else np.zeros(len(self))
-        count = np.bincount(self.contacts.sample, minlength=len(self)).astype(float)
-        position = self.bodies[:, self.body, :3]
-        single = {
-            "distance": (Display("Way along the pipes", "m"), distance),
-            "speed": (Display("Speed along the pipes", "mm/s", 1e3, span=10.0), speed),
-            "clearance": (Display("Clearance of the body", "mm", 1e3, span=1.0), places.clearance),
-            "wall_force": (Display("Normal force on the walls", "N", low=0.0), self.wall_force()),
-            "contact_count": (Display("Contacts with the walls", "1", low=0.0), count),
-            "power": (Display("Power of the actuators", "W"), self.power()),
-        }
-        curves = {
-            name: Curve(display, values[:, None]) for name, (display, values) in single.items()
-        }
-        curves["position"] = Curve(Display("Position of the body", "m"), position, ("x", "y", "z"))
-        return curves | self._many()
-
-    def _many(self) -> dict[str, Curve]:
-        """Return the curves of actuators and joints, where there are not too many."""
-        model, curves = self.model, {}
-        names = tuple(model.actuator(i).name or str(i) for i in range(model.nu))
-        curves["actuator_force"] = Curve(
-            Display("Actuator forces", "N, N m"), self["actuator_force"], names
-        )
-        slides = Display("Slides", "mm", 1e3, span=1.0)
-        hinges = Display("Hinges", "deg", float(np.degrees(1.0)), span=1.0)
-        for name, kind, display in (
-            ("slides", mujoco.mjtJoint.mjJNT_SLIDE, slides),
-            ("hinges", mujoco.mjtJoint.mjJNT_HINGE, hinges),
-        ):
-            joints = np.flatnonzero(model.jnt_type == kind).tolist()
-            names = tuple(model.joint(i).name or str(i) for i in joints)
-            curves[name] = Curve(display, self.qpos[:, model.jnt_qposadr[joints]], names)
-        return {
-            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
-        }
-
-    def passage_spans(self) -> list[PassageSpan]:
-        """Return the passages of the body through the parts, in order of time."""
-        index, parts = self.places.part, self.pipes.assembly.parts
-        runs = [(parts[index[a]], a, b) for a, b in spans(index) if index[a] >= 0]
-        return [PassageSpan(part, part.fitting.kind, a, b) for part, a, b in runs]
-
-    # What pictures and pages show
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Cameras of films: ``side``, ``follow``, and those of the model by name."""
-        return (*STANDARD, *(name for name in self._mounts() if name not in STANDARD))
-
-    def _mounts(self) -> dict[str, CarriedCamera]:
-        """Return the cameras of the model that have a name, each fixed to its body."""
-        model, mounts = self.model, {}
-        for i in range(model.ncam):
-            frame = matrix_from_quaternion(np.array(model.cam_quat[i])).tolist()
-            place, angle = tuple(model.cam_pos[i].tolist()), float(model.cam_fovy[i])
-            body = int(model.cam_bodyid[i])
-            mounts[model.camera(i).name] = CarriedCamera(
-                body, place, tuple(map(tuple, frame)), angle
-            )
-        return {name: mount for name, mount in mounts.items() if name}
-
     def require_samples(self) -> None:
         """Raise an ``InputError`` for a recording without samples."""
         if not len(self):
             raise InputError(Fault("recording", "has no samples; append states first"))
-
-    def playback(self) -> Playback:
-        """Return the playback that films and pages show."""
-        self.require_samples()
-        model = self.model
-        mocap = np.concatenate([self["mocap_pos"], self["mocap_quat"]], axis=-1)
-        rows = sound_rows([self.qpos, mocap])
-        position = self.bodies[rows, self.body, :3]
-        _, forward = self.progress()
-        moved = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1) + 1e-9))
-        size = self._size(position)
-        seen = self._seen()
-        marks = np.floor(moved / (size * POINTS_APART))
-        return Playback(
-            model=model,
-            network=self.pipes.assembly,
-            time=self.time,
-            qpos=self.qpos[rows],
-            seen=seen,
-            casting=seen,
-            body=self.body,
-            position=position,
-            ahead=forward[rows],
-            travel=moved,
-            path=np.flatnonzero(np.diff(marks, prepend=-1) > 0),
-            backward=np.zeros(len(self), bool),
-            estimate=position,
-            mocap=mocap[rows],
-            mounts=self._mounts(),
-            size=size,
-            extremes=self._extremes(),
-        )
-
-    def _extremes(self) -> tuple[int, ...]:
-        return tuple(np.unique(np.linspace(0, len(self) - 1, _EXTREMES).astype(int)).tolist())
-
-    def _seen(self) -> tuple[int, ...]:
-        """Return the geoms that are drawn: neither walls nor hidden nor without an end."""
-        model = self.model
-        paint = np.where(model.geom_matid < 0, model.geom_rgba[:, 3], 1.0)
-        shapes = np.isin(model.geom_type, [int(kind) for kind in DRAWN])
-        shown = ~self._is_wall & shapes & (paint > 0) & (model.geom_group < HIDDEN_GROUPS)
-        if not (shown & (model.geom_bodyid > 0)).any():
-            raise InputError(Fault("model", "has no visible geom of a body that can be drawn"))
-        return tuple(np.flatnonzero(shown).tolist())
-
-    def _size(self, position: Array) -> float:
-        """Return the size of pictures, by the widest bore and by the robot's reach."""
-        bore = 2 * max(part.fitting.largest_radius for part in self.pipes.assembly.parts)
-        moving = np.unique(self.model.geom_bodyid[list(self._seen())])
-        rows = list(self._extremes())
-        away = self.bodies[rows][:, moving[moving > 0], :3] - position[rows][:, None]
-        return max(bore / _BORE, float(np.linalg.norm(away, axis=-1).max()) / _REACH)
-
-    def force_arrows(self) -> ForceArrows:
-        """Return the arrows of the walls' forces; nearly the largest is half a bore long."""
-        contacts = self.contacts
-        begins = np.searchsorted(contacts.sample, np.arange(len(self) + 1))
-
-        def forces(row: int) -> tuple[Array, Array]:
-            these = slice(*begins[row : row + 2])
-            return contacts.position[these], contacts.force[these]
-
-        sizes = np.linalg.norm(contacts.force, axis=1)
-        large = float(np.percentile(sizes, 98)) if len(sizes) else 0.0
-        bore = 2 * self.pipes.assembly.parts[0].fitting.radius
-        return ForceArrows(forces, _LONGEST * bore / large if large > 0 else 0.0)
-
-    def status(self) -> Callable[[int], StatusText]:
-        """Return the function that gives the text of the status panel at a sample."""
-        part, parts, time = self.places.part, self.pipes.assembly.parts, self.time
-        curves = {name: curve.display.scale * curve.values for name, curve in self.curves().items()}
-
-        def text(row: int) -> StatusText:
-            distance, speed, count, force = (
-                float(curves[name][row, 0])
-                for name in ("distance", "speed", "contact_count", "wall_force")
-            )
-            move = f"{time[row]:.2f} s     {1e3 * distance:.0f} mm     {speed:z.0f} mm/s"
-            touch = f"{count:.0f} contacts, {force:.3g} N on the walls"
-            place = f"in {parts[part[row]].name}" if part[row] >= 0 else "outside"
-            return StatusText(place, (move, touch))
-
-        return text
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw a figure as wide as a page (7.16 inches): the way in elevation and plan, and over
-        time way, speed and clearance of the body, forces on the walls, power and joints.
-
-        Args:
-            path: ``.png``, ``.svg`` or ``.pdf`` file to write; none: the figure is returned and
-                nothing is written.
-
-        Raises:
-            InputError: no such format, or a recording without samples.
-            OutputError: the file cannot be written.
-        """
-        self.require_samples()
-        return plot_recording(
-            path=None if path is None else Path(path),
-            title=self._title(),
-            network=self.pipes.assembly,
-            time=self.time,
-            curves=self.curves(),
-            spans=self.passage_spans(),
-        )
-
-    def replay_data(self) -> dict[str, Any]:
-        """Return the data of a page that plays the recording."""
-        pack, playback = Pack(), self.playback()
-        mounts = [mount for mount in self._mounts().values() if mount.body]
-        run = PageRun(
-            heading=self._heading(),
-            playback=playback,
-            curves={name: curve.values for name, curve in self.curves().items()},
-            phases=[],
-            fittings=fittings_table(self.passage_spans(), playback, leg=None),
-            events={"events": [], "notes": []},
-            arrows=self._arrows(),
-            onboard=mounts[0] if mounts else None,
-            scale=playback.size,
-        )
-        landmarks = Landmarks.none(self.pipes.assembly)
-        several = len(self.pipes.assembly.parts) > 1
-        data = page_data([run], pack) | {
-            "map": map_table(run.playback, landmarks, pack) if several else None,
-            "pictures": None,
-            "panels": [_panel(name, curve) for name, curve in self.curves().items()],
-            "columns": [],
-            "state": [("distance", "", 1e3, 0, " mm"), ("speed", "", 1e3, 0, " mm/s")],
-            "headline": {row["name"]: row["name"] for row in run.heading["figures"]},
-            "differences": [],
-        }
-        return data | {"data": pack.text()}
-
-    def _title(self) -> str:
-        return f"recording of {self.model.body(self.body).name or 'a robot'}"
-
-    def _heading(self) -> dict[str, Any]:
-        """Return name and figures for the head of a page."""
-        self.require_samples()
-        curves, duration = self.curves(), float(np.ptp(self.time))
-        rows = [
-            ("way", "m", curves["distance"].values[-1], "along the pipes' axes"),
-            ("largest force", "N", curves["wall_force"].values.max(), "sum on the walls"),
-            (
-                "least clearance",
-                "mm",
-                1e3 * curves["clearance"].values.min(),
-                "of the body's origin",
-            ),
-            ("energy", "J", np.trapezoid(self.power(), self.time), "of all actuators"),
-        ]
-        figures = [
-            {"name": name, "unit": unit, "value": float(np.squeeze(value)), "meaning": meaning}
-            for name, unit, value, meaning in rows
-        ]
-        first, last = self.time[[0, -1]]
-        heading = {
-            "name": self._title(),
-            "outcome": "ends",
-            "success": None,
-            "advice": "",
-            "reason": f"{len(self)} samples from {first:.6g} to {last:.6g} s",
-            "duration": duration,
-            "figures": figures,
-            "provenance": [["mujoco", mujoco.__version__]],
-        }
-        return finite(heading)
-
-    def _arrows(self) -> list[ForceArrow]:
-        """Return the walls' forces on each body that touches them, where they act in the mean."""
-        contacts, samples, arrows = self.contacts, len(self), []
-        bodies = self.model.geom_bodyid[contacts.geom]
-        for body in np.unique(bodies).tolist():
-            mine = bodies == body
-            sample, weight = contacts.sample[mine], contacts.normal_force[mine] + 1e-12
-            total = np.bincount(sample, weight, samples)
-            there = total > 0
-            # Without contact an arrow has no length and stays where it was last.
-            last = np.maximum.accumulate(np.where(there, np.arange(samples), np.argmax(there)))
-
-            def summed(values: Array, sample: Any = sample) -> Array:
-                columns = [np.bincount(sample, v, samples) for v in values.T]
-                return np.stack(columns, axis=-1).astype(float)
-
-            push = contacts.normal[mine] * contacts.normal_force[mine, None]
-            point = summed(contacts.position[mine] * weight[:, None])[last] / total[last, None]
-            arrows.append(ForceArrow("normal_force", point, summed(push)))
-            arrows.append(ForceArrow("traction", point, summed(contacts.force[mine] - push)))
-        return arrows
 
     # Files
 
@@ -573,6 +288,15 @@ class Recording:
         path = Path(path)
         format_of(path, None, "recording", ("npz",))
         check_file(path)
+        write_file(path, self._file())
+        return path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A pickled model names its walls, which another process has to know before.
+        return _of_file, (self._file(),)
+
+    def _file(self) -> bytes:
+        """Return model, pipes and samples as the bytes of a file."""
         model = np.zeros(mujoco.mj_sizeModel(self.model), np.uint8)
         mujoco.mj_saveModel(self.model, None, model)
         head = {
@@ -594,8 +318,7 @@ class Recording:
             **{name: self[name] for name in self._samples},
             **{f"contact_{name}": values for name, values in self.contacts._asdict().items()},
         }
-        write_file(path, npz_of(arrays))
-        return path
+        return npz_of(arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -605,18 +328,23 @@ class Recording:
             OutputError: the file is missing or damaged, or another release of MuJoCo wrote it.
         """
         with reading(Path(path)) as file:
-            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-            head = json.loads(arrays["head"].tobytes())
-            if head["mujoco"] != mujoco.__version__:
-                raise ValueError(f"MuJoCo {head['mujoco']} wrote it, this is {mujoco.__version__}")
-            # The walls have to be known before a binary model with them is used.
-            pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
-            binary = {"model.mjb": arrays["model"].tobytes()}
-            model = mujoco.MjModel.from_binary_path("model.mjb", binary)
-            recording = cls(model, pipes, period=head["period"])
-            recording.body = int(head["body"])
-            recording._fill(arrays)
+            return cls._read(file.read_bytes())
+
+    @classmethod
+    def _read(cls, file: bytes) -> Self:
+        """Return the recording in the bytes of a file; any error where it is damaged."""
+        with np.load(io.BytesIO(file), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        head = json.loads(arrays["head"].tobytes())
+        if head["mujoco"] != mujoco.__version__:
+            raise ValueError(f"MuJoCo {head['mujoco']} wrote it, this is {mujoco.__version__}")
+        # The walls have to be known before a binary model with them is used.
+        pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
+        binary = {"model.mjb": arrays["model"].tobytes()}
+        model = mujoco.MjModel.from_binary_path("model.mjb", binary)
+        recording = cls(model, pipes, period=head["period"])
+        recording.body = int(head["body"])
+        recording._fill(arrays)
         return recording
 
     def _fill(self, arrays: dict[str, Any]) -> None:
@@ -636,6 +364,11 @@ class Recording:
             self._contacts.append(WallContacts(*(column[begin:end] for column in every)))
 
 
+def _of_file(file: bytes) -> Recording:
+    """Return the recording that another process has sent."""
+    return Recording._read(file)
+
+
 def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assembly:
     """Return the pipes of a saved recording."""
     parts = []
@@ -645,13 +378,6 @@ def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assem
         parts.append(Part(name, fitting, Pose(rotation, position)))
     joints = [tuple((int(part), str(port)) for part, port in joint) for joint in head["joints"]]
     return Assembly.unchecked(tuple(parts), tuple(joints))  # type: ignore[arg-type]
-
-
-def _panel(channel: str, curve: Curve) -> dict[str, Any]:
-    """Return the plot of a curve on a page."""
-    colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
-    more = {"names": curve.names, "colours": colours} if curve.names else {}
-    return {"channel": channel, "first": not curve.names} | more | asdict(curve.display)
 
 
 def _chassis(model: mujoco.MjModel, body: str | None) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -71,7 +71,7 @@ class TrackDisplay(RobotDisplay):
     }
     track_speed: ClassVar = "belt_speed"
 
-    def __init__(self, robot: Any) -> None:
+    def __init__(self, robot: Omnitrack) -> None:
         super().__init__(robot)
         self.track_pitch = look_pitch(robot)
 

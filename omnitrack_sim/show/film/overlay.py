@@ -25,10 +25,10 @@ LEFT, WIDTH, HEIGHT = 18, 337, 224
 """Margin, width and height of the status panel."""
 SHORT = 108
 """Height of a status panel without bars."""
-CAMERA_HEIGHT = 206
-"""Height of the panel of the robot's cameras, which stands above the status panel."""
-BOTH_PANELS = (LEFT + HEIGHT + 10 + CAMERA_HEIGHT + 14) / 720
-"""Share of a frame's height that the two panels take, with the gap between them and a margin."""
+CAMERA_HEIGHT, CAMERA_GAP = 206, 10
+"""Height of the panel of the robot's cameras, and its distance from the status panel below it."""
+MARGIN = 14
+"""Room above the highest panel that the pipes keep free."""
 BESIDE = 0.005
 """Error of the estimated position, m, from which on it is marked on the map: less is a good
 estimate."""
@@ -51,9 +51,17 @@ _LIGHT = ((0, 0, 0), (255, 250, 240))
 
 
 class Panel:
-    """Base of panels over painted frames of one size: scale and background."""
+    """Base class of panels over painted frames of one size.
 
-    def __init__(self, width: int, height: int) -> None:
+    Attributes:
+        scale: pixels of a frame over those of a film with 720 lines.
+        top: upper edge of panels in the lower left corner.
+    """
+
+    top = 0.0
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        width, height = size
         self.scale = min(height / 720, width / 1280)
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
@@ -79,20 +87,18 @@ class Panel:
 
 
 class StatusPanel(Panel):
-    """Text and bars about the moment, in the lower left corner."""
+    """Text and bars about the moment, in the lower left corner.
 
-    def __init__(
-        self, status: Callable[[int], StatusText], width: int, height: int, full: float = HEIGHT
-    ) -> None:
-        """
-        Args:
-            status: returns the text of a sample.
-            width, height: of the frames, pixels.
-            full: height of the panel.
-        """
-        super().__init__(width, height)
+    Args:
+        status: returns the text of a sample.
+        size: width and height of the frames, pixels.
+    """
+
+    def __init__(self, status: Callable[[int], StatusText], size: tuple[int, int]) -> None:
+        super().__init__(size)
         self._large, self._small = font(self._px(26)), font(self._px(17))
-        self._status, self._full = status, full
+        self._status, self._full = status, HEIGHT if status(0).bars else SHORT
+        self.top = LEFT + self._full
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
         """Write the text of sample ``row`` into ``frame`` (h, w, 3)."""
@@ -127,10 +133,20 @@ class StatusPanel(Panel):
 
 
 class CameraPanel(Panel):
-    """The last pictures of the robot's cameras ahead and behind, above the status panel."""
+    """The last pictures of the robot's cameras ahead and behind, above the status panel.
 
-    def __init__(self, pictures: Pictures, playback: Playback, width: int, height: int) -> None:
-        super().__init__(width, height)
+    Args:
+        pictures: of the cameras.
+        playback: of the run.
+        size: width and height of the frames, pixels.
+        below: upper edge of the panel below.
+    """
+
+    def __init__(
+        self, pictures: Pictures, playback: Playback, size: tuple[int, int], below: float
+    ) -> None:
+        super().__init__(size)
+        self._above, self.top = below + CAMERA_GAP, below + CAMERA_GAP + CAMERA_HEIGHT
         self._playback = playback
         self._pictures, self._font = pictures, font(self._px(15))
         self._palette = palette(pictures.unit)
@@ -144,7 +160,7 @@ class CameraPanel(Panel):
             for word, end in (("ahead", 1), ("behind", -1))
         }
         taken = {word: index for word, index in last.items() if index is not None}
-        opened = self._open(frame, LEFT + HEIGHT + 10, CAMERA_HEIGHT) if taken else None
+        opened = self._open(frame, self._above, CAMERA_HEIGHT) if taken else None
         if opened is None:
             return
         corner, image, draw = opened
@@ -183,36 +199,31 @@ def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
     return np.where(known, 1 + np.round(254 * bright), 0).astype(np.uint8)
 
 
-class ForceArrows:
-    """Forces that act on the robot: a disc where each acts, and a line along it.
+def draw_forces(frame: NDArray[np.uint8], points: Array, lines: Array, eye: Eye) -> None:
+    """Draw forces on the robot: a disc where each acts, and a line along it.
 
     Args:
-        forces: returns points (n, 3) m and forces (n, 3) N of a sample, world frame.
-        metres: length of the line for a force of 1 N, m.
+        frame: picture (h, w, 3) to draw into.
+        points: (n, 3) m, world frame.
+        lines: (n, 3) m, along the forces.
+        eye: that has seen the picture.
     """
-
-    def __init__(self, forces: Callable[[int], tuple[Array, Array]], metres: float) -> None:
-        self._forces, self._metres = forces, metres
-
-    def write(self, frame: NDArray[np.uint8], row: int, eye: Eye) -> None:
-        """Draw the forces of sample ``row`` into ``frame`` (h, w, 3), which ``eye`` has seen."""
-        points, forces = self._forces(row)
-        height, width, _ = frame.shape
-        ends = np.stack([points, points + self._metres * forces], axis=1).reshape(-1, 3)
-        pixels, ahead = eye.pixels(ends, (_FINER * width, _FINER * height))
-        shown = ahead.reshape(-1, 2).all(axis=1)
-        if not shown.any():
-            return
-        sheet = Image.new("RGBA", (_FINER * width, _FINER * height), (*_FORCE, 0))
-        draw, unit = ImageDraw.Draw(sheet), _FINER * min(height / 720, width / 1280)
-        for start, end in pixels.reshape(-1, 2, 2)[shown]:
-            line = [tuple(start.tolist()), tuple(end.tolist())]
-            draw.line(line, fill=(*_FORCE, 255), width=max(1, round(3.0 * unit)))
-            _disc(draw, start, max(_FINER, 4.5 * unit), fill=(*_FORCE, 255))
-        image = Image.fromarray(frame)
-        small = sheet.reduce(_FINER)
-        image.paste(small.convert("RGB"), (0, 0), small.getchannel("A"))
-        frame[:] = np.asarray(image)
+    height, width, _ = frame.shape
+    ends = np.stack([points, points + lines], axis=1).reshape(-1, 3)
+    pixels, ahead = eye.pixels(ends, (_FINER * width, _FINER * height))
+    shown = ahead.reshape(-1, 2).all(axis=1)
+    if not shown.any():
+        return
+    sheet = Image.new("RGBA", (_FINER * width, _FINER * height), (*_FORCE, 0))
+    draw, unit = ImageDraw.Draw(sheet), _FINER * min(height / 720, width / 1280)
+    for start, end in pixels.reshape(-1, 2, 2)[shown]:
+        line = [tuple(start.tolist()), tuple(end.tolist())]
+        draw.line(line, fill=(*_FORCE, 255), width=max(1, round(3.0 * unit)))
+        _disc(draw, start, max(_FINER, 4.5 * unit), fill=(*_FORCE, 255))
+    image = Image.fromarray(frame)
+    small = sheet.reduce(_FINER)
+    image.paste(small.convert("RGB"), (0, 0), small.getchannel("A"))
+    frame[:] = np.asarray(image)
 
 
 class MapPanel(Panel):
@@ -223,7 +234,7 @@ class MapPanel(Panel):
     """
 
     def __init__(self, playback: Playback, landmarks: Landmarks, size: tuple[int, int]) -> None:
-        super().__init__(*size)
+        super().__init__(size)
         self.unit = _FINER * self.scale  # pixels of the large map
         self.playback, self._parts = playback, playback.network.parts
         self.view, self.landmarks = clearest(playback.network), landmarks

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import pickle
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from string import ascii_lowercase
 from tempfile import TemporaryDirectory
@@ -23,33 +21,22 @@ from PIL import ImageDraw
 
 from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
-from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import check_file, format_of, whole_file
-from omnitrack_sim.record.display import StatusText
-from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import (
-    BOTH_PANELS,
-    LEFT,
-    SHORT,
+    MARGIN,
     CameraPanel,
     MapPanel,
     Panel,
     StatusPanel,
     font,
 )
-from omnitrack_sim.show.film.shots import PANEL
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.landmarks import Landmarks, passage_spans
-from omnitrack_sim.show.playback import moment_of, playback_of, sound
-from omnitrack_sim.show.projection import needs_map
-from omnitrack_sim.show.recording import Recording
+from omnitrack_sim.show.playback import Playback
+from omnitrack_sim.show.run_playback import CAMERAS
+from omnitrack_sim.show.sources import Source, cameras_of, playback_of
 
-CAMERAS = ("side", "follow", "onboard")
-"""Cameras of a scenario's run: ``side`` shows the pipes along the route, ``follow`` stays with the
-robot, ``onboard`` looks ahead."""
 MOST_PIXELS = 7680
 """Longest side of a picture, pixels."""
 MOST_FPS = 240
@@ -192,34 +179,8 @@ def check_amount(frames: int, size: tuple[int, int]) -> None:
         raise InputError(Fault("frames", problem))
 
 
-Shown = Result | Recording | str | os.PathLike[str]
-"""Subject of pictures: a run, the folder of a saved run, or a recording of any model."""
-
-
-def cameras_of(shown: Shown) -> tuple[str, ...]:
-    """Return the names of a subject's cameras."""
-    return shown.cameras if isinstance(shown, Recording) else CAMERAS
-
-
-def subject_of(shown: Shown) -> Result | Recording:
-    """Return the run or recording itself, loaded where it is a folder.
-
-    Raises:
-        InputError: a recording has no samples.
-        OutputError: the folder is no run.
-    """
-    if not isinstance(shown, Recording):
-        return as_result(shown)
-    shown.require_samples()
-    return shown
-
-
-def _time(shown: Result | Recording) -> Array:
-    return shown.time if isinstance(shown, Recording) else shown.trajectory.time
-
-
-def run_stage(
-    shown: Result | Recording,
+def stage_of(
+    playback: Playback,
     size: tuple[int, int],
     camera: str,
     *,
@@ -227,78 +188,59 @@ def run_stage(
     fine: bool = True,
     overlay: bool = True,
 ) -> Stage:
-    """Return the stage of a scenario's run, or of a recording, whose forces are drawn.
+    """Return the stage of a playback with its panels and the arrows of its forces.
 
     Args:
-        shown: the run or recording.
+        playback: that is painted.
         size: width and height of the pictures, pixels.
-        camera: one of ``cameras_of`` it.
+        camera: one of the playback's.
         inset: pictures of a long route have a map.
         fine: paint with twice the width and height, and reduce.
         overlay: pictures have panels of status and, where recorded, of the robot's cameras.
     """
     panels: list[Panel] = []
-    covered, forces, landmarks = 0.0, None, None
-    has_map = inset and camera != "side"
-    if isinstance(shown, Recording):
-        playback, forces = shown.playback(), shown.force_arrows()
-        if overlay:
-            covered = (LEFT + SHORT) / 720
-            panels.append(StatusPanel(shown.status(), *size, full=SHORT))
-        if has_map and len(playback.network.parts) > 1:
-            landmarks = Landmarks.none(playback.network)
-    else:
-        playback, trajectory = playback_of(shown), sound(shown)
-        if overlay:
-            covered = PANEL if shown.album is None else BOTH_PANELS
-            panels.append(StatusPanel(_status_of(shown, trajectory), *size))
-        if overlay and shown.album is not None:
-            panels.append(CameraPanel(shown.album, playback, *size))
-        if has_map and needs_map(shown):
-            landmarks = Landmarks.of(shown, trajectory)
-    if landmarks is not None:
-        panels.append(MapPanel(playback, landmarks, size))
-    return Stage(playback, size, camera, panels=panels, forces=forces, covered=covered, fine=fine)
-
-
-def _status_of(result: Result, trajectory: Trajectory) -> Callable[[int], StatusText]:
-    """Return the function that gives the text of a run's status panel at a sample."""
-    passages, display = passage_spans(result, trajectory), result.scenario.robot.display
-    begins = [passage.first for passage in passages]
-
-    def text(row: int) -> StatusText:
-        part = passages[bisect_right(begins, row) - 1].part.name
-        return display.status(moment_of(trajectory, row, part))
-
-    return text
+    covered, album = 0.0, playback.album
+    if overlay:
+        panels.append(StatusPanel(playback.status, size))
+        if album is not None:
+            panels.append(CameraPanel(album, playback, size, panels[-1].top))
+        covered = (panels[-1].top + MARGIN) / 720
+    if inset and camera != "side" and playback.landmarks is not None:
+        panels.append(MapPanel(playback, playback.landmarks, size))
+    return Stage(playback, size, camera, panels=panels, covered=covered, fine=fine)
 
 
 def painted(
-    result: Result | Recording,
+    playback: Playback,
     times: Sequence[float],
     size: tuple[int, int],
     camera: str,
     options: Mapping[str, Any],
     processes: int = 1,
 ) -> Iterator[Image]:
-    """The pictures (height, width, 3) of a run at ``times`` s, with ``options`` of ``run_stage``.
+    """Yield the pictures (height, width, 3) of a playback.
+
+    Args:
+        playback: that is painted.
+        times: of the pictures, s.
+        size: width and height, pixels.
+        camera: one of the playback's.
+        options: of ``stage_of``.
+        processes: that paint side by side.
 
     Raises:
         InputError: they have more than ``MOST_FILM`` pixels.
         RenderError: no offscreen OpenGL, or a process died.
     """
     check_amount(len(times), size)
-    if processes == 1 or len(times) < 2 or isinstance(result, Recording):
-        with run_stage(result, size, camera, **options) as stage:
+    if processes == 1 or len(times) < 2:
+        with stage_of(playback, size, camera, **options) as stage:
             yield from map(stage.picture, times)
         return
     processes, waiting = min(processes, len(times)), deque[Future[Image]]()
-    # Tables of fittings are classes made while files are read, which cannot be pickled.
-    scenario = result.scenario.model_dump(mode="json", exclude_none=True)
-    rest = replace(result, scenario=None)  # type: ignore[arg-type]
     with TemporaryDirectory(prefix="omnitrack-film-") as folder, LocalPool(processes) as pool:
         order = Path(folder) / "order"
-        order.write_bytes(pickle.dumps((scenario, rest, size, camera, dict(options))))
+        order.write_bytes(pickle.dumps((playback, size, camera, dict(options))))
         try:
             for time in times:
                 if len(waiting) == _AHEAD * processes:
@@ -319,9 +261,8 @@ def _paint(order: Path, time: float) -> Image:
     if not _stages:
         # Software OpenGL takes a thread for each processor, and so does each of these processes.
         os.environ.setdefault("LP_NUM_THREADS", "1")
-        scenario, rest, size, camera, options = pickle.loads(order.read_bytes())
-        result = replace(rest, scenario=Scenario.model_validate(scenario))
-        _stages.append(run_stage(result, size, camera, **options))
+        playback, size, camera, options = pickle.loads(order.read_bytes())
+        _stages.append(stage_of(playback, size, camera, **options))
     return _stages[0].picture(time)
 
 
@@ -329,7 +270,7 @@ Progress = Callable[[float, str], None]
 
 
 def render_video(
-    result: Shown,
+    source: Source,
     *,
     path: str | os.PathLike[str],
     camera: str = "side",
@@ -343,7 +284,7 @@ def render_video(
     """Film a run in real time.
 
     Args:
-        result: a ``Result``, the folder of a saved one, or a ``Recording``.
+        source: a ``Result``, the folder of a saved one, or a ``Recording``.
         path: file to write: ``.mp4``, H.264 that plays while it loads; ``.webm``, VP9; or ``.gif``,
             which repeats. Nothing half-written stays.
         camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
@@ -366,17 +307,17 @@ def render_video(
         >>> ot.render_video(result, path="film.gif", width=160, height=90, fps=10).name
         'film.gif'
     """
-    cameras = cameras_of(result)
+    cameras = cameras_of(source)
     check_request(camera, width, height, fps, film_format(Path(path)), processes, cameras)
     check_file(Path(path))
-    source = subject_of(result)
+    playback = playback_of(source)
     size = width + width % 2, height + height % 2
-    start, end = _time(source)[[0, -1]].tolist()
+    start, end = playback.time[[0, -1]].tolist()
     count = max(1, int(np.floor((end - start) * fps)) + 1)
     times = (start + np.arange(count) / fps).tolist()
     options = {"inset": inset, "fine": False}
     with film(Path(path), *size, fps) as append:
-        frames = painted(source, times, size, camera, options, processes)
+        frames = painted(playback, times, size, camera, options, processes)
         for index, frame in enumerate(frames):
             append(frame)
             if progress:
@@ -385,7 +326,7 @@ def render_video(
 
 
 def render_frame(
-    result: Shown,
+    source: Source,
     *,
     time: float,
     camera: str = "side",
@@ -411,11 +352,11 @@ def render_frame(
     """
     check_time("time", time)
     look: dict[str, Any] = {"camera": camera, "inset": inset, "overlay": overlay}
-    return render_frames(result, times=[time], width=width, height=height, **look)[0]
+    return render_frames(source, times=[time], width=width, height=height, **look)[0]
 
 
 def render_frames(
-    result: Shown,
+    source: Source,
     *,
     times: Sequence[float],
     camera: str = "side",
@@ -426,9 +367,10 @@ def render_frames(
 ) -> list[Image]:
     """Pictures of one run at ``times`` s, as of ``render_frame`` but faster than one by one."""
     check_times(times)
-    check_request(camera, width, height, cameras=cameras_of(result))
+    check_request(camera, width, height, cameras=cameras_of(source))
+    playback = playback_of(source)
     options = {"inset": inset, "overlay": overlay}
-    return list(painted(subject_of(result), times, (width, height), camera, options))
+    return list(painted(playback, times, (width, height), camera, options))
 
 
 STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
@@ -443,7 +385,7 @@ _DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
 
 
 def render_strip(
-    result: Shown,
+    source: Source,
     *,
     path: str | os.PathLike[str],
     count: int = FRAMES,
@@ -455,7 +397,7 @@ def render_strip(
     """Stills of a run side by side in one picture, each with its letter and time.
 
     Args:
-        result: a ``Result``, the folder of a saved one, or a ``Recording``.
+        source: a ``Result``, the folder of a saved one, or a ``Recording``.
         path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
         count: how many stills, at most 26, if ``times`` are not given.
         times: of the stills, s; ``strip_times`` when not given.
@@ -473,7 +415,7 @@ def render_strip(
         >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
         'strip.png'
     """
-    check_request(camera, width, height, cameras=cameras_of(result))
+    check_request(camera, width, height, cameras=cameras_of(source))
     format = format_of(path, None, "picture", STRIP_FORMATS)
     if times is not None:
         check_times(times)
@@ -482,10 +424,10 @@ def render_strip(
         place = "count" if times is None else "times"
         raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
     check_file(Path(path))
-    source = subject_of(result)
-    times = strip_times(source, count) if times is None else _within(_time(source), times)
+    playback = playback_of(source)
+    times = strip_times(playback, count) if times is None else _within(playback.time, times)
     look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
-    stills = render_frames(source, times=times, width=width, height=height, **look)
+    stills = render_frames(playback, times=times, width=width, height=height, **look)
     kinds = {"jpg": "JPEG", "jpeg": "JPEG", "png": "PNG", "pdf": "PDF"}
     # Without date and name of the file, the same run gives the same bytes.
     options: dict[str, Any] = {"quality": 92} if format != "png" else {"optimize": True}
@@ -496,35 +438,34 @@ def render_strip(
     return Path(path)
 
 
-def strip_times(result: Result | Recording, count: int = FRAMES) -> list[float]:
-    """Times, s, from just before the first fitting that bends, branches or narrows to just after
-    the last, with equal shares of the way and the turns of the robot between them; of a run where
-    there is none, and of a recording, evenly over the whole."""
-    time = _time(result)
+def strip_times(source: Source, count: int = FRAMES) -> list[float]:
+    """Return times, s, with equal shares of the way and the turns of the robot between them.
+
+    They go from just before the first fitting that bends, branches or narrows to just after the
+    last; over the whole and evenly where there is none.
+    """
+    playback = playback_of(source)
+    time = playback.time
     first, last = time[[0, -1]].tolist()
-    passages = [] if isinstance(result, Recording) else passage_spans(result, result.trajectory)
-    bends = [passage for passage in passages if not passage.part.fitting.is_plain]
+    bends = [passage for passage in playback.passages if not passage.part.fitting.is_plain]
     if bends:
         first = max(first, float(time[bends[0].first]) - BEFORE)
         last = min(last, float(time[bends[-1].last]) + BEFORE)
-    even = np.linspace(first, last, count)
-    if not bends or isinstance(result, Recording) or not last > first:
-        return even.tolist()
+    if not bends or not last > first:
+        return np.linspace(first, last, count).tolist()
     within = (time > first) & (time < last)
     when = np.concatenate([[first], time[within], [last]])
-    shares = _shares(result, when)
+    shares = _shares(playback, when)
     times = np.interp(np.linspace(0.0, shares[-1], count), shares, when)
     return [first, *times[1:-1].tolist(), last][:count]
 
 
-def _shares(result: Result, when: Array) -> Array:
-    """Way and turns of a robot up to ``when`` (k,) s, strictly increasing (k,)."""
-    trajectory = result.trajectory
-    nose = matrix_from_quaternion(trajectory["quaternion"])[:, :, 2]
-    columns = np.concatenate([trajectory["position"], nose], axis=1)
-    poses = np.stack([np.interp(when, trajectory.time, column) for column in columns.T], axis=1)
+def _shares(playback: Playback, when: Array) -> Array:
+    """Return way and turns of a robot up to ``when`` (k,) s, strictly increasing (k,)."""
+    columns = np.concatenate([playback.position, playback.ahead], axis=1)
+    poses = np.stack([np.interp(when, playback.time, column) for column in columns.T], axis=1)
     way, turn = (np.linalg.norm(np.diff(p, axis=0), axis=1) for p in (poses[:, :3], poses[:, 3:]))
-    steps = np.nan_to_num(way + TURN * result.pipes.parts[0].fitting.radius * turn)
+    steps = np.nan_to_num(way + TURN * playback.network.parts[0].fitting.radius * turn)
     # A robot that stands still is shown, too, but less often.
     steps = steps / (steps.sum() or 1.0) + STANDING * np.diff(when) / (when[-1] - when[0])
     return np.append(0.0, np.cumsum(steps))

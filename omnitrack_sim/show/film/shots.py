@@ -238,8 +238,6 @@ AROUND_WAY = 0.3
 SHADOW_REACH = 0.17
 """Length of the robot's shadow, m."""
 _MARGIN = 1.06
-PANEL = 0.33
-"""Height of the panel in the lower left corner, as a part of the picture's."""
 _PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way

@@ -13,14 +13,14 @@ import numpy as np
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.show.film.overlay import ForceArrows, Panel
+from omnitrack_sim.show.film.overlay import Panel, draw_forces
 from omnitrack_sim.show.film.shots import (
     FilmCamera,
     FollowCamera,
     OnboardCamera,
     SideCamera,
 )
-from omnitrack_sim.show.playback import Playback
+from omnitrack_sim.show.playback import STANDARD, Playback
 from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 APT_LINE = "sudo apt-get install -y libegl1 libgl1-mesa-dri libopengl0"
 """Command that installs the libraries of headless rendering on Debian and Ubuntu."""
-STANDARD = ("side", "follow")
-"""Cameras of every playback: one shows the pipes on the way, the other stays with the robot."""
 _REACH = 1.1  # of the robot about its centre, over what it is at the start
 
 
@@ -41,7 +39,6 @@ class Stage:
         size: width and height of the pictures, pixels.
         camera: ``side``, ``follow``, or one of the playback's mounts.
         panels: that are drawn over the pictures, in this order.
-        forces: arrows that are drawn below the panels.
         covered: part of the pictures' height that panels take in the lower left corner.
         fine: paint with twice the width and height, and reduce.
     """
@@ -53,13 +50,12 @@ class Stage:
         camera: str,
         *,
         panels: Sequence[Panel] = (),
-        forces: ForceArrows | None = None,
         covered: float = 0.0,
         fine: bool = True,
     ):
         self._context = _open_context(*size)
         self.playback, self._aspect, self._panels = playback, size[0] / size[1], panels
-        self.model, self._forces = playback.model, forces
+        self.model = playback.model
         self.data = mujoco.MjData(self.model)
         # Plates belong to the world: like pipes they stand still.
         self._plates = playback.still
@@ -79,8 +75,8 @@ class Stage:
         """The frame (height, width, 3) at ``time`` s, with panels."""
         row = self.playback.row(time)
         frame = self.paint(row)
-        if self._forces is not None:
-            self._forces.write(frame, row, self._eye)
+        if self.playback.forces is not None:
+            draw_forces(frame, *self.playback.forces.lines(row), self._eye)
         for panel in self._panels:
             panel.write(frame, row)
         return frame

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.rotations import Array, wrap_angle
+from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.record.channels import (
     MODULE_COLOURS,
     MODULE_COUNT,
@@ -26,7 +25,7 @@ from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.landmarks import PassageSpan
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -41,6 +40,7 @@ from omnitrack_sim.show.plots.style import (
     page,
 )
 from omnitrack_sim.show.projection import aligned, bore_faces
+from omnitrack_sim.show.sources import Source, playback_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -294,24 +294,27 @@ _RUNS: tuple[dict[str, Any], ...] = (
 
 
 def plot_summary(
-    result: Result | str | os.PathLike[str],
+    source: Source,
     *,
     path: str | Path | None = None,
     format: str | None = None,
 ) -> Figure:
-    """Plot the summary of a run: fifteen panels over time, with the phases shaded and named.
+    """Plot the summary of a run or a recording: panels over time, as wide as a page (7.16 inches).
 
-    It is as wide as a page (7.16 inches). Where a panel shows one module, its command is drawn
+    Of a run the phases are shaded and named. Where a panel shows one module, its command is drawn
     broad and pale below the measured value. For a robot that estimates its own location a further
     row shows the errors of the estimates with their band of two standard deviations.
 
+    Of a recording there are the way in elevation and plan, and over time way, speed and clearance
+    of the body, forces on the walls, power and joints, with the fittings shaded.
+
     Args:
-        result: the run, or the folder of a saved one.
+        source: the run, the folder of a saved one, or a recording of any model.
         path: file to write; none: the figure is returned and nothing is written.
         format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
 
     Raises:
-        InputError: no such format.
+        InputError: no such format, or a recording without samples.
         OutputError: the file cannot be written, or the folder is no run.
 
     Example:
@@ -320,11 +323,15 @@ def plot_summary(
         >>> len(ot.plot_summary(result).axes)
         15
     """
-    run = as_result(result)
-    return page(lambda: _summary(run), path, format)
+    playback = playback_of(source)
+    draw = _recording_figure if playback.result is None else _summary
+    return page(lambda: draw(playback), path, format)
 
 
-def _summary(result: Result) -> Figure:
+def _summary(playback: Playback) -> Figure:
+    """Return the panels that the robot of a run chooses."""
+    result = playback.result
+    assert result is not None
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
     summary = result.scenario.robot.display.summary
@@ -573,62 +580,42 @@ _VIEWS_APART, _BELOW_VIEWS, _TALLEST_VIEW = 0.5, 0.6, 3.0
 _WAY = (0.82, 0.0, 0.42)
 
 
-def plot_recording(
-    *,
-    path: Path | None,
-    title: str,
-    network: Assembly,
-    time: Array,
-    curves: Mapping[str, Curve],
-    spans: Sequence[PassageSpan],
-) -> Figure:
-    """Draw the figure of ``Recording.plot``.
-
-    Args:
-        path: file to write; None: nothing is written.
-        title: above the figure.
-        network: the pipes.
-        time: (T,) s.
-        curves: by name; ``position`` (T, 3) m is drawn into the pipes, too.
-        spans: of the body in the parts.
-    """
-
-    def draw() -> Figure:
-        faces = bore_faces(network)
-        low, high = extent(faces)
-        elevation, _, plan = aligned(high - low)
-        wide, deep, tall = (high - low)[[*plan.columns, 2]]
-        width = (PAGE - LEFT - RIGHT - _VIEWS_APART) / 2
-        scale = min(width / wide, _TALLEST_VIEW / max(tall, deep))  # inches a metre
-        above = 0.3 + scale * max(tall, deep) + _BELOW_VIEWS
-        grid = PanelGrid(-(-len(curves) // COLUMNS), COLUMNS, above)
-        top = 1 - 0.38 / grid.height
-        for number, view in enumerate((elevation, plan)):
-            size = scale * np.array([wide, deep if number else tall])
-            left = (LEFT + number * (width + _VIEWS_APART) + (width - size[0]) / 2) / PAGE
-            bottom = top - size[1] / grid.height
-            box = (left, bottom, size[0] / PAGE, size[1] / grid.height)
-            axis = grid.figure.add_axes(box)
-            frame_view(axis, view, low, high)
-            draw_pipes(axis, network, view, faces)
-            flat = curves["position"].values[:, list(view.columns)]
-            axis.plot(*flat.T, color=_WAY, lw=1.4, zorder=3)
-            axis.plot(*flat[:1].T, "o", color=_WAY, mfc="white", ms=4, zorder=4)
-        for number, curve in enumerate(curves.values()):
-            last = number + COLUMNS >= len(curves)
-            axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
-            _draw_curve(axis, time, curve, spans)
-        duration = f"{len(time)} samples, {time[-1] - time[0]:.2f} s"
-        headline(grid.figure, title, duration, LEFT)
-        return grid.figure
-
-    return page(draw, path, None)
+def _recording_figure(playback: Playback) -> Figure:
+    """Return the way in elevation and plan, and below them a panel for each curve."""
+    network, curves = playback.network, playback.curves
+    faces = bore_faces(network)
+    low, high = extent(faces)
+    elevation, _, plan = aligned(high - low)
+    wide, deep, tall = (high - low)[[*plan.columns, 2]]
+    width = (PAGE - LEFT - RIGHT - _VIEWS_APART) / 2
+    scale = min(width / wide, _TALLEST_VIEW / max(tall, deep))  # inches a metre
+    above = 0.3 + scale * max(tall, deep) + _BELOW_VIEWS
+    grid = PanelGrid(-(-len(curves) // COLUMNS), COLUMNS, above)
+    top = 1 - 0.38 / grid.height
+    for number, view in enumerate((elevation, plan)):
+        size = scale * np.array([wide, deep if number else tall])
+        left = (LEFT + number * (width + _VIEWS_APART) + (width - size[0]) / 2) / PAGE
+        bottom = top - size[1] / grid.height
+        box = (left, bottom, size[0] / PAGE, size[1] / grid.height)
+        axis = grid.figure.add_axes(box)
+        frame_view(axis, view, low, high)
+        draw_pipes(axis, network, view, faces)
+        flat = curves["position"].values[:, list(view.columns)]
+        axis.plot(*flat.T, color=_WAY, lw=1.4, zorder=3)
+        axis.plot(*flat[:1].T, "o", color=_WAY, mfc="white", ms=4, zorder=4)
+    for number, curve in enumerate(curves.values()):
+        last = number + COLUMNS >= len(curves)
+        axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
+        _draw_curve(axis, playback, curve)
+    duration = f"{len(playback.time)} samples, {np.ptp(playback.time):.2f} s"
+    headline(grid.figure, playback.name, duration, LEFT)
+    return grid.figure
 
 
-def _draw_curve(axis: Axes, time: Array, curve: Curve, spans: Sequence[PassageSpan]) -> None:
+def _draw_curve(axis: Axes, playback: Playback, curve: Curve) -> None:
     """Draw one panel, with the parts as bands behind it."""
-    display = curve.display
-    for span in spans:
+    display, time = curve.display, playback.time
+    for span in playback.passages:
         axis.axvspan(time[span.first], time[span.last], color=span.colour, lw=0, zorder=0)
     shown = display.scale * curve.values
     for column, values in enumerate(shown.T):

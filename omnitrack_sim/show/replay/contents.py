@@ -7,26 +7,22 @@ import base64
 import io
 import math
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.record.display import FORCES, CarriedCamera, ForceArrow, Track
-from omnitrack_sim.record.events import Note
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.display import FORCES, ForceArrow
 from omnitrack_sim.results.pictures import Pictures
-from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
-from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
+from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
@@ -98,8 +94,6 @@ def rounded(values: ArrayLike, digits: int) -> Any:
     return (np.round(np.asarray(values, float), digits) + 0.0).tolist()  # 0.0, not -0.0
 
 
-MOST_COLUMNS = 6
-"""A channel of a user's own sensor with more numbers than this has no plot."""
 PICTURE_PERIOD = 0.5
 """Time between two pictures of a page, s."""
 MOST_PICTURES = 600
@@ -108,124 +102,61 @@ TILE, TILES_ACROSS = 48, 25
 """Largest side of a picture's tile, pixels, and tiles beside each other."""
 
 
-@dataclass(frozen=True, eq=False)
-class PageRun:
-    """Content of a page for one run.
-
-    Attributes:
-        heading: name, outcome and figures.
-        playback: with surfaces for a viewer who comes near.
-        curves: values (T, n) over time by name.
-        phases, fittings: bands of the time line, with times in s.
-        events: events and remarks.
-        arrows: of forces.
-        badges: bodies with numbers on them.
-        tracks: bodies that lie on others.
-        travel: (T, k) m, that the tracks have run.
-        pitch: m, after which a track looks the same.
-        onboard: camera on board; None without one.
-        scale: size of arrows and of what is near to the camera.
-    """
-
-    heading: dict[str, Any]
-    playback: Playback
-    curves: Mapping[str, Array]
-    phases: list[dict[str, Any]]
-    fittings: list[dict[str, Any]]
-    events: dict[str, Any]
-    arrows: list[ForceArrow]
-    onboard: CarriedCamera | None
-    scale: float
-    badges: tuple[str, ...] = ()
-    tracks: Mapping[str, Track] = field(default_factory=dict)
-    travel: Array = field(default_factory=lambda: np.zeros((1, 0)))
-    pitch: float = 1.0
-
-    def table(self, pack: Pack, shapes: Shapes) -> dict[str, Any]:
-        """Return the run as the page reads it."""
-        return {
-            "heading": self.heading,
-            "time": pack.steps(self.playback.time, TIME_STEP),
-            "robot": robot_table(self, pack, shapes),
-            "curves": {name: pack.ranged(values) for name, values in self.curves.items()},
-            "arrows": [
-                {
-                    "kind": arrow.kind,
-                    "at": pack.ranged(arrow.point),
-                    "force": pack.ranged(arrow.force),
-                }
-                for arrow in self.arrows
-            ],
-            "phases": self.phases,
-            "fittings": self.fittings,
-            **self.events,
-        }
-
-
-def plotted(trajectory: Trajectory, plots: Sequence[str]) -> list[str]:
-    """Return the channels with a plot: the robot's ``plots``, and those of a user's own sensors."""
-    own = [
-        name
-        for name, channel in trajectory.schema.items()
-        if name not in {*RECORDED, *plots} and len(channel.columns) <= MOST_COLUMNS
-    ]
-    return [*plots, *own]
-
-
-def curves_of(
-    trajectory: Trajectory, plots: Sequence[str], more: Sequence[str]
-) -> dict[str, Array]:
-    """Return the channels that are plotted and ``more``, by name."""
-    names = plotted(trajectory, plots)
-    commands = [trajectory.schema[name].display.command for name in names]
-    names += [*filter(None, commands), *more]
-    return {name: trajectory[name] for name in names}
-
-
-def phases_table(trajectory: Trajectory) -> list[dict[str, Any]]:
-    """The phases in order, with times in s and the colours of the summary figure."""
-    codes = {name: code for code, name in enumerate(trajectory.phases)}
-    return [
-        {
-            "name": name.replace("_", " "),
-            "start": start,
-            "end": end,
-            "colour": shade_of(codes[name]),
-        }
-        for name, start, end in trajectory.phase_spans()
-    ]
-
-
-def fittings_table(
-    passages: Iterable[PassageSpan], playback: Playback, leg: Array | None
-) -> list[dict[str, Any]]:
-    """The fittings that the robot's centre was in, in order, with times in s; ``leg`` (T,) is the
-    index of the leg where there are several."""
-    return [
-        {
-            "name": passage.part.name,
-            "manoeuvre": passage.words,
-            "colour": passage.colour,
-            "leg": None if leg is None else int(leg[passage.first]) + 1,
-            "tail": bool(playback.backward[passage.first]),
-            "start": float(playback.time[passage.first]),
-            "end": float(playback.time[passage.last]),
-        }
-        for passage in passages
-    ]
-
-
-def events_table(result: Result) -> dict[str, Any]:
-    """Events in order of time, in words, and remarks about the set-up of a run."""
-    events = sorted(result.events, key=lambda event: event.time)
+def run_table(playback: Playback, pack: Pack, shapes: Shapes) -> dict[str, Any]:
+    """Return a run as the page reads it."""
     return {
-        "events": [
-            {"time": event.time, "text": event.text}
-            for event in events
-            if not isinstance(event, Note) and math.isfinite(event.time)
+        "heading": playback.heading,
+        "time": pack.steps(playback.time, TIME_STEP),
+        "robot": robot_table(playback, pack, shapes),
+        "curves": {name: pack.ranged(curve.values) for name, curve in playback.curves.items()},
+        "arrows": [
+            {"kind": arrow.kind, "at": pack.ranged(arrow.point), "force": pack.ranged(arrow.force)}
+            for arrow in playback.arrows
         ],
-        "notes": [str(event) for event in result.events if isinstance(event, Note)],
+        "phases": phases_table(playback),
+        "fittings": fittings_table(playback),
+        "events": [{"time": time, "text": text} for time, text in playback.events],
+        "notes": playback.notes,
     }
+
+
+def panel_table(playback: Playback, name: str) -> dict[str, Any]:
+    """Return the plot of a curve."""
+    curve = playback.curves[name]
+    colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
+    more = {"names": curve.names, "colours": colours} if curve.names else {}
+    table = {"channel": name, "first": name in playback.first_plots}
+    return table | more | asdict(curve.display)
+
+
+def phases_table(playback: Playback) -> list[dict[str, Any]]:
+    """Return the phases in order, with times in s and the colours of the summary figure."""
+    return [
+        {
+            "name": phase.name.replace("_", " "),
+            "start": phase.start,
+            "end": phase.end,
+            "colour": shade_of(phase.code),
+        }
+        for phase in playback.phases
+    ]
+
+
+def fittings_table(playback: Playback) -> list[dict[str, Any]]:
+    """Return the fittings that the robot's centre was in, in order, with times in s."""
+    leg = playback.leg
+    return [
+        {
+            "name": span.part.name,
+            "manoeuvre": span.words,
+            "colour": span.colour,
+            "leg": None if leg is None else int(leg[span.first]) + 1,
+            "tail": bool(playback.backward[span.first]),
+            "start": float(playback.time[span.first]),
+            "end": float(playback.time[span.last]),
+        }
+        for span in playback.passages
+    ]
 
 
 def force_kinds(arrows: Sequence[ForceArrow], scale: float) -> dict[str, Any]:
@@ -248,16 +179,21 @@ def force_kinds(arrows: Sequence[ForceArrow], scale: float) -> dict[str, Any]:
     return kinds
 
 
-def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str, Any]:
-    """Pieces of the pipes' axes from the farthest to the nearest, goals and plates, in m to the
-    right and up, each with the sample from which on it is on the map; where the robot goes, and
-    when backward."""
+def map_table(playback: Playback, pack: Pack) -> dict[str, Any] | None:
+    """Return the map: pipes, goals and plates, and where the robot goes; None without a map.
+
+    Pieces of the pipes' axes come from the farthest to the nearest. All lie in m to the right and
+    up, each with the sample from which on it is on the map.
+    """
+    landmarks = playback.landmarks
+    if landmarks is None:
+        return None
     network, end = playback.network, len(playback.time)
     parts, view = network.parts, clearest(network)
     pieces = view.segments(parts)
 
     def shown(key: str, shapes: Iterable[Array], first: Iterable[int]) -> list[dict[str, Any]]:
-        """Shapes that ever are on the map, each with the sample from which on it is."""
+        """Return the shapes that ever are on the map, each with the sample from which on."""
         rows = zip(shapes, map(int, first), strict=True)
         return [{key: rounded(shape, 4), "from": row} for shape, row in rows if row < end]
 
@@ -276,10 +212,13 @@ def map_table(playback: Playback, landmarks: Landmarks, pack: Pack) -> dict[str,
     }
 
 
-def pictures_table(pictures: Pictures | None, trajectory: Trajectory) -> dict[str, Any] | None:
-    """Pictures of the camera at the leading end: a PNG of tiles row by row, and the time, s, of
-    each; None where there are none."""
-    chosen = [] if pictures is None else _leading(pictures, trajectory)
+def pictures_table(playback: Playback) -> dict[str, Any] | None:
+    """Return the pictures of the camera at the leading end; None where there are none.
+
+    They are a PNG of tiles row by row, with the time of each, s.
+    """
+    pictures = playback.album
+    chosen = [] if pictures is None else _leading(pictures, playback)
     if pictures is None or not chosen:
         return None
     side, rows = min(TILE, pictures.size), -(-len(chosen) // TILES_ACROSS)
@@ -301,10 +240,10 @@ def pictures_table(pictures: Pictures | None, trajectory: Trajectory) -> dict[st
     }
 
 
-def _leading(pictures: Pictures, trajectory: Trajectory) -> list[int]:
-    """Indices of the pictures ahead, the first one of each period."""
-    rows = np.clip(np.searchsorted(trajectory.time, pictures.time), 0, len(trajectory.time) - 1)
-    ahead = np.flatnonzero(pictures.end == trajectory["gear"][rows])
+def _leading(pictures: Pictures, playback: Playback) -> list[int]:
+    """Return the indices of the pictures ahead, the first one of each period."""
+    rows = np.clip(np.searchsorted(playback.time, pictures.time), 0, len(playback.time) - 1)
+    ahead = np.flatnonzero((pictures.end < 0) == playback.backward[rows])
     period = max(PICTURE_PERIOD, float(np.ptp(pictures.time)) / (MOST_PICTURES - 1))
     slot = np.floor(pictures.time[ahead] / period + 1e-6)
     return ahead[np.diff(slot, prepend=-1.0) > 0].tolist()
@@ -350,18 +289,17 @@ class Shapes:
         return self._known[key]
 
 
-def robot_table(run: PageRun, pack: Pack, shapes: Shapes) -> dict[str, Any]:
-    """The robot of a run and how it moves, the body that cameras keep with first.
+def robot_table(playback: Playback, pack: Pack, shapes: Shapes) -> dict[str, Any]:
+    """Return the robot and how it moves, the body that cameras keep with first.
 
     Bodies but for tracks have poses over time; a track lies on its carrier, as far along its axis
     as it has run within half a visible pitch.
     """
-    playback, tracks = run.playback, run.tracks
-    model, first = playback.model, playback.body
+    model, first, tracks = playback.model, playback.body, playback.tracks
     numbers = [first, *(i for i in range(1, model.nbody) if i != first)]
     names = {i: model.body(i).name or f"body_{i}" for i in numbers}
     moved = [i for i in numbers if names[i] not in tracks]
-    poses = body_poses(playback, moved)
+    poses = playback.body_poses(moved)
     place = {names[i]: index for index, i in enumerate(moved)}
     bodies = []
     for i in numbers:
@@ -376,12 +314,12 @@ def robot_table(run: PageRun, pack: Pack, shapes: Shapes) -> dict[str, Any]:
     return {
         "bodies": bodies,
         "moved": [names[i] for i in moved],
-        "badges": [place[name] for name in run.badges],
+        "badges": [place[name] for name in playback.badges],
         "positions": pack.steps(poses[..., :3].reshape(samples, -1), POSITION_STEP),
         "turns": pack.steps(poses[..., 3:].reshape(samples, -1), TURN_STEP),
-        "travel": pack.steps(run.travel, POSITION_STEP),
-        "pitch": run.pitch,
-        "scale": run.scale,
+        "travel": pack.steps(playback.track_travel, POSITION_STEP),
+        "pitch": playback.track_pitch,
+        "scale": playback.size,
     }
 
 
@@ -398,39 +336,28 @@ def _body(playback: Playback, body: int, name: str, shapes: Shapes) -> dict[str,
     return {"name": name, "shape": shapes.add(surface), "colours": colours}
 
 
-def body_poses(playback: Playback, bodies: Sequence[int]) -> Array:
-    """Positions and quaternions (T, len(bodies), 7) of bodies over time, without jumps in sign."""
-    data, rows = mujoco.MjData(playback.model), list(bodies)
-    poses = np.zeros((len(playback.time), len(rows), 7))
-    for row, pose in enumerate(poses):
-        playback.place(data, row)
-        pose[:, :3], pose[:, 3:] = data.xpos[rows], data.xquat[rows]
-    turns = poses[..., 3:]
-    # q and -q are the same turn, but the page interpolates between neighbours.
-    flips = np.where((turns[1:] * turns[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
-    turns[1:] *= np.cumprod(flips, axis=0)[..., None]
-    return poses
-
-
-def onboard_table(run: PageRun) -> dict[str, Any] | None:
-    """Camera on board, its lamp, and the number of the body that carries both; None without one."""
-    mount, model = run.onboard, run.playback.model
+def onboard_table(playback: Playback) -> dict[str, Any] | None:
+    """Return the camera on board, its lamp, and the number of their body; None without one."""
+    mount, model = playback.page_camera, playback.model
     if mount is None or model.body(mount.body).id == 0:
         return None
-    first, body = run.playback.body, model.body(mount.body).id
+    first, body = playback.body, model.body(mount.body).id
     frame, place = np.array(mount.frame), np.array(mount.position)
     return {
         "body": 0 if body == first else body + 1 if body < first else body,
         "position": rounded(place, 6),
         "frame": rounded(frame, 7),
         "fov": mount.angle_deg,
-        "lamp": rounded(place - LAMP_AHEAD * run.scale * frame[:, 2], 6),
+        "lamp": rounded(place - LAMP_AHEAD * playback.size * frame[:, 2], 6),
     }
 
 
 def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
-    """Each part's half that stays when it is cut open towards the film's viewer, its half cut
-    away, its inside, and where it lies; the plates; the directions of the camera that sees all."""
+    """Return the pipes, the plates, and the directions of the camera that sees all.
+
+    Of each part there are the half that stays when it is cut open towards the film's viewer, the
+    half cut away, its inside, and where it lies.
+    """
     network, model = playback.network, playback.model
     towards = view_direction(network)
 
@@ -463,18 +390,18 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
     }
 
 
-def page_data(runs: list[PageRun], pack: Pack) -> dict[str, Any]:
-    """Collect the data that every page has of its runs: robots, pipes and cameras."""
-    first, shapes = runs[0], Shapes(pack)
-    back = view_directions(first.playback, follow_direction(first.playback.network))
+def scene_data(playbacks: Sequence[Playback], pack: Pack) -> dict[str, Any]:
+    """Return what a page draws in space: robots, pipes and cameras."""
+    first, shapes = playbacks[0], Shapes(pack)
+    back = view_directions(first, follow_direction(first.network))
     return {
-        "runs": [run.table(pack, shapes) for run in runs],
-        "pipes": pipes_table(first.playback, shapes),
+        "runs": [run_table(playback, pack, shapes) for playback in playbacks],
+        "pipes": pipes_table(first, shapes),
         "follow": {
-            "distance": FARTHER * DISTANCE * first.scale,
+            "distance": FARTHER * DISTANCE * first.size,
             "directions": pack.steps(back, 1e-4),
         },
         "onboard": onboard_table(first),
-        "arrows": force_kinds(first.arrows, first.scale),
+        "arrows": force_kinds(first.arrows, first.size),
         "shapes": shapes.tables,
     }

@@ -23,10 +23,10 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import Lines, Moment
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
+from omnitrack_sim.robots.driving import ObeysOrders, Order
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
-from omnitrack_sim.show.playback import sound
+from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, Key, action_of, help_lines
 from omnitrack_sim.show.viewer.window import Window, covers_robot
 from omnitrack_sim.sim.run import no_load_slips
@@ -333,7 +333,7 @@ class SavedRun(ShownRun):
 
     def __init__(self, result: Result, model: mujoco.MjModel) -> None:
         self._result, self.row, self.scenario = result, 0, result.scenario
-        self._trajectory = sound(result)
+        self._trajectory = RunPlayback(result).trajectory
         self.count = len(self._trajectory.time)
         self._qpos = self.scenario.robot.display.poses(model, self._trajectory)
         self.routes = RouteMap(result.routes())
@@ -530,8 +530,8 @@ class Driver(Player):
         return self.run.simulation
 
     @property
-    def _controller(self) -> DrivenController:
-        assert isinstance(self.simulation.controller, DrivenController)
+    def _controller(self) -> ObeysOrders:
+        assert isinstance(self.simulation.controller, ObeysOrders)
         return self.simulation.controller
 
     def act(self, do: Do) -> None:
