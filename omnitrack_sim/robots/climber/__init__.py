@@ -18,10 +18,10 @@ from omnitrack_sim.robots.quantity import borrowed, quantity
 
 @borrowed("as of the omnidirectional robot")
 class Climber(Omnitrack):
-    """Modular Pipe Climber III, the sister of the omnidirectional robot: its modules do not roll,
-    and one motor drives their three tracks through a differential.
+    """Modular Pipe Climber III, the sister of the omnidirectional robot.
 
-    The outputs' speeds add up to three times the motor's, and their forces are equal, so that in a
+    Its modules do not roll, and one motor drives their three tracks through a differential. The
+    outputs' speeds add up to three times the motor's, and their forces are equal, so that in a
     bend each track finds the speed of its own way on the wall,
 
         v_i = omega (R - d cos theta_i)
