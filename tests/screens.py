@@ -42,14 +42,15 @@ def press(*keys):
 
 def focus():
     """Give the window the keyboard, which no window manager does here."""
-    find = ["xdotool", "search", "--onlyvisible", "--name", "omnitrack_scene"]
+    find = ["xdotool", "search", "--onlyvisible", "--name", "omnitrack_sim"]
     found = lambda: subprocess.run(find, capture_output=True, text=True).stdout.split()
     wait(found, "the window")
     subprocess.run(["xdotool", "windowfocus", "--sync", found()[0]], check=True)
 
 def user(kind):
     """Let ``act`` sit before the window of a class of the viewer, in a thread of its own."""
-    from omnitrack_sim.show.viewer import player
+    from omnitrack_sim.show.viewer import driver, player
+    player = driver if kind == "Driver" else player
     class Watched(getattr(player, kind)):
         def play(self):
             threading.Thread(target=lambda: (focus(), act(self)), daemon=True).start()
