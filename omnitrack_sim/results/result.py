@@ -141,9 +141,12 @@ class Result:
 
     @property
     def joints(self) -> dict[str, slice]:
-        """Columns of ``qpos`` by the name of the joint in the model; of the omnidirectional robot
-        ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``, ``belt_upper_1``,
-        ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then shafts."""
+        """Columns of ``qpos`` by the name of the joint in the model.
+
+        Of the omnidirectional robot these are ``robot``, and of each module ``slide_1``,
+        ``pitch_1``, ``roll_1``, ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and
+        ``sprocket_rear_1``; then shafts.
+        """
         return dict(self.scenario.robot.joints)
 
     @property
@@ -176,8 +179,9 @@ class Result:
         return self.scenario.route.network
 
     def map_difference(self) -> MapDifference | None:
-        """Return the differences of an explorer's map from the reachable part of its network, and
-        how sure the robot is of each size.
+        """Return the differences of an explorer's map from its network, and their doubt.
+
+        Only the reachable part of the network counts.
 
         None for other robots.
         """

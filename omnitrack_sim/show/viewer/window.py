@@ -41,8 +41,10 @@ ROBOT = 0.2
 
 
 def covers_robot(lines: Lines, width: int, height: int) -> bool:
-    """Return True if a panel in an upper corner of a window of this size, pixels, overlaps the
-    robot in the middle."""
+    """Return whether a panel in an upper corner overlaps the robot in the middle of a window.
+
+    Width and height are those of the window, pixels.
+    """
     letters = sum(max(len(line[column]) for line in lines) for column in (0, 1))
     beside = LETTER * letters + MARGIN <= width / 2 - ROBOT * height
     above = LINE * len(lines) <= (0.5 - ROBOT) * height
@@ -151,8 +153,11 @@ class Window:
         return self
 
     def _launched(self) -> Handle:
-        """MuJoCo's window, in a thread of its own; a ``RenderError`` where it cannot open one,
-        as on macOS without its own launcher."""
+        """Return MuJoCo's window, in a thread of its own.
+
+        Raises:
+            RenderError: it cannot open one, as on macOS without its own launcher.
+        """
         try:
             import mujoco.viewer
 
