@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from documents import page
 
-from omnitrack_sim.robots.omnitrack.control.driven import Order
+from omnitrack_sim.robots.driving import Order
 from omnitrack_sim.show.viewer.driver import KeyContext, Teleoperation
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, action_of, help_lines
 

@@ -13,7 +13,8 @@ from runs import rolling_tee, same_result, there_and_back
 import omnitrack_sim as ot
 from omnitrack_sim.base.bounds import MOST_ORDERS
 from omnitrack_sim.results.provenance import provenance_of
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
+from omnitrack_sim.robots.driving import Order
+from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import LONGEST_DRIVE, to_drive, with_orders
 
@@ -190,7 +191,7 @@ def test_orders_come_in_order():
         ({"orders": [{"time": 2.0}, {"time": 1.0}]}, "orders: has one for 1 s behind one for 2 s"),
         ({"orders": [{"time": 0.0}] * (MOST_ORDERS + 1)}, f"at most {MOST_ORDERS} items"),
         ({"orders": [{"time": 0.0, "by": "luck"}]}, "'hand', 'autopilot'|hand, autopilot, end"),
-        ({"autopilot": "driven"}, "autopilot: drives by orders itself"),
+        ({"autopilot": "driven"}, "autopilot: obeys orders itself"),
         ({"autopilot": "jacobean"}, "did you mean 'jacobian'"),
         ({"autopilot": "paper", "autopilot_parameters": {"elbow_delay": -1}}, "elbow_delay"),
         ({"autopilot_parameters": {"nonsense": 1}}, "autopilot_parameters.nonsense"),
@@ -202,6 +203,12 @@ def test_faults_of_orders_are_told(parameters, told):
     with pytest.raises(ot.ScenarioError, match=told) as caught:
         ot.override(ot.load_scenario("straight"), changes)
     assert "control.parameters" in str(caught.value)
+
+
+def test_a_robot_that_nobody_can_drive_is_refused():
+    """The fault says so at the robot's kind."""
+    with pytest.raises(ot.ScenarioError, match=r"robot\.kind: is 'presser'.*obeys a driver"):
+        to_drive(ot.load_scenario("robots/presser_elbow"), "a test")
 
 
 def test_controller_of_a_users_own_ends_its_run():

@@ -12,12 +12,13 @@ from network_samples import elbow, joint, straight, tee
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.camera_sight import CameraSight, by_depth, by_lamp, sighting_of
-from omnitrack_sim.autonomy.looking import common_std
+from omnitrack_sim.autonomy.looks import common_std
+from omnitrack_sim.autonomy.loop_closure import close_loop
 from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.cli.runs import print_result
-from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Straight, Tee, Wye
+from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Tee, Wye
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -100,12 +101,20 @@ def test_a_robot_says_how_sure_it_is_of_its_map(explored, tmp_path, capsys):
 
 def test_what_a_loop_moves_is_as_doubtful_as_it_has_moved():
     """Where a loop closes, its lengths take up the gap, and are no surer than that."""
-    belief = Belief(Pose(np.eye(3), np.zeros(3)), 0.16, 0.5)
-    belief.measured(0, length=0.001)
-    before = belief._measured_sizes()
-    belief._set("straight_1", Straight(0.52, 0.16))
-    belief._doubt_moved(before)
-    assert belief.stds == {"straight_1": {"length": 0.02}}
+    belief, end = Belief(Pose(np.eye(3), np.zeros(3)), 0.16, 0.5), (0, "end")
+    for length in (0.5, 0.5, 0.53):
+        belief.set_stds(end[0], length=0.001)
+        bend = belief.attach(end, Elbow(0.24), "start", belief.port(end).rotation[:, 0])
+        end = belief.attach_straight((bend, "end"), length), "end"
+    belief.set_stds(end[0], length=0.001)
+    bend = belief.attach(end, Elbow(0.24), "start", belief.port(end).rotation[:, 0])
+    before = [belief.fitting(part).length_of_axes for part in range(0, 8, 2)]
+    close_loop(belief, (bend, "end"), belief.start)
+    after = [belief.fitting(part).length_of_axes for part in range(0, 8, 2)]
+    moved = np.abs(np.subtract(after, before))
+    stds = [belief.stds[belief.part_name(part)]["length"] for part in range(0, 8, 2)]
+    assert moved.max() > 0.005
+    np.testing.assert_allclose(stds, np.maximum(moved, 0.001), atol=2e-6)
     belief.lengthen(0, 0.1)
     assert not belief.stds["straight_1"]
 
@@ -299,12 +308,13 @@ def test_a_robot_stays_where_pipe_that_was_taken_back_gave_its_number_to_a_fitti
     assert isinstance(senses, Onboard)
     assert belief is not None
     (end,) = belief.unexplored
-    part = belief.straight_beyond(end, 0.5)
+    part = belief.attach_straight(end, 0.5)
     senses.update_maps([0])
     at = belief.port(end)
     senses.localiser.filter.position[0] = at.position + 0.1 * at.rotation[:, 2]
     before = senses.localiser.filter.position.copy()
-    assert belief.drop(part)
+    assert belief.is_removable(part)
+    belief.remove(part)
     belief.attach(end, Tee(), "branch", at.rotation[:, 0])
     senses.update_maps([0])
     np.testing.assert_array_equal(senses.localiser.filter.position, before)

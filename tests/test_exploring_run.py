@@ -21,7 +21,7 @@ from omnitrack_sim import (
     override,
     run,
 )
-from omnitrack_sim.autonomy.pilots import Decision
+from omnitrack_sim.autonomy.pilots import Decision, Hindrance
 from omnitrack_sim.cli import app
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete, GaveUp, GoalReached
 from omnitrack_sim.scenario import Scenario, validate
@@ -161,7 +161,7 @@ def test_bad_input_ends_with_status_2():
 def test_a_robot_that_hangs_across_its_pipe_is_to_right_itself(tilt, called, monkeypatch):
     """No other way helps one that lies across: it has fallen, though it is on its route."""
     simulation = Simulation([fork()])
-    supervisor, senses = simulation.supervisor, simulation.senses
+    runs, senses = simulation.runs, simulation.senses
     here = {name: getattr(senses.location, name) for name in ("distance", "distance_std")}
     senses.location = SimpleNamespace(**here, tilt=np.array([tilt]))
     pilot, names = simulation.legs.pilots[0], []
@@ -172,9 +172,9 @@ def test_a_robot_that_hangs_across_its_pipe_is_to_right_itself(tilt, called, mon
             return Decision(pilot.leg)
 
         monkeypatch.setattr(pilot, name, decide)
-    supervisor._dispatch([Verdict(0, None)])
+    runs.carry_out([Verdict(0, Hindrance.NO_HEADWAY)])
     assert names == [called]
-    assert supervisor.active[0]
+    assert runs.active[0]
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_a_robot_that_hangs_as_it_rights_itself(lies, sensing, goes_on, monkeypa
     """The leg was planned for it as it lay across; where it lies along by now, others lead on.
     Where it lies in no pipe by its own estimate, that is wrong: it looks around."""
     simulation = Simulation([override(fork(), {"sensing.kind": sensing})])
-    supervisor, senses = simulation.supervisor, simulation.senses
+    runs, senses = simulation.runs, simulation.senses
     names = "distance", "distance_std", "tangent"
     here = {name: getattr(senses.location, name) for name in names}
     monkeypatch.setattr(senses, "location", SimpleNamespace(**here, tilt=np.array([0.2])))
@@ -194,9 +194,9 @@ def test_a_robot_that_hangs_as_it_rights_itself(lies, sensing, goes_on, monkeypa
     over = Decision(None, events=[GaveUp(0, 0.0, "no headway as it rights itself in tee_1")])
     monkeypatch.setattr(pilot, "on_blockage", lambda *told: over)
     monkeypatch.setattr(pilot, "on_fall", lambda *told: Decision(pilot.leg if lies else None))
-    supervisor._dispatch([Verdict(0, None)])
-    assert supervisor.active[0] == goes_on
-    assert any(isinstance(event, GaveUp) for event in supervisor.events[0]) != goes_on
+    runs.carry_out([Verdict(0, Hindrance.NO_HEADWAY)])
+    assert runs.active[0] == goes_on
+    assert any(isinstance(event, GaveUp) for event in runs.events[0]) != goes_on
     if sensing == "onboard":
         assert senses.localiser.inconsistent[0]
 
@@ -206,11 +206,11 @@ def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):
     Where it does not even know on which pipe it lies, it does."""
     for events, over in (([GaveUp(0, 0.0, "has fallen too often")], True), ([], False)):
         simulation = Simulation([override(fork(), {"sensing.kind": "onboard"})])
-        supervisor, pilot = simulation.supervisor, simulation.legs.pilots[0]
+        runs, pilot = simulation.runs, simulation.legs.pilots[0]
         fallen = Decision(None, events=events)
         monkeypatch.setattr(pilot, "on_fall", lambda *told, fallen=fallen: fallen)
-        supervisor._dispatch([Verdict(0, Outcome.LEFT_PIPE)])
-        assert supervisor.active[0] != over
+        runs.carry_out([Verdict(0, Outcome.LEFT_PIPE)])
+        assert runs.active[0] != over
 
 
 @pytest.mark.parametrize(
@@ -222,17 +222,22 @@ def test_a_robot_that_falls_over_rights_itself_before_it_is_wedged(tilts, rights
     """It leans by 52 degrees for longer than half a second, and was upright on this leg; 40 degrees
     a robot makes up for as it drives on. Where its pilot knows no leg, it is asked again."""
     simulation = Simulation([fork()])
-    supervisor, pilot = simulation.supervisor, simulation.legs.pilots[0]
+    monitor, pilot = simulation.monitor, simulation.legs.pilots[0]
     times, clock, period = [], [], simulation.period
+    nobody = np.zeros(1, bool)
 
     def fall(time, position, axis):
         times.append(clock[-1])
         return Decision(None)
 
     monkeypatch.setattr(pilot, "on_fall", fall)
-    supervisor._follow(0, Decision(pilot.leg))
+    monitor.start_leg(0, 0.0)
     for tilt, step in product(tilts, range(round(1.3 / period))):
         clock.append(step * period)
-        simulation.senses.location = SimpleNamespace(tilt=np.array([tilt]))
-        supervisor._right(np.ones(1, bool))
+        simulation.location.__dict__["tilt"] = np.array([tilt])
+        flags = dict.fromkeys(("arrived", "diverged", "lost", "over"), nobody)
+        found = monitor.look(
+            simulation.readings, simulation.location, ~nobody, resting=~nobody, **flags
+        )
+        simulation.runs.carry_out(found)
     assert times == [pytest.approx(time, abs=0.03) for time in (0.5, 1.0)[: 2 * rights]]

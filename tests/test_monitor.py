@@ -10,6 +10,7 @@ import pytest
 from samples import sample_trajectory
 
 import omnitrack_sim as ot
+from omnitrack_sim.autonomy.pilots import Hindrance
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import CHANNELS
@@ -50,9 +51,16 @@ def look(
     readings |= more
     watching.average(readings, ot.Command(np.full((n, 3), SPEED)), saturated, np.ones(n, bool))
     goal = np.full(n, LENGTH - 0.1)
-    arrived = np.asarray(distance) >= goal
-    here, everyone = location(distance, aside), np.ones(n, bool)
-    return watching.look(readings, here, arrived, resting, diverged, everyone)
+    return watching.look(
+        readings,
+        location(distance, aside),
+        np.ones(n, bool),
+        arrived=np.asarray(distance) >= goal,
+        resting=resting,
+        diverged=diverged,
+        lost=nobody,
+        over=nobody,
+    )
 
 
 def looks(watching: Monitor, seconds: float, distance: list[float], **more: Any) -> list[Verdict]:
@@ -75,7 +83,7 @@ def test_a_correction_of_where_a_robot_is_takes_no_headway_from_it() -> None:
     has not slid back."""
     watching = monitor()
     assert look(watching, [0.4, 0.4]) == []
-    watching.moved(0, -0.15)
+    watching.shift_progress(0, -0.15)
     assert [verdict.robot for verdict in look(watching, [0.25, 0.25])] == [1]
 
 
@@ -104,7 +112,7 @@ def test_verdicts_come_in_the_order_in_which_they_count() -> None:
     """Of a robot that arrives just when its time is over the arrival comes first, of one that also
     has left the pipe that comes in between, and broken physics before all."""
     more = {"time": 1e3, "aside": 0.081, "diverged": np.array([True])}
-    found = [verdict.outcome for verdict in look(monitor(1), [0.75], **more)]
+    found = [verdict.found for verdict in look(monitor(1), [0.75], **more)]
     names = ("DIVERGED", "REACHED_GOAL", "LEFT_PIPE", "TIMED_OUT")
     assert found == [ot.Outcome[name] for name in names]
 
@@ -131,7 +139,7 @@ def test_a_small_advance_is_no_headway_and_a_larger_one_is() -> None:
         watching = monitor(1)
         assert looks(watching, 2.0, [0.15]) == []
         found = looks(watching, 2.0, [0.15 + step])
-        assert (Verdict(0, None) in found) is hangs
+        assert (Verdict(0, Hindrance.NO_HEADWAY) in found) is hangs
 
 
 def test_a_robot_that_rests_does_not_hang() -> None:
@@ -148,17 +156,17 @@ def test_a_robot_that_slides_back_hangs_at_once() -> None:
     watching = monitor(1)
     assert look(watching, [0.4]) == []
     assert look(watching, [0.301]) == []
-    assert look(watching, [0.299]) == [Verdict(0, None)]
+    assert look(watching, [0.299]) == [Verdict(0, Hindrance.NO_HEADWAY)]
     assert "0.800 m, goal at 0.700 m, slid back by 105 mm, after" in watching.reason(
         0, location([0.295]), 0.7, 1.0
     )
 
 
-def test_a_robot_sent_on_is_judged_afresh() -> None:
+def test_a_robot_on_another_leg_is_judged_afresh() -> None:
     """On another leg it may be anywhere, waits from zero on, and has more time."""
     watching = monitor(1, time_limit=1.0)
     assert looks(watching, 2.9, [0.4]) == []
-    watching.sent_on(0, 5.0)
+    watching.start_leg(0, 5.0)
     assert looks(watching, 2.9, [0.2], time=5.9) == []
     assert look(watching, [0.3], time=6.0) == [Verdict(0, ot.Outcome.TIMED_OUT)]
 
@@ -249,8 +257,8 @@ def test_no_run_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = ot.Simulation([ot.override(ot.load_scenario("straight"), limit)])
     usual, given = simulation.monitor.look, []
 
-    def blind(*seen: Any) -> list[Verdict]:
-        given.extend(usual(*seen))
+    def blind(*seen: Any, **flags: Any) -> list[Verdict]:
+        given.extend(usual(*seen, **flags))
         return []
 
     monkeypatch.setattr(simulation.monitor, "look", blind)

@@ -117,14 +117,14 @@ def test_nothing_of_the_truth_reaches_the_controller():
             and value.dtype.kind == "f"
         }
         poisoned = dataclasses.replace(simulation.location, **fields)
-        simulation.supervisor.location = poisoned
+        simulation.runs.location = poisoned
         simulation.readings = {
             name: np.full_like(value, np.nan)
             for name, value in simulation.readings.items()
             if np.asarray(value).dtype.kind == "f"
         }
         command = simulation.controller.step(simulation.observation)
-        simulation.readings, simulation.supervisor.location = truth
+        simulation.readings, simulation.runs.location = truth
         wanted = clean.controller.step(clean.observation)
         assert command.belt_speed.tobytes() == wanted.belt_speed.tobytes()
         assert command.roll.tobytes() == wanted.roll.tobytes()

@@ -106,6 +106,17 @@ def test_given_values_are_for_160_mm_pipes_unless_they_say_otherwise():
     assert measured.reach == ot.Omnitrack(scale=s).reach
 
 
+@pytest.mark.parametrize("kind", ["omnitrack", "climber"])
+def test_a_change_means_the_robot_at_hand(kind):
+    """Beside a file that gives a size alone, a changed value is that of the robot of this size."""
+    data = {"robot": {"kind": kind, "scale": 2.0}, "pipes": [{"kind": "straight", "length": 3.0}]}
+    data["pipes"][0]["inner_diameter"] = 0.32
+    changes = {"robot.preload": 150.0, "start.distance": 1.0}
+    robot = validate(data, changes=changes).robot
+    assert (robot.scale, robot.preload) == (2.0, 150.0)
+    assert robot.chassis_mass == pytest.approx(8 * 0.28)
+
+
 def test_a_product_keeps_its_figures_in_a_robot_of_any_size():
     """Only a motor that says which scale it is for is scaled."""
     assert ot.Omnitrack(scale=0.5, motor="pololu_1000_hpcb").motor == ot.MOTORS["pololu_1000_hpcb"]

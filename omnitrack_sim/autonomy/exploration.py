@@ -84,7 +84,7 @@ class Exploration:
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
         # Ports point outward; the robot's map begins with the z axis into the pipe.
         into = Pose(port.rotation * [1, -1, -1], port.position)
-        free = self._distance + self.robot.length / 2 + EXPLORER.creep
+        free = self._distance + self.robot.length / 2 + EXPLORER.assumed_step
         belief = Belief(into, fitting.inner_diameter, free)
         goals = list(self.mission.goals)
         return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
+from enum import Enum
 from typing import NamedTuple, Protocol
 
 from omnitrack_sim.autonomy.belief import Belief
@@ -26,8 +27,16 @@ from omnitrack_sim.record.events import (
     GaveUp,
     GoalReached,
     LegBegan,
+    Outcome,
     TakenForClosed,
 )
+
+
+class Hindrance(Enum):
+    """Finding of the monitor that need not end a run: the robot makes no headway, or leans over."""
+
+    NO_HEADWAY = "no_headway"
+    LEANING = "leaning"
 
 
 class Decision(NamedTuple):
@@ -38,6 +47,8 @@ class Decision(NamedTuple):
         goes_on: ``leg`` is the leg at hand, maybe extended, and not another one.
         events: to be recorded.
         shift: m, correction of the robot's estimated arc length on its leg.
+        doubt: there is no leg as the robot lies in no pipe that the pilot knows: by its own
+            sensors it may be elsewhere, and looks for itself before its run ends.
 
     Example:
         >>> ot.Decision(None).goes_on
@@ -48,6 +59,28 @@ class Decision(NamedTuple):
     goes_on: bool = False
     events: Sequence[Event] = ()
     shift: float = 0.0
+    doubt: bool = False
+
+
+class Situation(NamedTuple):
+    """Situation of a robot on which its pilot has to decide, as its senses tell it.
+
+    Attributes:
+        time: s.
+        distance, distance_std: m, arc length of its centre along its leg, and standard deviation.
+        goal: name of the goal of an exploration that is at the robot's nose; "" at none.
+        position: (3,) m, of its centre, world frame.
+        axis: (3,) unit vector to its nose, world frame.
+        across: it lies across its pipe.
+    """
+
+    time: float
+    distance: float
+    distance_std: float
+    goal: str
+    position: Array
+    axis: Array
+    across: bool
 
 
 class Pilot(Protocol):
@@ -63,7 +96,7 @@ class Pilot(Protocol):
     Example:
         >>> pilot = ot.load_scenario("straight").pilot(0)
         >>> pilot.on_arrival(9.0, pilot.leg.end, "")  # there is no further leg
-        Decision(leg=None, goes_on=False, events=(), shift=0.0)
+        Decision(leg=None, goes_on=False, events=(), shift=0.0, doubt=False)
     """
 
     leg: Leg
@@ -93,6 +126,46 @@ class Pilot(Protocol):
     def left(self) -> str:
         """Ports of its own map that it has given up to explore, and why; "" for none."""
         return ""
+
+    def decide(self, found: Outcome | Hindrance, robot: Situation) -> Decision:
+        """Decide on what the monitor has found, by the methods below.
+
+        Args:
+            found: an outcome, which ends the run if the pilot has no further leg; or a hindrance.
+            robot: where it is.
+        """
+        if found is Outcome.REACHED_GOAL:
+            return self.on_arrival(robot.time, robot.distance, robot.goal)
+        if found is Hindrance.NO_HEADWAY:
+            return self._decide_on_blockage(robot)
+        if found is Hindrance.LEANING:
+            return self.on_fall(robot.time, robot.position, robot.axis)
+        if found is not Outcome.LEFT_PIPE:
+            return Decision(None)
+        decision = self.on_fall(robot.time, robot.position, robot.axis)
+        # One that explores, and has fallen too often, is where it takes itself to be: it has been
+        # there.
+        knows = decision.leg is not None or (self.belief is not None and decision.events)
+        return decision._replace(doubt=not knows)
+
+    def _decide_on_blockage(self, robot: Situation) -> Decision:
+        """Decide where the robot makes no headway, or have it right itself first."""
+        if self.rights_itself and robot.across:
+            # It lies across, which no other way helps: it is to right itself.
+            decision = self.on_fall(robot.time, robot.position, robot.axis)
+            if decision.leg is not None:
+                return decision
+        # Belts that slip before an obstacle push an estimate into it.
+        hangs_at = robot.distance - 2 * robot.distance_std
+        decision = self.on_blockage(robot.time, hangs_at, robot.goal)
+        if decision.leg is not None or not self.rights_itself or robot.across:
+            return decision
+        # It hangs on a leg that was planned for it as it lay before, such as across; or it is
+        # elsewhere, where it takes itself to lie in no pipe.
+        fallen = self.on_fall(robot.time, robot.position, robot.axis)
+        if fallen.leg is not None:
+            return fallen
+        return decision._replace(doubt=not fallen.events)
 
     def on_arrival(self, time: float, distance: float, goal: str) -> Decision:
         """Decide at the end of the leg.
@@ -188,7 +261,7 @@ class MapPilot(Pilot):
     planner: LegPlanner
 
     def __init__(self, number: int, falls: int) -> None:
-        self._number, self._falls = number, falls
+        self.number, self._falls = number, falls
         self._to_come: list[Leg] = []
         self._closed: list[Port] = []
         self._turns: list[Edge] = []  # that the robot has fallen off
@@ -204,7 +277,7 @@ class MapPilot(Pilot):
         port = self.planner.obstacle(self.leg, distance)
         self._closed.append(port)
         name = self.planner.network.port_name(port)
-        events = [TakenForClosed(self._number, time, name, distance)]
+        events = [TakenForClosed(self.number, time, name, distance)]
         return self._replan(time, events, self._onward(distance))
 
     def on_fall(self, time: float, position: Array, axis: Array) -> Decision:
@@ -214,7 +287,7 @@ class MapPilot(Pilot):
             return Decision(None)
         network, part = self.planner.network, location.part
         port = network.port_name((part, location.ahead))
-        events = [FellOff(self._number, time, network.fittings[part].name, port)]
+        events = [FellOff(self.number, time, network.fittings[part].name, port)]
         if self._falls == 0:
             return self._on_last_fall(time, events, location)
         self._falls -= 1
@@ -252,10 +325,10 @@ class MapPilot(Pilot):
         if not legs:
             return self._give_up(time, events, "no other way")
         self.leg, *self._to_come = legs
-        return Decision(self.leg, events=[*events, LegBegan(self._number, time, self.leg.note)])
+        return Decision(self.leg, events=[*events, LegBegan(self.number, time, self.leg.note)])
 
     def _give_up(self, time: float, events: Sequence[Event], cause: str) -> Decision:
-        return Decision(None, events=[*events, GaveUp(self._number, time, cause)])
+        return Decision(None, events=[*events, GaveUp(self.number, time, cause)])
 
 
 class Planned(MapPilot):
@@ -306,7 +379,7 @@ class Planned(MapPilot):
         following = self.leg.goal + 1
         if following == len(self._goals):
             return Decision(None)
-        events = [GoalReached(self._number, time, self._goals[self.leg.goal])]
+        events = [GoalReached(self.number, time, self._goals[self.leg.goal])]
         return self._begin(time, events, self._plan(self._onward(distance), following))
 
     def _replan(self, time: float, events: Sequence[Event], plan: Replan) -> Decision:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import alike
+from omnitrack_sim.autonomy.belief import are_alike
 from omnitrack_sim.autonomy.leg_planner import LEG_PLANNER
 from omnitrack_sim.base.rotations import Array, length, unit
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part, Port
@@ -44,8 +44,8 @@ class Sighting:
     """Sighting of the pipe before one end of a robot, at one moment.
 
     Ahead is where the robot drives to: beyond its nose in gear 1, beyond its tail in gear -1. The
-    frame is that of the gear, which has z ahead and x towards module 1 in both
-    (``robots/omnitrack/control/command.py``); that of a look back is turned by half a turn.
+    frame is that of the gear, which has z ahead and x towards module 1 in both; that of a look back
+    is turned by half a turn.
 
     Attributes:
         fitting: the next one that the robot's centre has not come into and that is no plain
@@ -230,4 +230,4 @@ def is_right(observed: Sighting, truth: Sighting) -> bool:
     if observed.fitting is None or truth.fitting is None:
         return observed.fitting is truth.fitting
     same = observed.fitting.kind == truth.fitting.kind
-    return same and alike(truth.fitting, observed.enter, truth.enter)
+    return same and are_alike(truth.fitting, observed.enter, truth.enter)

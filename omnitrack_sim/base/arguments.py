@@ -29,8 +29,7 @@ _MAKERS = {
 
 
 def check_is(kind: type[_Thing], where: str, value: object) -> _Thing:
-    """Return ``value``, the argument ``where``; a ``TypeError`` if it is not of the class
-    ``kind``."""
+    """Return the argument ``where`` if it is of the class ``kind``, or raise a ``TypeError``."""
     if isinstance(value, kind):
         return value
     problem = f"{where}: is {_described(value)}; it must be an ot.{kind.__name__}"
@@ -89,8 +88,7 @@ def check_time(where: str, time: object) -> None:
 
 
 def check_times(times: object) -> None:
-    """Check the argument ``times``, a list of times in a run, s; errors as of ``check_time``, and
-    TypeError for no list."""
+    """Check a list of times in a run, s; errors as of ``check_time``, and TypeError for no list."""
     if not isinstance(times, Sequence | np.ndarray) or isinstance(times, str):
         raise TypeError(f"times: is {_described(times)}; it must be a list of numbers, s")
     for i, time in enumerate(times):

@@ -83,8 +83,10 @@ class InputError(OmnitrackError):
 def gathered(
     faults: list[Fault], where: Callable[[Fault], str] = lambda fault: fault.where
 ) -> Iterator[None]:
-    """Append the faults of an ``InputError`` to a list in the place of raising it; ``where``
-    gives the place of each in the whole file."""
+    """Append the faults of an ``InputError`` to a list instead of raising it.
+
+    ``where`` gives the place of each in the whole file.
+    """
     try:
         yield
     except InputError as error:

@@ -113,8 +113,10 @@ class Document:
             yield from self.paths(*before, key)
 
     def expand(self, path: str) -> list[str]:
-        """Return the paths that a path stands for, of items of lists those that may have the key;
-        the path itself where there are none."""
+        """Return the paths of what a path with ``*`` stands for, or the path itself.
+
+        Of the items of a list those count that may have the key.
+        """
         return [one for one in expand(self.data, path) if self._may_stand(keys_of(one))] or [path]
 
     def set(self, path: str, value: Any) -> Fault | None:

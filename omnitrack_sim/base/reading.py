@@ -355,8 +355,10 @@ def faults_of(
     choices: Callable[[list[str]], tuple[str, ...]],
     own_fault: Callable[[Mapping[str, Any]], Fault | None],
 ) -> list[Fault]:
-    """Return the faults that pydantic found, once each; ``choices`` and ``own_fault`` as in
-    ``checked``."""
+    """Return the faults that pydantic found, once each.
+
+    Args as in ``checked``.
+    """
     items = reason.errors(include_url=False)
     # pydantic does not count a table with a fault as an item, and then calls the list too short,
     # too.
@@ -413,16 +415,17 @@ def _oddity(value: Any, depth: int) -> str | None:
 
 
 def plain_value(value: Any) -> Any:
-    """Plain form of a value that JSON does not know: a table of a model, numbers and lists of
-    NumPy's, text of all else."""
+    """Return the plain form of a value that JSON does not know.
+
+    Models become tables, numbers and lists of NumPy's plain ones, all else its text.
+    """
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def _fault_of(item: Mapping[str, Any], choices_at: Callable[[list[str]], tuple[str, ...]]) -> Fault:
-    """Translate a pydantic error into a fault with its path in the file and the valid choices;
-    see ``checked``."""
+    """Translate a pydantic error into a fault with its path in the file and the valid choices."""
     places = [str(p) for p in item["loc"]]
     where = ".".join(places)
     kind, context = item["type"], item.get("ctx", {})

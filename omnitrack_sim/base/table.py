@@ -90,8 +90,9 @@ def symbol_of(table: type[BaseModel], key: str) -> str:
 
 @cache  # parsing the source of all tables takes some tenths of a second
 def meanings_of(table: type[BaseModel]) -> Mapping[str, str]:
-    """Meanings of the keys of a table: their own descriptions, or the strings below them in its
-    class or its bases.
+    """Meanings of the keys of a table.
+
+    Their own descriptions, or the strings below them in its class or its bases.
 
     They are read from the source on demand, so that classes are created without that cost.
     """

@@ -49,8 +49,8 @@ def parameters(
         str | None,
         typer.Argument(
             metavar="[ROBOT]",
-            help="A kind of robot, or a scenario whose robot is shown; the omnidirectional one if "
-            "left out.",
+            help="A kind of robot, or a scenario whose robot is shown; the default one if left "
+            "out.",
             autocompletion=complete.robots,
         ),
     ] = None,

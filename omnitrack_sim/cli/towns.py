@@ -104,13 +104,14 @@ def _print_ways(summary: dict[str, Any]) -> None:
 def reach(
     source: Annotated[str, NetworkArgument],
     passport_file: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--passport",
             metavar="FILE",
-            help="Of the robot: a file, its folder, or a shipped name.",
+            help="Of the robot: a file, its folder, or a shipped name; the default robot's if left "
+            "out.",
         ),
-    ] = "omnitrack",
+    ] = None,
     launches: Annotated[
         list[str] | None,
         typer.Option(
@@ -147,10 +148,12 @@ def reach(
 ) -> None:
     """Map where a robot gets to in a network and back, how surely, at what cost, and what stops
     it."""
+    from omnitrack_sim.robots.kinds import DEFAULT
     from omnitrack_sim.towns.reach_files import summary_of
 
     supply = ot.Supply(math.inf if battery is None else battery, efficiency, base_power)
-    measured, network = ot.load_passport(passport_file), ot.load_network(source)
+    measured = ot.load_passport(passport_file or DEFAULT)
+    network = ot.load_network(source)
     target = folder or Path("out") / f"reach_{Path(source).stem}"
     with progress(f"reach {Path(source).stem}", as_json) as report:
         made = ot.map_reach(

@@ -43,8 +43,10 @@ def touching(centres: Array, radii: Array) -> Iterator[NDArray[np.intp]]:
 
 
 def batched(blocks: Iterable[NDArray[np.intp]]) -> Iterator[NDArray[np.intp]]:
-    """Yield blocks (k, 2) together, ``BATCH`` pairs or more at a time: NumPy takes as long for ten
-    numbers as for a thousand."""
+    """Yield blocks (k, 2) together, ``BATCH`` pairs or more at a time.
+
+    NumPy takes as long for ten numbers as for a thousand.
+    """
     waiting: list[NDArray[np.intp]] = []
     for block in blocks:
         waiting.append(block)
@@ -74,11 +76,14 @@ def between_lines(a: Array, b: Array) -> Array:
 
 
 def beyond_an_end(a: Array, b: Array, reach: Array, square: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return (n,) whether pieces of pipe about lines ``b`` (n, 2, 3) m lie wholly beyond the plane
-    at either end of lines ``a`` (n, 2, 3) m, square to them.
+    """Tell which pieces of pipe ``b`` lie wholly beyond the end planes of pieces ``a``, (n,).
+
+    Pieces are given by lines (n, 2, 3) m; the planes are square to ``a``.
 
     Args:
-        a, b: ends of the lines. reach: (n,) m, radii about ``b``.
+        a: ends of the lines of the first pieces.
+        b: ends of the lines of the others.
+        reach: (n,) m, radii about ``b``.
         square: (n,), whether the pieces end square too, so that they reach less far along.
     """
     way, along = unit(a[:, 1] - a[:, 0]), unit(b[:, 1] - b[:, 0])
@@ -159,8 +164,10 @@ class Part:
         )
 
     def polylines(self) -> list[Array]:
-        """Its axes as points (k, 3) m, world frame: a straight one by its ends, an arc by points at
-        most ``DRAWN_TURN`` apart."""
+        """Its axes as points (k, 3) m, world frame.
+
+        A straight one by its ends, an arc by points at most ``DRAWN_TURN`` apart.
+        """
         turns = [sum(s * k for s, k in axis.curve.segments) for axis in self.fitting.axes]
         return [
             line.at(np.linspace(0, line.length, 2 + int(turn / DRAWN_TURN)))[0]
@@ -188,8 +195,10 @@ class Part:
         return segments
 
     def bore_samples(self, stretch: Stretch | None = None) -> Array:
-        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame; with a
-        ``stretch`` only those beside it."""
+        """Points (k, 3) m on the fitting's axes and near its inner surface, world frame.
+
+        With a ``stretch`` only those beside it.
+        """
         samples = []
         for number, (line, start_radius, end_radius) in enumerate(self.axes):
             count = max(2, int(np.ceil(line.length / SAMPLE_SPACING)) + 1)
@@ -224,8 +233,10 @@ class Part:
         return stretches
 
     def capsules(self) -> list[tuple[Array, Array, float]]:
-        """Capsules about its axes, (start (3,) m, end (3,) m, radius m), that hold its bore, with
-        room for rounded rims."""
+        """Return capsules about the axes that hold the bore, with room for rounded rims.
+
+        Each as start (3,) m, end (3,) m and radius, m.
+        """
         # A bore without a rim reaches no farther than its radius from its axis.
         room = 0.0 if self.fitting.is_cut_square else self.fitting.largest_radius
         capsules = []
@@ -317,8 +328,7 @@ class Assembly:
         return tuple((i, p) for i, part in enumerate(self.parts) for p in part.fitting.closed_ports)
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; unit gradient (...,
-        3).
+        """Distance (...,) m from points (..., 3) m to the inner surface; unit gradient (..., 3).
 
         World frame, positive in a bore.
         Each part counts between its port planes; beyond all of them the distance is negative,
@@ -370,8 +380,7 @@ class Assembly:
         ]
 
     def overlaps(self, most: int = MOST_FAULTS) -> list[tuple[int, int]]:
-        """Return pairs of parts, by index, that share space and are not joined, ``most`` of them at
-        most."""
+        """Return pairs of parts that share space and are not joined, by index, at most ``most``."""
         joined = {(min(i, j), max(i, j)) for (i, _), (j, _) in self.joints}
         pairs = []
         for pair in sorted(self._near() - joined):
@@ -382,8 +391,10 @@ class Assembly:
         return pairs
 
     def _near(self) -> set[tuple[int, int]]:
-        """Return pairs of parts whose bores may share space: those of which capsules about the axes
-        touch, and no port plane of a straight one separates them."""
+        """Return pairs of parts whose bores may share space.
+
+        Capsules about their axes touch, and no port plane of a straight one separates them.
+        """
         rows = [(i, *capsule) for i, part in enumerate(self.parts) for capsule in part.capsules()]
         owner = np.array([row[0] for row in rows])
         ends = np.array([row[1:3] for row in rows]).reshape(-1, 2, 3)
@@ -441,8 +452,9 @@ class Assembly:
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:
-    """Pose of a fitting whose port ``enter`` is joined to a placed ``port`` (z outward), same
-    frame.
+    """Return the pose of a fitting whose port ``enter`` is joined to a placed ``port``.
+
+    Both in the same frame, z of the port outward.
 
     The x axes of the two ports coincide, then the fitting is turned by ``turn`` rad about the axis
     of ``port``. Seen

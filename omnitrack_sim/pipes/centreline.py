@@ -17,8 +17,7 @@ themselves."""
 
 @dataclass(frozen=True)
 class Segment:
-    """A line (curvature 0) or arc that starts at ``point`` along ``tangent`` and bends towards
-    ``normal``.
+    """A line (curvature 0) or an arc, from ``point`` along ``tangent``, bent towards ``normal``.
 
     Attributes:
         length: m. curvature: 1/m.
@@ -104,8 +103,9 @@ class Centreline:
     def at(
         self, s: Array, line: NDArray[np.intp] | None = None
     ) -> tuple[Array, Array, Array, Array]:
-        """Point (n, 3) m, tangent (n, 3), normal (n, 3) towards the bend, curvature (n,) 1/m at arc
-        length (n,) m.
+        """Return point, tangent, normal (n, 3) and curvature (n,) 1/m at arc length (n,) m.
+
+        The normal points into the bend.
 
         On a straight the normal is the side of the frame. ``line`` (n,): which of several lines;
         None: the first.
@@ -128,8 +128,10 @@ class Centreline:
     def straight(
         self, start: Array, end: Array, line: NDArray[np.intp] | None = None
     ) -> Array | None:
-        """Tangents (n, 3) of the stretches from ``start`` to ``end`` (n,) m where every one lies on
-        a straight; None where one does not."""
+        """Return tangents (n, 3) of stretches from ``start`` to ``end`` (n,) m if all are straight.
+
+        None where one does not lie on a straight.
+        """
         first, last = self._segment(start, line), self._segment(end, line)
         # Compared as bytes, which is faster than element by element for the few robots of a batch.
         if first.tobytes() != last.tobytes():
@@ -140,8 +142,10 @@ class Centreline:
         return rows[:, _TANGENT] + rows[:, _NORMAL] * 0.0
 
     def frame(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
-        """Rotations (n, 3, 3) of the route's frame at arc length (n,) m: z the tangent, x carried
-        without twist."""
+        """Return the route's frames (n, 3, 3) at arc length (n,) m.
+
+        z is the tangent, x is carried without twist.
+        """
         return self.at_with_frame(s, line)[1]
 
     def at_with_frame(
@@ -217,8 +221,7 @@ class Centreline:
     def _candidates(
         self, count: int, near: Array | None, line: NDArray[np.intp] | None
     ) -> NDArray[np.intp]:
-        """Segments (n, S) on which the nearest point may lie, the last one repeated where there are
-        fewer."""
+        """Return segments (n, S) on which the nearest point may lie; the last one fills up rows."""
         # Only the segments within reach are looked at, so that a long route costs no more than a
         # short one.
         if near is None:
@@ -268,8 +271,7 @@ def _along(rows: Array, u: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:
-    """Vectors ``side`` (n, 3), carried without twist through a bend by ``angle`` (n,) rad from
-    tangent to normal."""
+    """Carry vectors (n, 3) without twist through a bend by ``angle`` (n,) rad to the normal."""
     angle = angle[:, None]
     along_n = dot(side, normal)[:, None]
     # Only the part of the vector in the plane of the bend turns; what is square to it stays.

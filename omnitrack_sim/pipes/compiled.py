@@ -34,15 +34,14 @@ LOW, HIGH, LOW_ENDS, HIGH_ENDS = 0, 1, 2, 3
 
 
 @compiled
-def unknown(sizes, px, py, pz, ax, ay, az):
+def unknown(_sizes, _px, _py, _pz, _ax, _ay, _az):
     """See ``Wall``: for any fitting; rays then find its wall by its ``surface`` alone."""
     return 0.0
 
 
 @dataclass(frozen=True)
 class Wall:
-    """Compiled functions that state the wall of a kind of fitting, once for contact, for rays
-    and for ``Fitting.signed_distance``.
+    """The wall of a kind of fitting as compiled functions, for contact, rays and distances.
 
     Attributes:
         surface: ``surface(sizes, x, y, z, out)`` returns the distance, m, of a point of the fitting
@@ -66,8 +65,10 @@ class Wall:
 
 @compiled
 def clip(out, value, slope, ends):
-    """Keep the part of the span in ``out`` where value + slope s <= 0; ``ends`` is over 0 where
-    contact ends there."""
+    """Keep the part of the span in ``out`` where value + slope s <= 0.
+
+    ``ends`` is over 0 where contact ends there.
+    """
     if abs(slope) < 1e-14:
         if value > 0.0:
             out[HIGH] = out[LOW] - 1.0
@@ -89,8 +90,7 @@ def put(out, x, y, z, face):
 
 @compiled
 def crossing(a, b, c):
-    """Return the least positive s where a s² + 2 b s + c, positive at 0, becomes 0; infinite for
-    none."""
+    """Return the least positive root of s² a + 2 b s + c, positive at 0; infinite for none."""
     under = b * b - a * c
     # Without a real root the quadratic stays positive: the line never leaves.
     if under < 0.0:
@@ -104,8 +104,10 @@ def crossing(a, b, c):
 
 @compiled
 def in_bore(x, y, ax, ay, radius):
-    """Return the part [low, high] of a line that is in a round bore, from a point (x, y) across the
-    bore and a direction (ax, ay); high is below low where none is."""
+    """Return the part [low, high] of a line that is in a round bore; high below low where none is.
+
+    The line goes from a point (x, y) across the bore in a direction (ax, ay).
+    """
     a, b, c = ax * ax + ay * ay, x * ax + y * ay, x * x + y * y - radius * radius
     under = b * b - a * c
     # Along the axis (a = 0) a line is in the bore everywhere or nowhere.
@@ -117,8 +119,7 @@ def in_bore(x, y, ax, ay, radius):
 
 @compiled
 def out_of_two(low, high, other_low, other_high):
-    """Return the place where a line from 0 on leaves the union of two parts of it, 0.0 where it is
-    in none."""
+    """Return where a line from 0 on leaves the union of two parts of it; 0.0 if it is in none."""
     if not low < 0.0 < high:
         if not other_low < 0.0 < other_high:
             return 0.0
@@ -146,8 +147,10 @@ def distances(surface: int, sizes: Sequence[float], points: Array) -> tuple[Arra
 
 
 def _at_points(surface, sizes, points, count, rows):
-    """Write the distance of each of the points (count, 3), and what ``surface`` writes to its
-    ``out``, to ``rows`` (count, 5)."""
+    """Evaluate ``surface`` at points (count, 3) into ``rows`` (count, 5).
+
+    A row has the distance, and what ``surface`` writes to its ``out``.
+    """
     for i in range(count):
         x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
         rows[5 * i] = call_surface(surface, sizes, x, y, z, at(rows, 5 * i + 1))

@@ -69,8 +69,10 @@ class MapSize(NamedTuple):
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
-        """Texts of unit, value, standard deviation and error, in mm or degrees, to two figures of
-        the standard deviation, or else of the error."""
+        """Return texts of unit, value, standard deviation and error, in mm or degrees.
+
+        Two figures of the standard deviation, or else of the error, are shown.
+        """
         unit, scale = ("deg", 180 / math.pi) if self.key == "angle" else ("mm", 1000.0)
         doubt = abs(scale * (self.std or self.error or 0.0))
         digits = min(max(1 - math.floor(math.log10(doubt)), 0), 3) if doubt > 0 else 3
@@ -135,8 +137,10 @@ class MapDifference:
 
     @property
     def consistent(self) -> bool:
-        """True if nothing that the map has is wrong, whatever it lacks: it has no other kinds,
-        sizes, directions, ends and joints than the network."""
+        """True if nothing that the map has is wrong, whatever it lacks.
+
+        It has no other kinds, sizes, directions, ends and joints than the network.
+        """
         wrong = self.kinds, self.wrong_sizes, self.angles, self.ends, self.loose, self.extra
         return not any(wrong)
 
@@ -296,8 +300,7 @@ class _Graph:
         return run
 
     def _end_of_run(self, end: Port, run: set[int]) -> Port:
-        """The last port of a run of straights beyond a port; the parts on the way come into
-        ``run``."""
+        """Return the last port of a run of straights beyond a port; add its parts to ``run``."""
         while end in self._joined:
             index, enter = self._joined[end]
             fitting = self._pipes.parts[index].fitting
@@ -358,8 +361,10 @@ class _Walk:
         )
 
     def _all_sizes(self, matched: Mapping[int, int]) -> Iterator[MapSize]:
-        """Yield the sizes of all parts of the map; ``matched``: to each part of the network, that
-        of the map."""
+        """Yield the sizes of all parts of the map.
+
+        ``matched``: to each part of the network, that of the map.
+        """
         partners = {mine: self._true.nodes[true] for true, mine in matched.items()}
         ports = {mine: true for true, mine in self._ports.items()}
         for i, node in enumerate(self._mine.nodes):
@@ -442,8 +447,10 @@ def _entered(node: _Node, enter: str, side: Array) -> dict[str, Pose]:
 def _matched(
     mine: Mapping[str, Pose], true: Mapping[str, Pose], enter: str, true_enter: str
 ) -> list[tuple[str, str]]:
-    """Pairs of ports by which two parts are left, by where they look: which run of a tee is
-    "start" is a matter of naming."""
+    """Pairs of ports by which two parts are left, by where they look.
+
+    Which run of a tee is "start" is a matter of naming.
+    """
     leaves = [port for port in true if port != true_enter]
     order = min(
         permutations([port for port in mine if port != enter], len(leaves)),

@@ -60,7 +60,8 @@ def lay_out(
     """Place the fittings along the joints, breadth first.
 
     Args:
-        fittings: by name, in order. joints: ports that exist, each in one joint at most.
+        fittings: by name, in order.
+        joints: ports that exist, each in one joint at most.
         first: by the index of a fitting, in each connected group one, the frame of its first port,
             z into the pipe, world frame.
         checked: False for parts that need not fit together.
@@ -100,8 +101,10 @@ def lay_out(
 def _placed(
     kinds: Sequence[Fitting], joints: Sequence[Joined], first: Mapping[int, Pose]
 ) -> tuple[dict[int, Pose], set[int]]:
-    """Poses by part, and the joints that placed a part; the others close loops or lie apart from
-    the first part."""
+    """Return poses by part, and the joints that placed a part.
+
+    The others close loops, or lie apart from the first part.
+    """
     at_part: list[list[tuple[int, Port, Port, float]]] = [[] for _ in kinds]
     for k, (ends, turn) in enumerate(joints):
         for here, there in (ends, ends[::-1]):
@@ -201,8 +204,9 @@ class Joint(Table):
 
 
 class Network(Table):
-    """A pipe network as data: fittings by name and what is joined to what. Keys and units: see
-    docs/reference/networks.md.
+    """A pipe network as data: fittings by name and what is joined to what.
+
+    Keys and units: see docs/reference/networks.md.
 
     Attributes:
         name: of the network; the file's name if left out.
@@ -367,9 +371,9 @@ class Network(Table):
     def around(
         self, names: Collection[str], reach: float = 1.0, without: Collection[str] = ()
     ) -> Network:
-        """Return the network of some fittings and of those joined to them within ``reach`` m of
-        pipe, all in their places, and ``without`` some: what a run along a route through a town
-        needs.
+        """Return the network of some fittings and of those within ``reach`` m of pipe, in place.
+
+        It leaves out ``without``; a run along a route through a town needs no more.
 
         Raises:
             NetworkError: there is no such fitting.
@@ -424,8 +428,10 @@ class Network(Table):
 
     @property
     def open_ends(self) -> tuple[str, ...]:
-        """Ports that nothing is joined to, such as ``"riser.start"``, also those of caps: where a
-        route may start and end."""
+        """Ports that nothing is joined to, such as ``"riser.start"``, also those of caps.
+
+        A route may start and end there.
+        """
         taken = {port for joint in self.joints for port in joint.ports}
         return tuple(port for port in self._ends if port not in taken)
 
@@ -440,8 +446,7 @@ class Network(Table):
         return sum(part.fitting().length_of_axes for part in self.fittings)
 
     def end(self, where: str, port: str) -> Port:
-        """Part index and port name of an open end, given as ``part.port`` or by its name in
-        ``ports``.
+        """Return the port of an open end: ``part.port``, or its name in ``ports``.
 
         Raises:
             NetworkError: no such port, or none that is open; ``where`` names what asked for it.
@@ -459,8 +464,7 @@ class Network(Table):
         raise NetworkError(Fault(where, problem, (*self.ports, *self.open_ends), given=word))
 
     def port(self, port: str, where: str = "port") -> Port:
-        """Part index and port name of any port ``part.port``, or of an open end by its name in
-        ``ports``.
+        """Return the port of a name: ``part.port``, or an open end's name in ``ports``.
 
         Raises:
             NetworkError: no such port; ``where`` names what asked for it.

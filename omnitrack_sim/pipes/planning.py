@@ -50,8 +50,9 @@ class Leg:
 def port_graph(
     network: Network, arcs: Arcs = ARCS, avoid: Collection[str] = ()
 ) -> networkx.DiGraph[Any]:
-    """Return the graph of a network's ports (part index, port name); its edges have a ``length``,
-    m, of the axis between two ports of a fitting, or 0 at a joint.
+    """Return the graph of a network's ports (part index, port name).
+
+    Its edges have a ``length``, m, of the axis between two ports of a fitting, or 0 at a joint.
 
     Fittings to ``avoid`` are left out.
     """
@@ -74,8 +75,10 @@ def port_graph(
 def without(
     graph: networkx.DiGraph[Any], closed: Closed, joints: Collection[tuple[Port, Port]] = ()
 ) -> networkx.DiGraph[Any]:
-    """Return a view of a graph of ports without what is closed, and without some joints from one
-    port to another."""
+    """Return a view of a graph of ports without what is closed, and without some joints.
+
+    A joint is given from one port to another.
+    """
     import networkx
 
     ports = [port for port in closed if len(port) == 2]
@@ -100,8 +103,9 @@ def shortest_path(graph: networkx.DiGraph[Any], start: Port, goal: Port) -> tupl
 
 
 class PathsToGoals:
-    """Shortest paths from all ports at once to the nearest of several goals, for a robot that
-    never turns round: it leaves a part by another port than it entered.
+    """Shortest paths from all ports to the nearest of several goals, for a robot that never turns.
+
+    It leaves a part by another port than it entered.
 
     It may come through a part a second time, back from a loop: then no path of ``shortest_path`` is
     as short.
@@ -215,8 +219,7 @@ def shortest_route(
 def around_route(
     network: Network, start: str, goal: str, reach: float = 1.0
 ) -> tuple[Network, str, str]:
-    """Return the parts of a town on and beside the shortest route from one place to another, and
-    the open ends where the route begins and ends.
+    """Return the parts of a town on and beside the shortest route between two places, and its ends.
 
     Args:
         network: of the town.

@@ -60,8 +60,7 @@ class Location:
 
     @cached_property
     def theta5(self) -> Array:
-        """Module 1 from the turning direction of the fitting being passed or next (n,), rad, in
-        [-pi, pi)."""
+        """theta5 (n,) rad, in [-pi, pi): module 1 from the turning direction of the passage."""
         return angle_about(self.frame[:, :, 2], self.turning, self.frame[:, :, 0])
 
 
@@ -176,8 +175,10 @@ class RouteMap:
         )
 
     def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
-        """Module 1 of located robots from the turning direction of ``passage`` (n,), which may be
-        the one before or after that of their location (n,), rad, in [-pi, pi)."""
+        """Return theta5 (n,) rad, in [-pi, pi), of located robots for ``passage`` (n,).
+
+        The passage may be the one before or after that of their location.
+        """
         # Beyond a bend, its turning direction is that at its end.
         at = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
         normal = self.centreline.at(at, self._route(location.route))[2]
@@ -185,13 +186,14 @@ class RouteMap:
         return angle_about(location.frame[:, :, 2], turning, location.frame[:, :, 0])
 
     def nose_room(self, location: Location, length: float) -> Array:
-        """Room (n,) m from the noses of robots of a length, m, to the next fitting's bend or
-        opening; infinite after the last one."""
+        """Return the room (n,) m from noses of robots ``length`` m long to the next fitting.
+
+        That is its bend or opening. It is infinite after the last one.
+        """
         return self.start.take(location.passage) - location.distance - length / 2
 
     def progress(self, passage: NDArray[np.intp], rotation: Array) -> Array:
-        """Return by how much robots (n,) have turned into the directions of their passages, 1 when
-        they are round.
+        """Return by which share robots (n,) have turned into their passages; 1 when they are round.
 
         Args:
             passage: (n,) that robots are in.
@@ -225,15 +227,20 @@ class RouteMap:
     def start_poses(
         self, route: NDArray[np.intp], distance: Array, theta5: Array
     ) -> tuple[Array, Array]:
-        """Positions (n, 3) m and rotations (n, 3, 3) of robots on the centreline, along its
-        tangent, turned to ``theta5`` (n,) rad, at arc length ``distance`` (n,) m."""
+        """Positions (n, 3) m and rotations (n, 3, 3) on the centreline of robots at their start.
+
+        Args: ``distance`` (n,) m, arc length. ``theta5`` (n,) rad.
+        """
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
         turning = self._turning_direction(distance, self._passage(distance, route), normal)
         return position, _turned(tangent, turning, theta5)
 
     def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
-        """Positions (k, 3) m and rotations (k, 3, 3) on the centreline at arc lengths (k,) m, along
-        its tangent, with module 1 turned by ``turn`` (k,) rad from the centreline's normal."""
+        """Return positions (k, 3) m and rotations (k, 3, 3) on the centreline, along its tangent.
+
+        Args: ``distance`` (k,) m, arc length. ``turn`` (k,) rad, of module 1 from the centreline's
+        normal.
+        """
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
         return position, _turned(tangent, normal, turn)
 
@@ -266,8 +273,10 @@ def _turned(tangent: Array, normal: Array, turn: Array) -> Array:
 
 
 def angle_about(axis: Array, start: Array, end: Array) -> Array:
-    """Angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3), both projected across
-    the axis."""
+    """Return the angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3).
+
+    Both are projected across the axis.
+    """
     # The subtraction takes away what lies along the axis: only the parts across it make the angle.
     return np.arctan2(
         dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)

@@ -151,8 +151,7 @@ class Passage:
 
     @property
     def turn_direction(self) -> Array:
-        """Unit vector (3,) at the entry, world frame: where the route bends to, or where the branch
-        opens."""
+        """Unit vector (3,) at the entry, world frame, to where the route bends or a branch is."""
         return self.part.pose.rotation @ self.curve.normal
 
     @property
@@ -177,20 +176,23 @@ class Passage:
 
     @cached_property
     def span(self) -> tuple[float, float]:
-        """Arc lengths, m, where the bend or, straight over an opening, the opening begins and ends;
-        nan elsewhere."""
+        """Arc lengths, m, where the bend or opening that is passed begins and ends, or nan."""
         return (self.s_bend_start, self.s_bend_end) if self._arcs else self.opening
 
     @property
     def s_prepared(self) -> float:
-        """Arc length, m, by which a robot has to be prepared for it: where its bend or opening
-        begins or, where any orientation will do, where it is left."""
+        """Arc length, m, by which a robot has to be prepared for the passage.
+
+        It is where its bend or opening begins or, where any orientation will do, where it is left.
+        """
         return self.span[0] if self.asks_orientation else self.s_leave
 
     @property
     def mark(self) -> float:
-        """Arc length, m, of what a robot sees first: an opening's near edge or a bend's start; nan
-        without either."""
+        """Arc length, m, of what a robot sees first: an opening's near edge or a bend's start.
+
+        It is nan without either.
+        """
         return self.s_bend_start if np.isnan(self.opening[0]) else self.opening[0]
 
 
@@ -216,8 +218,7 @@ class Route:
 
     @classmethod
     def of(cls, network: Assembly, passages: Iterable[Passage], side: Array | None = None) -> Route:
-        """Return a route of ``passages``, moved along so that each begins where the one before it
-        ends."""
+        """Return a route of ``passages``, each moved to begin where the one before it ends."""
         placed, distance = [], 0.0
         for passage in passages:
             placed.append(passage.at(distance))
@@ -252,8 +253,10 @@ class Route:
         return next(ahead, len(self.passages) - 1)
 
     def cleared(self, index: int) -> float:
-        """Return the arc length, m, where the last bend or opening up to passage ``index`` ends;
-        minus infinity without one."""
+        """Return the arc length, m, where the last bend or opening up to passage ``index`` ends.
+
+        It is minus infinity without one.
+        """
         before = (p for p in self.passages[index::-1] if p.asks_orientation)
         return next((p.span[1] for p in before), -inf)
 
@@ -299,8 +302,9 @@ def route(steps: Sequence[Step], start: Pose | None = None, arcs: Arcs = ARCS) -
 
 
 def route_through(network: Assembly, path: Iterable[Edge], arcs: Arcs = ARCS) -> Route:
-    """Return the route along a path through parts of a network; side branches stay part of
-    ``Route.network``.
+    """Return the route along a path through parts of a network.
+
+    Side branches stay part of ``Route.network``.
 
     Args:
         network: joined parts.

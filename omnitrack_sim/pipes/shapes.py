@@ -27,18 +27,17 @@ class Solid(Protocol):
 
 
 class Kit(Protocol):
-    """Factory of solids, in the fitting frame, m.
-
-    Attributes:
-        sections: corners of a pipe's cross-section.
-        overcut: m, how far solids that are cut away should reach into what is already empty.
-    """
+    """Factory of solids, in the fitting frame, m."""
 
     @property
-    def sections(self) -> int: ...
+    def sections(self) -> int:
+        """Corners of a pipe's cross-section."""
+        ...
 
     @property
-    def overcut(self) -> float: ...
+    def overcut(self) -> float:
+        """Reach, m, of solids that are cut away into what is already empty."""
+        ...
 
     def cylinder(
         self,
@@ -56,8 +55,10 @@ class Kit(Protocol):
         ...
 
     def bend(self, mean_radius: float, angle: float, radius: float) -> Solid:
-        """Sweep a disc of ``radius`` m at the origin, across +z, by ``angle`` rad towards +x about
-        the axis ``mean_radius`` m away; what would lie beyond that axis is left out."""
+        """Sweep a disc of ``radius`` m at the origin, across +z, by ``angle`` rad towards +x.
+
+        The axis is ``mean_radius`` m away; what would lie beyond it is left out.
+        """
         ...
 
     def loft(self, rings: Array, hub: int | None) -> Solid:
@@ -101,8 +102,10 @@ class Pieces:
         half_length: float,
         depth: float = THICKNESS,
     ) -> None:
-        """Add a box whose inner face has its centre at ``point``, facing ``-normal``, with
-        ``along`` its length; it is ``depth`` m deep."""
+        """Add a box of ``depth`` m, its inner face centred at ``point`` and facing ``-normal``.
+
+        ``along``: its length.
+        """
         rotation = frame_of(normal, along)
         half = np.array([depth / 2, half_width, half_length])
         self.boxes.append((point + normal * depth / 2, rotation, half))
@@ -127,14 +130,17 @@ class Pieces:
         depth: float,
         extent: Callable[[Array], Array],
     ) -> None:
-        """Add rows of boxes tangent to a cylinder about an axis through the origin, along a line on
-        it where the fillet of a rim begins.
+        """Add rows of boxes tangent to a cylinder, along the line where a rim's fillet begins.
+
+        The cylinder's axis leads through the origin.
 
         Args:
             line: (k, 3) m.
-            axis: (3,) unit vector. radius: m, of the cylinder.
+            axis: (3,) unit vector.
+            radius: m, of the cylinder.
             away: (k, 3), to the side of the line that the wall is on.
-            strip: m, width of a row. depth: m, of the boxes.
+            strip: m, width of a row.
+            depth: m, of the boxes.
             extent: ``Fitting.extent``; beyond a port the neighbour's wall takes over.
         """
         chords, middles = np.diff(line, axis=0), (line[:-1] + line[1:]) / 2
@@ -171,8 +177,10 @@ class Pieces:
 
 
 def stave_count(radius: float, tolerance: float) -> int:
-    """Least number of staves, a multiple of 4, that keep within ``tolerance`` m of a bore of
-    ``radius`` m."""
+    """Return the least number of staves, a multiple of 4, within ``tolerance`` m of a bore.
+
+    Args: ``radius``: m, of the bore.
+    """
     # R (1 / cos(pi / N) - 1) / 2 <= tolerance
     exact = math.pi / math.acos(1 / (1 + 2 * tolerance / radius))
     # A multiple of 4 puts staves at the fitting's axes, so that walls are symmetric about them.
@@ -180,8 +188,7 @@ def stave_count(radius: float, tolerance: float) -> int:
 
 
 def sagitta(radius: float, half_angle: float) -> float:
-    """Distance, m, by which a chord's tangent leaves a circle of ``radius`` m after ``half_angle``
-    rad."""
+    """Return by how much, m, a tangent leaves a circle of ``radius`` m after ``half_angle`` rad."""
     return radius * (1 / math.cos(half_angle) - 1)
 
 
@@ -210,8 +217,10 @@ class Ring:
     def add_stave(
         self, pieces: Pieces, out: Array, along: Array, ends: tuple[float, float], depth: float
     ) -> None:
-        """Add the stave on the side ``out`` (3,) of an axis ``along`` (3,), between ``ends`` m from
-        the origin and ``depth`` m deep; none where hardly anything is left of it."""
+        """Add the stave on the side ``out`` (3,) of an axis ``along`` (3,), if any is left of it.
+
+        Args: ``ends``: m, from the origin. ``depth``: m.
+        """
         start, end = ends
         if end - start > 1e-5:
             middle = self.face * out + along * (start + end) / 2

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from omnitrack_sim.robots.omnitrack.control.driven import KIND
+from omnitrack_sim.robots.driving import DriverTable
 from omnitrack_sim.scenario import Scenario
 
 
@@ -22,9 +22,9 @@ def provenance_of(scenario: Scenario) -> dict[str, Any]:
         "collider": scenario.physics.collider,
         **environment(),
     }
-    if scenario.control.kind != KIND:
-        return made
     table = scenario.control_parameters
+    if not isinstance(table, DriverTable):
+        return made
     return made | {"driven_by": table.driver, "orders": len(table.orders)}
 
 

@@ -141,12 +141,7 @@ class Result:
 
     @property
     def joints(self) -> dict[str, slice]:
-        """Columns of ``qpos`` by the name of the joint in the model.
-
-        Of the omnidirectional robot these are ``robot``, and of each module ``slide_1``,
-        ``pitch_1``, ``roll_1``, ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and
-        ``sprocket_rear_1``; then shafts.
-        """
+        """Columns of ``qpos`` by the name of the joint in the model; see ``Robot.joints``."""
         return dict(self.scenario.robot.joints)
 
     @property

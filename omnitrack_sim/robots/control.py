@@ -59,14 +59,20 @@ class Observation:
             # Kept as an attribute: Python comes here only where there is none yet.
             value = self.__dict__[name] = self.__dict__["_readings"][name]
         except KeyError:
-            known = list(self.__dict__.get("_readings", ()))
+            known = self._channels()
             near = did_you_mean(name, known)
             message = f"no channel {name!r} is observed{near} (choose from: {', '.join(known)})"
             raise AttributeError(message) from None
         return value
 
     def __repr__(self) -> str:
-        return f"Observation({len(self.leg)} robots, {len(self._readings)} channels)"
+        return f"Observation({len(self.leg)} robots, {len(self._channels())} channels)"
+
+    def _channels(self) -> list[str]:
+        """Names of the channels that are observed."""
+        readings = self.__dict__.get("_readings", ())
+        # Sensors are read when they are first asked for.
+        return list(getattr(readings, "sensors", readings))
 
 
 class Actuation(NamedTuple):
@@ -115,6 +121,30 @@ def checked(command: _Command, start: _Command) -> _Command:
             raise ValueError(f"command.{name} has shape {array.shape}, expected {like.shape}")
         changes[name] = array
     return command._replace(**changes) if changes else command
+
+
+def held_command(command: _Command, held: _Command, active: NDArray[np.bool_]) -> _Command:
+    """Return the command that n robots carry out: fields that it omits, and all fields of robots
+    that are not ``active`` (n,), are kept from the command ``held`` so far.
+
+    A field that holds for one period is None where it is left out.
+    """
+    values: list[Any] = []
+    all_active = np.count_nonzero(active) == len(active)
+    for name, value, before in zip(command._fields, command, held, strict=True):
+        if name in MOMENTARY:
+            left_out = value is None and name in ("resting", "over")
+            values.append(np.zeros(len(active), bool) if left_out else value)
+        elif value is None:
+            values.append(before)
+        elif all_active:
+            # Copies: whoever made the command may write into its arrays again.
+            values.append(value.copy())
+        else:
+            # Robots whose run is over keep what they were asked last.
+            rows = active.reshape(-1, *[1] * (value.ndim - 1))
+            values.append(np.where(rows, value, before))
+    return command._make(values)
 
 
 def with_command_rows(command: _Command, rows: NDArray[np.intp], other: _Command) -> _Command:

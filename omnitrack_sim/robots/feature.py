@@ -29,7 +29,7 @@ default controller looks, the robot's nose, and a robot's length ahead."""
 
 DECISION_PERIOD = 0.05
 """Time that a decision holds, s: 5 mm of travel at 0.1 m/s, a third of the time in which the
-springs can turn the omnidirectional robot over in a tee."""
+springs of a wall-pressing robot can turn it over in a tee."""
 ROUNDING = 1e-6
 """Part of a control step by which a decision period may miss a whole number of them."""
 FloatRows = NDArray[np.float32]

@@ -6,6 +6,7 @@ an installed distribution, or is named ``module:Class`` in the file.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Annotated
 
 from pydantic import SerializeAsAny
@@ -56,6 +57,7 @@ def robot_class(kind: str) -> type[Robot]:
     return robot
 
 
+@cache
 def default_robot() -> Robot:
     """Return the robot of a file that names none."""
     return robot_class(DEFAULT)()

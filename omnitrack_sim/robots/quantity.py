@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationInfo, field_validator
 
@@ -78,6 +78,21 @@ class QuantityModel(Table):
         return value
 
 
+class NamedTable(QuantityModel):
+    """Table of figures in whose place a file may give the name of a shipped one.
+
+    A table in a file may take over the figures of a shipped one by ``like = NAME``.
+    """
+
+    OTHER_KEYS: ClassVar[tuple[str, ...]] = ("like",)
+    name: str
+
+    @classmethod
+    def shipped(cls) -> Mapping[str, NamedTable]:
+        """Return the tables that come with the package, by name."""
+        raise NotImplementedError
+
+
 def quantity(
     default: Any,
     unit: str,
@@ -115,6 +130,32 @@ def quantity_of(table: type[BaseModel], key: str) -> Quantity:
     if extra is None:
         return Quantity(symbol_of(table, key), "unstated", meanings_of(table).get(key, ""))
     return Quantity(source=info.description or "", **extra)
+
+
+def unit_at(table: type[BaseModel], path: str) -> str | None:
+    """Return the unit of the field at a dotted path below a table, None where there is no field.
+
+    Example:
+        >>> from omnitrack_sim.robots.quantity import unit_at
+        >>> unit_at(ot.Omnitrack, "motor.stall_torque")
+        'N m'
+    """
+    name, _, rest = path.partition(".")
+    info = table.model_fields.get(name)
+    if info is None:
+        return None
+    if not rest:
+        return symbol_of(table, name)
+    units = (unit_at(inner, rest) for inner in _tables_in(info.annotation))
+    return next((unit for unit in units if unit is not None), None)
+
+
+def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the tables that a type is or is made of, such as those of a union."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables_in(part)
 
 
 def borrowed(whose: str) -> Callable[[type[_Table]], type[_Table]]:

@@ -20,9 +20,9 @@ from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
+from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
-from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.control.driven import KIND, Order
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import ControlTable, RecordTable
 
@@ -87,8 +87,9 @@ def _forget_digest(data: Any, path: str) -> None:
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Read a scenario file, or a shipped scenario by name; the ``scenario.json`` of a saved run is
-    such a file.
+    """Read a scenario file, or a shipped scenario by name.
+
+    The ``scenario.json`` of a saved run is such a file.
 
     Args:
         source: the file or name.
@@ -180,13 +181,20 @@ def _changed(
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:
     """Robot table with all values at its own scale, to which changes refer."""
-    if not isinstance(robot, Mapping) or robot.get("kind", DEFAULT) != DEFAULT:
+    if not isinstance(robot, Mapping):
+        return robot
+    try:
+        model = robot_class(str(robot.get("kind", DEFAULT)))
+    except InputError:
+        return robot  # reported where the robot is read
+    if "values_at_scale" not in model.model_fields:
         return robot
     changed = {keys_of(path)[1] for path in changes if path.startswith("robot.")}
     # A change may mend the very value that makes the table invalid: then it is tried without it.
-    for table in (robot, {key: value for key, value in robot.items() if key not in changed}):
+    for left_out in ({"kind"}, {"kind", *changed}):
+        table = {key: value for key, value in robot.items() if key not in left_out}
         try:
-            return Omnitrack.model_validate(table, strict=True).model_dump(mode="json")
+            return model.model_validate(table, strict=True).model_dump(mode="json")
         except (ValidationError, RecursionError):
             continue
     return robot
@@ -208,8 +216,9 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
 
 
 def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
-    """Scenario data with the part of its network near the route alone, where the network is a town
-    or the mission leads from or to a fitting.
+    """Return the data with the part of its network near the route alone.
+
+    Only of a town, or of a mission that leads from or to a fitting.
 
     Raises:
         NetworkError: there is no way.
@@ -228,8 +237,10 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
-    """Scenario data with the robot as a table, its files by absolute paths, and its own default
-    controller; and the faults of its kind."""
+    """Return the data with the robot as a table and its controller, and the faults of its kind.
+
+    Files go by absolute paths; the controller is the robot's own where none is named.
+    """
     robot = data.get("robot", {})
     if isinstance(robot, str):
         is_file_name = Path(robot).suffix in (".xml", ".mjcf")
@@ -367,7 +378,7 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     data["name"] = driven_name(scenario.name)
     data["run"]["expected_outcome"] = None
     data["control"] |= {
-        "kind": KIND,
+        "kind": _driven_kind(scenario.robot),
         "parameters": {
             "driver": driver,
             "autopilot": autopilot["kind"],
@@ -378,6 +389,19 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     if data["run"]["time_limit"] is None:
         data["run"]["time_limit"] = LONGEST_DRIVE
     return validate(data)
+
+
+def _driven_kind(robot: Robot) -> str:
+    """Return the kind of a robot's controller that obeys a driver.
+
+    Raises:
+        ScenarioError: it has none.
+    """
+    for kind, controller in robot.controllers().items():
+        if obeys_orders(controller):
+            return kind
+    problem = f"is {robot.kind!r}, of which no controller obeys a driver"
+    raise ScenarioError([Fault("robot.kind", problem)])
 
 
 def driven_name(name: str) -> str:
@@ -395,7 +419,7 @@ def with_orders(scenario: Scenario, orders: Sequence[Order]) -> Scenario:
 def autopilot_of(scenario: Scenario) -> dict[str, Any]:
     """Plain data of ``[control]`` with the autopilot as controller; unchanged if nobody drives."""
     control = scenario.control.model_dump(mode="json")
-    if scenario.control.kind != KIND:
-        return control
     table = scenario.control_parameters
+    if not isinstance(table, DriverTable):
+        return control
     return control | {"kind": table.autopilot, "parameters": table.autopilot_parameters}

@@ -35,9 +35,9 @@ from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
-from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, robot_class
+from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, default_robot, robot_class
 from omnitrack_sim.robots.odometry import odometry_of
-from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.quantity import unit_at
 from omnitrack_sim.robots.robot import SPECIAL, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
@@ -99,7 +99,7 @@ class Scenario(Table):
     world: WorldTable = WorldTable()
     pull: PullTable | None = None
     """A pull at the robot's tail, backward along the pipe."""
-    robot: RobotOfKind = Omnitrack()
+    robot: RobotOfKind = Field(default_factory=default_robot)
     control: ControlTable = ControlTable()
     sensing: SensingTable = SensingTable()
     physics: PhysicsTable = PhysicsTable()
@@ -363,13 +363,8 @@ def unit_of(path: str) -> str | None:
     if path.endswith("_deg"):
         return "deg"
     if table == "robot":
-        # A robot with a rotary motor of its own has all the parameters that a robot can have.
-        rows = Omnitrack(roll_motor=Omnitrack().motor).parameters()
-        units, key = {row.name: row.unit for row in rows}, ".".join(keys)
-        if key in units:
-            return units[key] or None
-        others = map(robot_class, ROBOTS)
-        return next((symbol_of(kind, key) for kind in others if key in kind.model_fields), None)
+        units = (unit_at(robot_class(kind), ".".join(keys)) for kind in ROBOTS)
+        return next((unit for unit in units if unit is not None), None) or None
     if table == "pipes":
         kinds: list[Any] = [fitting.Table for fitting in known_fittings().values()]
         keys = keys[-1:]

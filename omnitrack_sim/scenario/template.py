@@ -15,8 +15,8 @@ from omnitrack_sim.base.text import as_toml
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.robots.control import parameters_model
 from omnitrack_sim.robots.kinds import DEFAULT
-from omnitrack_sim.robots.omnitrack import MOTORS, Motor, Omnitrack
-from omnitrack_sim.robots.quantity import Quantity, QuantityModel, quantity_of
+from omnitrack_sim.robots.quantity import NamedTable, Quantity, QuantityModel, quantity_of
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
 
@@ -31,12 +31,12 @@ Units are SI, or degrees where a key ends in _deg. D is the bore that the robot 
 times robot.scale; times in [monitor] and [control.parameters] are for 160 mm, and grow with the
 square root of D.
 """
-_ROBOT = """
-The robot. Behind a unit stands the range, and behind a meaning where the default comes from. All
-values are for 160 mm pipes and are scaled together by `scale`, unless `values_at_scale` says that
-they are for another size.
+_ROBOT = "Behind a unit stands the range, and behind a meaning where the default comes from."
+_SCALED = """
+All values are for 160 mm pipes and are scaled together by `scale`, unless `values_at_scale` says
+that they are for another size.
 """
-_MOTOR = "The crawler motor as a table, in the place of its name."
+_NAMED = "The {} as a table, in the place of its name."
 _FURTHER = "Other kinds, which have the keys `name` to `inner_diameter` as well:"
 _MISSION = "In the place of [[pipes]]: a network, and what the robot does in it."
 
@@ -66,8 +66,7 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     lines += _pipes(data["pipes"], scenario) if has_pipes else _table("mission", Mission, data)
     for key, info in Scenario.model_fields.items():
         if key == "robot":
-            has_motors = isinstance(scenario.robot, Omnitrack)
-            lines += (_robot_with_motors if has_motors else _robot)(data, scenario)
+            lines += _robot(data, scenario.robot)
         elif key == "control":
             lines += _control(data, scenario)
         elif isinstance(info.default, BaseModel):
@@ -128,15 +127,18 @@ def _keys(
 def _table(path: str, model: type[BaseModel], above: Mapping[str, Any]) -> list[str]:
     """Lines of a table, and of those in it; ``above`` is the table that it stands in."""
     values = above.get(path.rpartition(".")[2], {})
-    # The first paragraph of a table's docstring is written for users of files.
-    first = (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
-    lines = ["", *_comment(first), f"[{path}]"]
+    lines = ["", *_comment(_first_paragraph(model)), f"[{path}]"]
     lines += [line for _, rows in _keys(model, values) for line in rows]
     for key, info in model.model_fields.items():
         default = info.get_default(call_default_factory=True)
         if isinstance(default, BaseModel):
             lines += _table(f"{path}.{key}", type(default), values)
     return lines
+
+
+def _first_paragraph(model: type[BaseModel]) -> str:
+    """The first paragraph of a table's docstring, which is written for users of files."""
+    return (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
 
 
 def _other_mission() -> list[str]:
@@ -174,38 +176,44 @@ def _further_fittings(kinds: set[str]) -> list[str]:
     return lines
 
 
-def _robot_with_motors(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
-    """The robot's parameters; its crawler motor, which may be a table, stands at the end."""
-    # In TOML all that follows the head of a table belongs to it: [robot.motor] must come last.
-    values, kind = data.get("robot", {}), scenario.robot.kind
-    lines = ["", *_comment(_ROBOT), "[robot]"]
-    lines += [] if kind == DEFAULT else [f"kind = {as_toml(kind)}"]
-    lines += [line for _, rows in _keys(type(scenario.robot), values) for line in rows]
-    motor = values.get("motor")
-    if isinstance(motor, Mapping):
-        like = [f"like = {as_toml(motor['like'])}"] if "like" in motor else []
-        return [*lines, "", "[robot.motor]", *like, *_motor(motor, UNSET)]
-    lines += _figure("motor", quantity_of(Omnitrack, "motor"), "simulation", values)
-    return [*lines, "", *_comment(_MOTOR), f"{INSTEAD}[robot.motor]", *_motor({}, INSTEAD)]
-
-
-def _robot(data: Mapping[str, Any], scenario: Scenario) -> list[str]:
-    """The parameters of a robot of another kind."""
-    robot, given = scenario.robot, data.get("robot")
+def _robot(data: Mapping[str, Any], robot: Robot) -> list[str]:
+    """The parameters of a robot; its tables, such as that of a motor, stand at the end."""
+    model, given = type(robot), data.get("robot")
     values = given if isinstance(given, Mapping) else {}
-    head, *lines = _table("robot", type(robot), {"robot": values})[1:]
-    first = lines.index("[robot]") if "[robot]" in lines else -1
-    kind = f"kind = {as_toml(robot.kind)}"
-    return ["", head, *lines[: first + 1], kind, *lines[first + 1 :]]
+    tables = {
+        key: default
+        for key, info in model.model_fields.items()
+        if isinstance(default := info.get_default(call_default_factory=True), BaseModel)
+    }
+    scaled = _SCALED if "values_at_scale" in model.model_fields else ""
+    lines = ["", *_comment(_first_paragraph(model)), *_comment(f"{_ROBOT} {scaled}"), "[robot]"]
+    lines += [] if robot.kind == DEFAULT else [f"kind = {as_toml(robot.kind)}"]
+    lines += [line for _, rows in _keys(model, values) for line in rows]
+    for key, table in tables.items():
+        if isinstance(table, NamedTable) and not isinstance(values.get(key), Mapping):
+            lines += _figure(key, quantity_of(model, key), table.name, values)
+    # In TOML all that follows the head of a table belongs to it: tables must come last.
+    for key, table in tables.items():
+        if isinstance(table, NamedTable):
+            lines += _named(f"robot.{key}", table, values.get(key))
+        else:
+            lines += _table(f"robot.{key}", type(table), values)
+    return lines
 
 
-def _motor(values: Mapping[str, Any], mark: str) -> list[str]:
-    """Figures of a motor; by default those of the shipped motor that it is ``like``."""
-    shipped = MOTORS[values.get("like", "simulation")]
-    lines = []
-    for key, info in Motor.model_fields.items():
-        default = info.default if key in ("name", "source") else getattr(shipped, key)
-        lines += _figure(key, quantity_of(Motor, key), default, values, mark)
+def _named(path: str, default: NamedTable, given: Any) -> list[str]:
+    """A table that may be given by its name, as ``given``; else as what could be there instead."""
+    model = type(default)
+    values = given if isinstance(given, Mapping) else {}
+    mark = UNSET if values else INSTEAD
+    like = [f"like = {as_toml(values['like'])}"] if "like" in values else []
+    comment = [] if values else _comment(_NAMED.format(path.rpartition(".")[2].replace("_", " ")))
+    head = f"[{path}]" if values else f"{INSTEAD}[{path}]"
+    shipped = model.shipped()[values.get("like", default.name)]
+    lines = ["", *comment, head, *like]
+    for key, info in model.model_fields.items():
+        value = info.default if key in ("name", "source") else getattr(shipped, key)
+        lines += _figure(key, quantity_of(model, key), value, values, mark)
     return lines
 
 

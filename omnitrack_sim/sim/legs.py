@@ -93,6 +93,10 @@ class Legs:
             self.routes.add([pilot.route()])
         return self._numbers[key]
 
+    def rights(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return which of robots ``rows`` (k,) right themselves where they lean over."""
+        return np.array([self.pilots[row].rights_itself for row in rows.tolist()], bool)
+
     def begun(self, robot: int) -> tuple[Leg, ...]:
         """Return the legs that a robot has begun, less those that nobody planned."""
         legs, network = [leg for leg in self._begun[robot] if leg.path], self.map(robot)

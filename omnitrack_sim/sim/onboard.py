@@ -110,7 +110,7 @@ class Onboard:
         which: NDArray[np.intp] = np.zeros(n, np.intp)
         maps = [(first.route.network.parts, first.route.network.closed_ends, ())]
         if any(self._networks):
-            maps = [maps[0] if belief is None else belief.compared() for belief in beliefs]
+            maps = [maps[0] if belief is None else belief.reliable_parts() for belief in beliefs]
             which = np.arange(n)
         self._walls = RayWalls(*zip(*maps, strict=True))
         self.localiser = Localiser(table, self._odometry, mount, self._walls, which, period)
@@ -358,7 +358,7 @@ class Onboard:
         if belief is None or belief.network is self._networks[robot]:
             return False
         self._networks[robot] = belief.network
-        self._walls.replace(robot, *belief.compared())
+        self._walls.replace(robot, *belief.reliable_parts())
         return True
 
     def update_maps(self, robots: Collection[int]) -> None:

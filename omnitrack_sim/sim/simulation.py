@@ -28,16 +28,18 @@ from omnitrack_sim.robots.control import (
     ControlSetup,
     Observation,
     checked,
+    held_command,
     with_command_rows,
 )
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
+from omnitrack_sim.sim.ending import Ending
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
+from omnitrack_sim.sim.runs import Runs
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
-from omnitrack_sim.sim.supervisor import Ending, Supervisor, held_command
 from omnitrack_sim.sim.tail_load import TailLoad
 
 Progress = Callable[[float, str], None]
@@ -89,7 +91,7 @@ class Simulation:
         setup: what the controller was made from, with the settings of the runs at hand.
         legs: what they drive, with their pilots.
         senses: what controllers and pilots receive.
-        plant, monitor, supervisor, recorder: the other parts of the loop.
+        plant, monitor, runs, recorder: the other parts of the loop.
     """
 
     def __init__(
@@ -139,9 +141,10 @@ class Simulation:
             self.period,
             self._record_every,
             self._tail,
+            self.legs.rights(np.arange(self.n)),
         )
-        self.supervisor = Supervisor(self.scenarios, self.legs, self.senses, self.monitor)
-        self.supervisor.reset(np.arange(self.n), self.readings, notes)
+        self.runs = Runs(self.scenarios, self.legs, self.senses, self.monitor)
+        self.runs.reset(np.arange(self.n), self.readings, notes)
         self._command = self.plant.command
         self.setup = ControlSetup(
             routes=self.legs.routes,
@@ -162,7 +165,10 @@ class Simulation:
         self.channels: tuple[Channel, ...] = (*own, *self.senses.recorded, *pull)
         schema, together = recorded(self.channels), moments_together(self.n)
         self.recorder = Recorder(self.phases, schema, read_together, together)
-        self._settle(self.active, np.zeros(self.n, bool))
+        self._returned = f"what {type(self.controller).__name__}.step returns"
+        self._judge(self.active, np.zeros(self.n, bool))
+        if self._recording:
+            self._record()
 
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(scenario.name for scenario in self.scenarios))
@@ -197,10 +203,11 @@ class Simulation:
         if self._tail is not None:
             self._tail.reset(rows)
         limits = np.array([s.time_limit_s for s in scenarios])
-        self.monitor.reset(rows, each(scenarios, "distance"), settings.cruise_speed, limits)
+        begin, rights = each(scenarios, "distance"), self.legs.rights(rows)
+        self.monitor.reset(rows, begin, settings.cruise_speed, limits, rights)
         self.readings = self.plant.read()
         self.senses.reset(rows, scenarios, self.readings)
-        self.supervisor.reset(rows, self.readings, notes)
+        self.runs.reset(rows, self.readings, notes)
         self._command = with_command_rows(self._command, rows, self.plant.command)
         self.setup = replace(
             self.setup,
@@ -212,7 +219,7 @@ class Simulation:
             robots=[s.robot for s in self.scenarios],
         )
         nobody = np.zeros(self.n, bool)
-        self._settle(with_rows(nobody, rows, True), nobody)
+        self._judge(with_rows(nobody, rows, True), nobody)
 
     @property
     def observation(self) -> Observation:
@@ -224,27 +231,27 @@ class Simulation:
     @property
     def active(self) -> NDArray[np.bool_]:
         """Robots (n,) whose run is not over."""
-        return self.supervisor.active
+        return self.runs.active
 
     @property
     def end_time(self) -> Array:
         """End (n,) s of each robot's run; not a number while it runs."""
-        return self.supervisor.end_time
+        return self.runs.end_time
 
     @property
     def endings(self) -> Sequence[Ending | None]:
         """Outcome of each robot's run, and the reason; None while it runs."""
-        return self.supervisor.endings
+        return self.runs.endings
 
     @property
     def events(self) -> Sequence[Sequence[Event]]:
         """Events of each robot's run."""
-        return self.supervisor.events
+        return self.runs.events
 
     @property
     def location(self) -> Location:
         """True locations of the robots along their routes."""
-        return self.supervisor.location
+        return self.runs.location
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -280,40 +287,63 @@ class Simulation:
             TypeError: it is no command of this kind of robot.
             ValueError: an array of the command has the wrong shape.
         """
-        where = "command"
+        start, whose = self.plant.command, "command"
         if command is None:
             command = self.controller.step(self.observation)
-            where = f"what {type(self.controller).__name__}.step returns"
-        start = self.plant.command
-        check_is(type(start), where, command)
-        command, given_up = self.senses.guard(checked(command, start))
+            whose = self._returned
+        if type(command) is not type(start):
+            check_is(type(start), whose, command)
+        command, lost = self.senses.guard(checked(command, start))
         active, carried_out = self.active, self.plant.carried_out(command, self.legs.gear)
         self._command = held_command(carried_out, self._command, active)
-        self.supervisor.note(carried_out.events)
+        self.runs.add_events(carried_out.events)
         if self._tail is not None:
             self._tail.act(self.time, self.location)
         self.plant.step(active, self._command, self._substeps)
         self._tick += 1
         self.readings = self.plant.read()
         self.senses.read(self.readings, active)
-        self.supervisor.locate(self.readings)
-        self._settle(active, given_up)
+        self.runs.locate(self.readings)
+        self._judge(active, lost)
+        if self._recording:
+            self._record()
 
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
         while self.active.any():
             self.step()
             if progress is not None and self._tick % REPORT_EVERY == 0 and self.active.any():
-                progress(*self.supervisor.progress(self.phase))
+                progress(*self.runs.progress(self.phase))
 
-    def _settle(self, robots: NDArray[np.bool_], given_up: NDArray[np.bool_]) -> None:
-        """Judge ``robots`` (n,), of which ``given_up`` (n,) search no longer, and record."""
-        plant = self.plant
-        self.supervisor.judge(robots, self._command, plant.saturated, plant.diverged, given_up)
-        if self._recording and (self._tick % self._record_every == 0 or not self.active.any()):
-            self._record()
+    def _judge(self, robots: NDArray[np.bool_], lost: NDArray[np.bool_]) -> None:
+        """Have the monitor judge ``robots`` (n,), of which ``lost`` (n,) search no longer for their
+        pose, and carry out what pilots decide."""
+        plant, command, runs, monitor = self.plant, self._command, self.runs, self.monitor
+        # Averages first: the cause of a failure is read from them.
+        monitor.average(self.readings, command, plant.saturated, robots)
+        # Before the verdicts: a look may lengthen the leg at whose end the robot seems to be.
+        runs.look_ahead(robots)
+        location = self.senses.location
+        verdicts = monitor.look(
+            self.readings,
+            location,
+            robots,
+            arrived=location.distance >= self.legs.end,
+            resting=command.resting,
+            diverged=plant.diverged,
+            lost=lost,
+            over=command.over,
+        )
+        if verdicts:
+            runs.carry_out(verdicts)
+        # Last, and by the truth: who was put onto another leg is judged on the new route.
+        if verdicts or location is not runs.location:
+            runs.end_outside(robots)
 
     def _record(self) -> None:
+        """Record a sample where one is due."""
+        if self._tick % self._record_every and self.active.any():
+            return
         location, legs, held = self.location, self.legs, self._command
         if held.phase.max() >= len(self.phases):
             raise ValueError(f"command.phase is {held.phase.max()}; phases are {self.phases}")

@@ -1,5 +1,4 @@
-"""Exact pipes around any robot: ``add_pipes`` and the handle that it returns, which knows
-where points lie along the pipes."""
+"""Exact pipes around any robot: ``add_pipes``, and ``Pipes``, which tells where points lie."""
 
 from __future__ import annotations
 
@@ -81,8 +80,7 @@ class Axes:
 
 @compiled
 def _on_segment(rows, r, x, y, z):
-    """Arc length from the beginning of a segment to the place on it nearest to a point, and the
-    squared distance."""
+    """Return the arc length of a segment's place nearest to a point, and the squared distance."""
     dx, dy, dz = x - rows[r + POINT], y - rows[r + POINT + 1], z - rows[r + POINT + 2]
     t, n = r + TANGENT, r + NORMAL
     ahead = dx * rows[t] + dy * rows[t + 1] + dz * rows[t + 2]
@@ -229,8 +227,11 @@ def add_pipes(
 
 
 def solid_depths(network: Assembly) -> list[float]:
-    """Return the depths, m, to which the walls of an assembly's parts are solid: as deep as bodies
-    may be thrown into them, and half of the way to the nearest other bore at most."""
+    """Return the depths, m, to which the walls of an assembly's parts are solid.
+
+    They are as deep as bodies may be thrown into them, and half of the way to the nearest other
+    bore at most.
+    """
     depths = [DEPTH_IN_BORE * part.fitting.largest_radius for part in network.parts]
     joined = {frozenset((i, j)) for (i, _), (j, _) in network.joints}
     every = [(i, stretch) for i, part in enumerate(network.parts) for stretch in part.stretches()]
@@ -363,8 +364,10 @@ class Pipes:
         return np.array(sorted(names[name] for name in wanted & set(names)), np.intp)
 
     def clearance(self, points: ArrayLike) -> Array:
-        """Return the distances (...,) m of points (..., 3) m, world frame, from the walls: positive
-        in a bore, negative within a wall, NaN outside the port planes of all fittings."""
+        """Return the distances (...,) m of points (..., 3) m, world frame, from the walls.
+
+        Positive in a bore, negative within a wall, NaN outside the port planes of all fittings.
+        """
         return self.locate(points).clearance
 
     def locate(self, points: ArrayLike) -> AxisPoints:
@@ -415,8 +418,9 @@ class Pipes:
         size: tuple[int, int] = (160, 120),
         far: float = 10.0,
     ) -> Array:
-        """Return the depth picture (height, width) m that a camera of the model sees of the walls:
-        distances along its optical axis, infinite for none. The robot itself is not seen.
+        """Return the depth picture (height, width) m that a camera of the model sees of the walls.
+
+        Distances along its optical axis, infinite for none. The robot itself is not seen.
 
         Args:
             data: whose cameras are in place, as after ``mj_step`` or ``mj_forward``.

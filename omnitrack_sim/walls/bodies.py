@@ -46,12 +46,16 @@ square: 1e-9 m."""
 
 @compiled
 def wall_of(surface, span, records, w, depth, margin, reach):
-    """Return what all contacts of a pair need: addresses of ``surface`` and ``span``, sizes, ends,
-    depth of the wall, margin, distance up to which two contacts are one, and spacing of samples, m.
+    """Return what all contacts of a pair need.
+
+    Addresses of ``surface`` and ``span``, sizes, ends, depth of the wall, margin, distance up to
+    which two contacts are one, and spacing of samples, m.
 
     Args:
-        surface, span: addresses.
-        records: user data of all geoms; that of the wall begins at ``w``.
+        surface: address.
+        span: address.
+        records: user data of all geoms.
+        w: where that of the wall begins.
         depth: m, to which the wall is solid.
         margin: m, up to which contacts count.
         reach: m, radius of a ball around the geom.
@@ -121,8 +125,7 @@ def sphere(con, n, wall, frame, radius, out):
 
 @compiled
 def _edge(con, n, wall, frame, ax, ay, az, bx, by, bz, ends, reach, out):
-    """Add the contacts along the line between two points of the geom's frame; see
-    ``along_line``."""
+    """Add the contacts along the line between two points of the geom, see ``along_line``."""
     px, py, pz = point_at(frame, 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
     qx, qy, qz = point_at(frame, bx, by, bz)
     ux, uy, uz = qx - px, qy - py, qz - pz
@@ -172,8 +175,13 @@ def mesh(con, n, wall, frame, hull, out):
     """Add the contacts of a mesh's convex hull: at its vertices and along its edges.
 
     Args:
+        con: room for contacts.
+        n: how many there are.
+        wall: see ``wall_of``.
+        frame: of the geom in the fitting's frame.
         hull: its vertices (float32), how many, the number of polygons at each, how many polygons,
             where the vertices of each begin, how many they are, and their numbers.
+        out: room for what the surface writes.
     """
     vertices, vertex_count, polygons_at, count, begins, sizes, numbers = hull
     # The distances of the vertices stand where MuJoCo has room for contacts that are never kept.
@@ -267,8 +275,10 @@ def _mantle_line(wall, frame, radius, half, angle, out):
 
 @compiled
 def _mantle(con, n, wall, frame, radius, half, out):
-    """Add the contacts on a cylinder's mantle: minima, round it, of the least distance along its
-    lines. A wall that does not bend along itself has none."""
+    """Add the contacts on a cylinder's mantle: minima round it of the least distance along lines.
+
+    A wall that does not bend along itself has none.
+    """
     # Where a line touches at its ends only there is nothing between the rims.
     x, y, z = frame[0], frame[1], frame[2]
     out[LOW], out[HIGH], out[LOW_ENDS], out[HIGH_ENDS] = 0.0, 0.0, 0.0, 0.0
@@ -315,8 +325,10 @@ def _mantle_minimum(con, n, wall, frame, radius, half, low, high, out):
 
 @compiled
 def _ellipsoid_point(wall, frame, a, b, c, v, out):
-    """Distance at the ellipsoid's point in direction ``v`` of its sphere, and the direction that
-    faces the wall there."""
+    """Return the distance at an ellipsoid's point, and the direction that faces the wall there.
+
+    ``v``: the point's direction in the ellipsoid's sphere.
+    """
     x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
     d = call_surface(wall[0], wall[2], x, y, z, out)
     gx, gy, gz = out[0], out[1], out[2]
@@ -342,13 +354,15 @@ def _plus(v, factor, w):
 
 @compiled
 def _mixed(before, r, v):
-    """Return the direction in which the next fixed point is expected: ``v`` + ``r``, corrected by
-    the last two steps, at which ``r`` changed (Anderson's mixing).
+    """Return the direction in which the next fixed point is expected (Anderson's mixing).
+
+    It is ``v`` + ``r``, corrected by the last two steps, at which ``r`` changed.
 
     Args:
         before: whether (over 0) there are one or two steps before, and of each the changes of
             ``r`` and of ``v`` + ``r``.
         r: from ``v`` to the direction that faces the wall.
+        v: direction of the latest step.
     """
     count, p, p_step, q, q_step = before
     ahead = _plus(v, 1.0, r)
@@ -403,8 +417,10 @@ def _seed(i):
 
 @compiled
 def ellipsoid(con, n, wall, frame, a, b, c, out):
-    """Add the contacts of an ellipsoid: local minima reached from those of 14 places all over it
-    that are nearer to the wall than their neighbours."""
+    """Add the contacts of an ellipsoid: local minima of the distance all over it.
+
+    They are reached from those of 14 places that are nearer to the wall than their neighbours.
+    """
     distances = scratch()
     for i in range(SEEDS):
         distances[i] = _ellipsoid_point(wall, frame, a, b, c, _seed(i), out)[0]

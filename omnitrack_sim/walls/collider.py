@@ -125,10 +125,10 @@ A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 
 
 
 @intrinsic
-def word(context, index):
+def word(_context, _index):
     """Read a word of the block."""
 
-    def code(context, builder, signature, arguments):
+    def code(_context, builder, _signature, arguments):
         module, kind = builder.module, ir.IntType(64)
         block = module.globals.get(BLOCK)
         if block is None:  # without an initialiser it is an external symbol
@@ -142,7 +142,7 @@ def _pointer(kind: Any) -> Any:
     """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
 
     @intrinsic
-    def pointer(context, address):
+    def pointer(_context, _address):
         def code(context, builder, signature, arguments):
             return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
@@ -155,7 +155,7 @@ doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTE
 
 
 @intrinsic
-def call_collide(context, address, model, data, contacts, wall, geom, margin):
+def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _margin):
     """Call the collision function at an address."""
     return calling(_COLLIDE)
 
@@ -172,8 +172,10 @@ def functions_of(number):
 
 @compiled
 def _hull(model, geom):
-    """The convex hull of a mesh geom, see ``bodies.mesh``, and the normals of its polygons; for a
-    geom below 0 nothing that may be read."""
+    """Return the hull of a mesh geom, see ``bodies.mesh``, and normals of its polygons.
+
+    For a geom below 0, it is nothing that may be read.
+    """
     if geom < 0:
         none = integers(0)
         return (floats(0), 0, none, 0, none, none, none), doubles(0)
@@ -232,8 +234,10 @@ def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
 
 @compiled
 def _firmness(model, wall, geom):
-    """Ratio, 1 at least, of the stiffness of a firm wall to that of the contact of two geoms, whose
-    numbers MuJoCo takes from the one of higher priority, or mixes."""
+    """Return the ratio, at least 1, of a firm wall's stiffness to that of the contact of two geoms.
+
+    MuJoCo takes the numbers from the geom of higher priority, or mixes them.
+    """
     priority, mix = integers(model[word(PRIORITY)]), doubles(model[word(SOLMIX)])
     mixes = priority[wall] == priority[geom]
     part = 1.0 * (priority[wall] > priority[geom])
@@ -252,8 +256,7 @@ def _firmness(model, wall, geom):
 
 @compiled
 def _is_nearest(model, data, wall, geom, distance, out):
-    """Return whether no wall but a given one, ``distance`` m from the middle of a geom, is farther
-    from it: whether its bore is the nearest."""
+    """Tell whether a wall's bore is the nearest to the middle of a geom, ``distance`` m from it."""
     count, records = model[word(USER_SIZE)], doubles(model[word(USER)])
     kinds_of = integers(model[word(TYPE)])
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])

@@ -1,5 +1,4 @@
-"""The list of contacts of one pair, as MuJoCo takes it: filled in the fitting's frame, then turned
-into the world's."""
+"""Contacts of one pair as MuJoCo takes them, found in the fitting's frame."""
 
 from __future__ import annotations
 
@@ -16,8 +15,10 @@ MOST_KEPT, MOST_OF_PAIR = 16, 50
 
 @compiled
 def put_contact(con, n, d, reach, x, y, z, out):
-    """Write as contact ``n`` that of a ball of radius ``reach`` at a point ``d`` from the wall,
-    whose gradient is in ``out``."""
+    """Write contact ``n``: of a ball of radius ``reach`` at a point ``d`` m from the wall.
+
+    The wall's gradient is in ``out``.
+    """
     k = n * CONTACT_SIZE
     gx, gy, gz = out[0], out[1], out[2]
     # MuJoCo places a contact half way between the two surfaces.
@@ -45,8 +46,10 @@ def _move(con, source, target):
 
 @compiled
 def _drop_nearest(con, count):
-    """Drop the shallower of the two contacts that are nearest to each other, so that the deepest
-    always stays and the others stay spread."""
+    """Drop the shallower of the two contacts nearest to each other: the deepest always stays.
+
+    So the others stay spread.
+    """
     least, drop = 1e30, count - 1
     for i in range(count):
         for j in range(i):
@@ -59,16 +62,18 @@ def _drop_nearest(con, count):
 
 @compiled
 def keep(con, n, wall, d, reach, x, y, z, out):
-    """Add the contact of a ball of radius ``reach`` at a point ``d`` from the wall, if it is that
-    near; returns the number of contacts.
+    """Add a ball's contact at ``d`` m from the wall if it is near; return the number of contacts.
 
     Args:
         con: room for ``MOST_KEPT`` + 1 contacts.
         n: how many there are.
         wall: see ``bodies.wall_of``.
-        d: m. ``out`` holds the gradient there.
-        reach: m.
-        x, y, z: m, fitting frame.
+        d: m, distance of the point from the wall.
+        reach: m, radius of the ball.
+        x: of the point, m, fitting frame.
+        y: likewise.
+        z: likewise.
+        out: holds the gradient there.
     """
     depth, margin, same = wall[4], wall[5], wall[6]
     # A point deep within the wall belongs to another pipe.
@@ -96,8 +101,7 @@ def touch(con, n, wall, x, y, z, reach, out):
 
 @compiled
 def in_world(con, k, records, w, position, matrix, g_wall):
-    """Bring the contact at ``con[k]`` from the fitting's frame, whose box lies about geom
-    ``g_wall``, into the world's."""
+    """Bring the contact at ``con[k]`` from the frame of the fitting's geom into the world's."""
     o, m = 3 * g_wall, 9 * g_wall
     to_world(con, k + 1, matrix, m)
     con[k + 1] += position[o] - turned(matrix, m, records, w + BOX, 0)

@@ -49,8 +49,7 @@ def slope_at(surface, sizes, curve, s, out):
 
 @compiled
 def minimum(surface, sizes, curve, a, slope_a, b, slope_b, out):
-    """Find the minimum between ``a``, where the slope is negative, and ``b``, where it is positive,
-    by regula falsi (Illinois)."""
+    """Find the minimum in [a, b] by regula falsi (Illinois); the slope is negative at ``a``."""
     side = 0
     s = b
     for _ in range(60):
@@ -75,8 +74,7 @@ def minimum(surface, sizes, curve, a, slope_a, b, slope_b, out):
 
 @compiled
 def rim_begins(surface, sizes, curve, a, face_a, b, out):
-    """Find the place between ``a`` and ``b`` where the nearest part of the wall changes, by
-    bisection."""
+    """Bisect [a, b] for the place where the nearest part of the wall changes."""
     while b - a > POSITION:
         s = 0.5 * (a + b)
         _, _, face = slope_at(surface, sizes, curve, s, out)
@@ -98,8 +96,10 @@ def holds(wall, x, y, z, out):
 
 @compiled
 def _leaves(wall, curve, a, b, out):
-    """Find the last place of a curve from ``a``, which the fitting holds, to ``b``, which it does
-    not, where it does."""
+    """Find the last place between ``a`` and ``b`` of a curve that the fitting holds.
+
+    It holds ``a`` and not ``b``.
+    """
     while abs(b - a) > POSITION:
         s = 0.5 * (a + b)
         x, y, z, _, _, _ = place(curve, s)
@@ -112,8 +112,10 @@ def _leaves(wall, curve, a, b, out):
 
 @compiled
 def _between(con, n, wall, curve, a, at_a, b, at_b, reach, out):
-    """Add the contact between two neighbouring samples, if there is one: at a minimum, or where a
-    rim begins at a wall that carries the line up to there."""
+    """Add the contact between two neighbouring samples, if there is one.
+
+    At a minimum, or where a rim begins at a wall that carries the line up to there.
+    """
     surface, sizes = wall[0], wall[2]
     d_a, slope_a, face_a = at_a
     d_b, slope_b, face_b = at_b
@@ -133,8 +135,10 @@ def _between(con, n, wall, curve, a, at_a, b, at_b, reach, out):
 
 @compiled
 def _stride(wall, d, reach):
-    """Length, m, from one sample to the next: up to where the wall can be touched, and a spacing
-    at least."""
+    """Return the length, m, to the next sample: to where the wall can be touched.
+
+    It is at least a spacing.
+    """
     return max(wall[7], d - reach - wall[5])
 
 
@@ -143,10 +147,15 @@ def along_line(con, n, wall, line, half, low_counts, high_counts, reach, out):
     """Add the contacts of a ball of radius ``reach`` that is moved along a line.
 
     Args:
-        con, n, wall: see ``contacts.keep``.
-        line: a curve of radius 0, between -half and half m.
-        low_counts, high_counts: whether (over 0) the ball at either end is asked for.
-        reach: m.
+        con: room for contacts, see ``contacts.keep``.
+        n: how many there are.
+        wall: see ``bodies.wall_of``.
+        line: a curve of radius 0.
+        half: m, to either side of its middle.
+        low_counts: whether (over 0) the ball at the beginning is asked for.
+        high_counts: whether (over 0) the ball at the end is asked for.
+        reach: m, radius of the ball.
+        out: room for what the surface writes.
     """
     px, py, pz, ax, ay, az, _, _, _, _ = line
     surface, span, sizes, ends = wall[0], wall[1], wall[2], wall[3]
@@ -205,8 +214,7 @@ def along_circle(con, n, wall, circle, out):
 
 @compiled
 def _within(con, n, wall, circle, a, at_a, b, at_b, out):
-    """Add the contact of what the fitting holds of a circle between two samples, see
-    ``_between``."""
+    """Add the contact between two samples of the part of a circle that the fitting holds."""
     x, y, z, _, _, _ = place(circle, a)
     inside_a = holds(wall, x, y, z, out)
     x, y, z, _, _, _ = place(circle, b)

@@ -1,5 +1,4 @@
-"""Networks for other programs: MJCF of the walls, STL of the pipe wall, CSV and GeoJSON of the
-centrelines."""
+"""Networks for other programs: MJCF of walls, STL of walls, CSV and GeoJSON of centrelines."""
 
 from __future__ import annotations
 
@@ -54,8 +53,9 @@ def export_network(name: str, pipes: Assembly, folder: str | Path) -> list[Path]
 
 
 def centreline_table(pipes: Assembly) -> str:
-    """CSV of the axis curves of every fitting, ``COLUMNS`` wide; a tee has one curve for each pair
-    of its ports.
+    """CSV of the axis curves of every fitting, ``COLUMNS`` wide.
+
+    A tee has one curve for each pair of its ports.
 
     ``s_m`` is the arc length from the port ``from``; points and unit tangents in the world frame.
     """
@@ -74,8 +74,11 @@ def centreline_table(pipes: Assembly) -> str:
 
 
 def network_geojson(pipes: Assembly) -> str:
-    """GeoJSON of the axes of every fitting, m, world frame: straight lines by their ends, arcs by
-    points at most 5 degrees apart; with name, kind and bore, m."""
+    """GeoJSON of the axes of every fitting, m, world frame.
+
+    Straight lines by their ends, arcs by points at most 5 degrees apart; with name, kind and bore,
+    m.
+    """
     features = []
     for part in pipes.parts:
         for points, axis in zip(part.polylines(), part.fitting.axes, strict=True):

@@ -32,8 +32,7 @@ MUJOCOS_LOG = "MUJOCO_LOG.TXT"
 
 
 def leave_no_log() -> None:
-    """Keep MuJoCo, in this process and all of its threads, from leaving its log in the working
-    folder.
+    """Keep MuJoCo from leaving its log in the working folder, in all threads of this process.
 
     Warnings are counted and go to standard error as before. A log under another name, which
     somebody has asked for, stays.
@@ -206,8 +205,10 @@ def _add_field(
 
 
 def _line_ends(network: Assembly, end: Port, other: Port | None, rims: bool) -> bool:
-    """Return whether contact of a line ends at port ``end``, joined to ``other`` or open, where
-    it may have a rim of its own."""
+    """Tell whether contact of a line ends at port ``end``, joined to ``other`` or open.
+
+    There may be a rim of its own.
+    """
     if other is None:
         return not rims
     mine, theirs = (network.parts[index].fitting for index, _ in (end, other))

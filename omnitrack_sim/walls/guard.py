@@ -66,16 +66,16 @@ class _Plugin(ctypes.Structure):
     )
 
 
-def nothing(model, data, instance):
+def nothing(_model, _data, _instance):
     """State and values of the plugin: none; and what it does when data are reset or stepped."""
     return 0
 
 
 @intrinsic
-def call_raise(context, address, message):
+def call_raise(_context, _address, _message):
     """Call ``mju_error`` at an address."""
 
-    def code(context, builder, signature, arguments):
+    def code(_context, builder, _signature, arguments):
         # It takes what its message has marks for, too: a call by another type may crash.
         kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)], var_arg=True)
         builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
@@ -90,7 +90,7 @@ def _refuse(message):
     return call_raise(word(RAISE), word(MESSAGES + message))
 
 
-def check_walls(model, data, instance):
+def check_walls(model, _data, _instance):
     """Return 0 if all walls of a model are known, and are in their place; else refuse it."""
     count, walls = model[word(USER_SIZE)], 0
     records, kinds = doubles(model[word(USER)]), integers(model[word(TYPE)])

@@ -31,8 +31,9 @@ JOINT_DISC = 1e-3
 
 
 class TriangleMesh(NamedTuple):
-    """A surface of triangles. ``trimesh.Trimesh(*mesh, process=False)`` makes it one of trimesh,
-    which is imported for exports alone: it takes half a second.
+    """A surface of triangles, as ``trimesh.Trimesh(*mesh, process=False)`` takes it.
+
+    trimesh is imported for exports alone: that takes half a second.
 
     Attributes:
         vertices: (n, 3) m.
@@ -72,8 +73,7 @@ def fitting_mesh(
 
 
 def network_mesh(network: Assembly) -> TriangleMesh:
-    """Return the walls of a whole network as one watertight solid, m, world frame: open at its
-    open ends and nowhere else.
+    """Return the walls of a network as one watertight solid, m, world frame, open at open ends.
 
     Parts touch in a plane only, which rounding may leave as a gap: a disc across each joint unites
     them.
@@ -107,8 +107,9 @@ def cutaway_mesh(
     sections: int = SECTIONS,
     keep: bool = True,
 ) -> TriangleMesh:
-    """Half of a fitting: the half facing ``towards`` is taken away, so that one looks into the
-    bore.
+    """Return half of a fitting, so that one looks into the bore.
+
+    The half that faces ``towards`` is taken away.
 
     Args:
         fitting: what to cut.
@@ -122,8 +123,10 @@ def cutaway_mesh(
 
 
 def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:
-    """Return the inner surface of a fitting alone, m, fitting frame; its faces look into the
-    bore."""
+    """Return the inner surface of a fitting alone, m, fitting frame.
+
+    Its faces look into the bore.
+    """
     # Half of the wall's thickness separates the inner surface from the outer one and survives the
     # inscribed bore's error.
     vertices, faces = fitting_mesh(fitting, sections=sections)
@@ -133,8 +136,10 @@ def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:
 
 
 def cut_normal(fitting: Fitting, towards: ArrayLike) -> Array:
-    """Unit normal (3,) of the cut through the fitting's axis, fitting frame, on the side of
-    ``towards`` (3,)."""
+    """Unit normal (3,), fitting frame, of the cut through the fitting's axis, towards the viewer.
+
+    ``towards``: (3,), to the viewer.
+    """
     x, y, _ = np.asarray(towards, float)
     if not fitting.is_axial:
         # Fittings that are not axial are symmetric about y = 0, the only plane that shows all axes.
@@ -205,8 +210,10 @@ def _fill(fitting: Fitting, thickness: float, sections: int) -> Manifold:
 
 
 def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections: int) -> Manifold:
-    """Solid about the joint of two ports, in the frame of the first, that fills both bores and
-    ``more`` m around them."""
+    """Return a solid about the joint of two ports that fills both bores and ``more`` m around them.
+
+    In the frame of the first port.
+    """
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
     behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))
@@ -223,8 +230,11 @@ def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections:
 
 
 def loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:
-    """Vertices and faces of the solid through closed rings (m, k, 3), with fans over both ends
-    about their corner ``hub``; without a hub the last ring is joined to the first."""
+    """Return vertices and faces of the solid through closed rings (m, k, 3).
+
+    Fans over both ends meet at their corner ``hub``; without a hub the last ring is joined to the
+    first.
+    """
     count, corners, _ = rings.shape
     index = np.arange(count * corners).reshape(count, corners)
     a, b = (index[:-1], index[1:]) if hub is not None else (index, np.roll(index, -1, axis=0))

@@ -31,8 +31,7 @@ PIPE_LOOK = ((0.60, 0.67, 0.74), 0.25, 0.3)
 
 
 def view_direction(network: Assembly) -> Array:
-    """Unit vector (3,), world: from the pipes to the viewer, across the plane of the first bend or
-    tee.
+    """Unit vector (3,), world, from the pipes to the viewer: across the first bend or tee.
 
     Without a bend, across the first pipe's axis. Of two sides the one nearer to front and above
     (-y, +z).
@@ -52,8 +51,7 @@ def view_direction(network: Assembly) -> Array:
 
 
 def add_pipe_looks(spec: mujoco.MjSpec, network: Assembly) -> None:
-    """Each part of the network cut open towards the viewer: ``pipe_<part>``, and the half cut off:
-    ``front_<part>``.
+    """Add each part cut open towards the viewer: ``pipe_<part>``, and ``front_<part>`` cut off.
 
     The first are in group 1, the others in group 4.
     """
@@ -73,8 +71,9 @@ def add_pipe_insides(
     body: mujoco.MjsBody | None = None,
     group: int = INSIDE_GROUP,
 ) -> None:
-    """The inner surface of each part of the network as ``inside_<part>``, for a viewer who moves
-    about; ``body`` carries it, in whose frame the network then stands.
+    """Add the inner surface of each part as ``inside_<part>``, for a viewer who moves about.
+
+    ``body`` carries it, in whose frame the network then stands.
 
     Renderers that pass over faces seen from behind, as MuJoCo's does, open the pipes towards any
     viewer by themselves.
@@ -87,8 +86,7 @@ def add_pipe_insides(
 
 
 def follow_direction(network: Assembly) -> Array:
-    """Unit vector (3,), world: from the robot to the camera that keeps with it, where nothing
-    speaks against it."""
+    """Unit vector (3,), world, from the robot to the camera that keeps with it."""
     return camera_frame(view_direction(network))[:, 2]
 
 
@@ -106,9 +104,11 @@ def add_cameras(
     chassis: mujoco.MjsBody | None = None,
     size: float = 1.0,
 ) -> None:
-    """Add the camera ``side`` (all pipes) and lights, and to a robot's ``chassis``, whose nose is
-    along its z axis, ``follow`` (with the robot, from the cut side) and ``onboard`` (forward);
-    ``size`` is the robot's scale."""
+    """Add lights and the camera ``side``, and cameras ``follow`` and ``onboard`` to a robot.
+
+    ``side`` shows all pipes, ``follow`` keeps with the robot on the cut side, ``onboard`` looks
+    forward. ``chassis``: its nose is along its z axis. ``size``: the robot's scale.
+    """
     towards = view_direction(network)
     frame = camera_frame(towards)
     up = _upward(towards)
@@ -158,15 +158,16 @@ def _add_sun(spec: mujoco.MjSpec, middle: Array, distance: float, direction: Arr
 
 
 def _upward(towards: Array) -> Array:
-    """Up in the picture (3,): world z, or world y when looking along z, made square to the viewing
-    direction."""
+    """Return up in the picture (3,), square to the viewing direction: world z, or y along z."""
     up = np.array([0.0, 0, 1]) if abs(towards[2]) < 0.9 else np.array([0.0, 1, 0])
     return unit(up - (up @ towards) * towards)
 
 
 def camera_frame(towards: Array) -> Array:
-    """Axes as columns (3, 3), world: right, up, back of a camera that looks at pipes which are cut
-    open in direction ``towards`` (3,), from a little above and to the right of it."""
+    """Return right, up and back (columns, world) of a camera that looks at pipes cut open.
+
+    ``towards``: (3,), in which they are; it looks from a little above and to the right of it.
+    """
     up = _upward(towards)
     back = unit(towards + 0.20 * up + 0.16 * np.cross(up, towards))
     right = unit(np.cross(up, back))
@@ -180,8 +181,7 @@ def _corners(network: Assembly) -> tuple[Array, Array]:
 
 
 def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
-    """Centre (3,) m and camera distance, m, that bring a box into the picture with a small
-    margin."""
+    """Return centre (3,) m and camera distance, m, that bring a box into the picture."""
     corners = np.array(list(product(*zip(low, high, strict=True))))
     middle = (low + high) / 2
     in_view = (corners - middle) @ frame  # (8, 3) right, up, back
@@ -194,6 +194,7 @@ def _fit(low: Array, high: Array, frame: Array) -> tuple[Array, float]:
 
 
 def add_mesh(spec: mujoco.MjSpec, name: str, mesh: TriangleMesh) -> None:
+    """Add a mesh of triangles to a model, as a shell."""
     spec.add_mesh(
         name=name,
         uservert=np.asarray(mesh.vertices, np.float32).ravel(),

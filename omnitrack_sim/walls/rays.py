@@ -65,16 +65,14 @@ room for one number a port."""
 
 @compiled
 def in_part(parts, p, x, y, z, row):
-    """A coordinate of the world vector (x, y, z) in the frame of the part at ``p``: rotation
-    transposed."""
+    """Return a coordinate of the world vector (x, y, z) in the frame of the part at ``p``."""
     r = p + ROTATION
     return parts[r + row] * x + parts[r + 3 + row] * y + parts[r + 6 + row] * z
 
 
 @compiled
 def enter(parts, p, x, y, z, ux, uy, uz, line):
-    """Write the ray x + s u, world frame, to ``line`` in the frame of the part at ``p``: 6
-    numbers."""
+    """Write the ray x + s u, world frame, to ``line`` (6,) in the frame of the part at ``p``."""
     dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
     for row in range(3):
         line[row] = in_part(parts, p, dx, dy, dz, row)
@@ -83,8 +81,10 @@ def enter(parts, p, x, y, z, ux, uy, uz, line):
 
 @compiled
 def surface_at(parts, p, line, s, out):
-    """Distance from the wall of the part at ``p`` at s on a line in its frame; gradient in
-    ``out``."""
+    """Return the distance from the wall of the part at ``p`` at s on a line in its frame.
+
+    The gradient goes to ``out``.
+    """
     return call_surface(
         int(parts[p + SURFACE]),
         at(parts, p + SIZES),
@@ -97,8 +97,10 @@ def surface_at(parts, p, line, s, out):
 
 @compiled
 def clear_from(parts, near, k, s):
-    """Return the length, m, by which the ray leads through the bore of the k-th part in ``near``
-    for certain, from s on."""
+    """Return how far, m, a ray leads through a part's bore for certain, from s on.
+
+    The part is the k-th in ``near``.
+    """
     p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
     return call_clear(
         int(parts[p + CLEAR]),
@@ -114,8 +116,10 @@ def clear_from(parts, near, k, s):
 
 @compiled
 def span_in(parts, p, line, ends, out):
-    """Have ``out`` hold the part of a line, from LOW to HIGH in it, that lies between the port
-    planes of the part at ``p``."""
+    """Narrow ``out`` to the part of a line between the port planes of the part at ``p``.
+
+    It goes from LOW to HIGH in ``out``.
+    """
     call_span(
         int(parts[p + SPAN]),
         at(parts, p + SIZES),
@@ -132,8 +136,7 @@ def span_in(parts, p, line, ends, out):
 
 @compiled
 def parts_around(parts, first, last, x, y, z, far, around):
-    """Write the parts that are nearer to a place than ``far`` to ``around``; returns their
-    number."""
+    """Write the parts nearer to a place than ``far`` to ``around``; return their number."""
     count = 0
     for part in range(first, last):
         p = part * PART_SIZE
@@ -147,8 +150,10 @@ def parts_around(parts, first, last, x, y, z, far, around):
 
 @compiled
 def parts_along(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out):
-    """Write those of the parts in ``around`` that the ray may meet to ``near``, each with its span
-    and the ray in its frame, NEAR numbers each; returns their number."""
+    """Write the parts of ``around`` that a ray may meet to ``near``; return their number.
+
+    Each has its span and the ray in its frame, NEAR numbers in all.
+    """
     count = 0
     for i in range(number):
         p = int(around[i]) * PART_SIZE
@@ -174,8 +179,7 @@ def parts_along(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out
 
 @compiled
 def nearest_port(parts, p, x, y, z):
-    """Place of the port of the part at ``p`` whose plane a world point is nearest to, and the
-    distance from it, m."""
+    """Return the port of a part whose plane is nearest to a world point, and how far, m."""
     best, where = 1e30, p + PLANES
     for port in range(int(parts[p + PORTS])):
         q = p + PLANES + port * PORT_SIZE
@@ -366,8 +370,10 @@ def _write(parts, first, near, k, met, s, x, y, z, ux, uy, uz, lamp, hits, h, ou
 
 @compiled
 def _lit(parts, around, number, x, y, z, nx, ny, nz, lx, ly, lz, work, ends, out):
-    """Cosine of the angle at which the lamp at l shines on the wall at a point with normal n; 0
-    where something stands between them. The way to the lamp begins a little off the wall."""
+    """Return the cosine of the lamp's angle to the normal n at a point; 0 where it is shaded.
+
+    The way to the lamp begins a little off the wall.
+    """
     lift = 5.0 * NEWTON_DISTANCE
     # Without the lift the wall itself would shade the point by its rounding errors.
     x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
@@ -446,8 +452,7 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
 
 @compiled
 def _nearest_of(parts, first, last, points, i, work, rows, out):
-    """Write row i of ``rows``: of a map's parts from ``first`` to ``last``, the wall nearest to
-    point i."""
+    """Write the nearest wall of a map's parts, from ``first`` to ``last``, to point i, as a row."""
     x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
     best = -1e30
     rows[5 * i], rows[5 * i + 4] = 0.0, -1.0
@@ -483,8 +488,11 @@ def nearest(parts, maps, points, robots, count, work, rows):
     """Distances of points from the walls, positive in the bore, with gradients.
 
     Args:
-        parts, maps: as of ``trace``, a map for each robot.
+        parts: as of ``trace``.
+        maps: as of ``trace``, a map for each robot.
         points: (robots, count, 3) m, world frame.
+        robots: number of robots.
+        count: number of points of each.
         work: room for 6 numbers, and zeros for ports.
         rows: (robots, count, 5), written to: distance, m; unit gradient (3), world frame; number
             of the part, from the first of the map, -1 where the point lies between the port planes
@@ -537,8 +545,7 @@ class RayWalls:
 
     @classmethod
     def joined(cls, several: Sequence[RayWalls]) -> RayWalls:
-        """Return walls that hold the maps of several, in their order, with the grain of the
-        first."""
+        """Return walls that hold the maps of several in order, with the grain of the first."""
         walls = cls.__new__(cls)
         walls._dirty, walls._maps = several[0]._dirty, [m for each in several for m in each._maps]
         walls._all = None
@@ -556,9 +563,11 @@ class RayWalls:
         self._all = None
 
     def _together(self) -> tuple[Array, Array, int]:
-        """Return the records of all maps in one array, the span (maps, 2) of each one's rows, by
-        which cameras name theirs, and the room that a ray needs; made when first asked for, as most
-        walls are only joined to others."""
+        """Records of all maps in one array, the span (maps, 2) of each one's rows, a ray's room.
+
+        Cameras name maps by the spans. Made when first asked for, as most walls are only joined to
+        others.
+        """
         if self._all is None:
             ends = np.cumsum([0, *(len(records) for records in self._maps)])
             spans = np.stack([ends[:-1], ends[1:]], axis=-1).astype(float)
@@ -670,9 +679,11 @@ def part_record(part: Part, closed: Collection[str] = (), unknown: Collection[st
 # Many parts of the forms that a recogniser tries are equal straights.
 @lru_cache(maxsize=4096)
 def _unplaced(fitting: Fitting) -> tuple[Array, Array, Array]:
-    """Return what records of a fitting have in common, with open ports; the middle of the ball
-    around it and the places of its ports (1 + ports, 3) m, and their directions (ports, 3), in its
-    frame."""
+    """Return what records of a fitting have in common, with open ports, in its frame.
+
+    Beside the record: the middle of the ball around it and the places of its ports (1 + ports, 3)
+    m, and their directions (ports, 3).
+    """
     record, (low, high), ports = np.zeros(PART_SIZE), fitting.bounds, fitting.ports
     record[SURFACE] = fitting.wall_address("surface")
     record[SPAN] = fitting.wall_address("span")

@@ -53,8 +53,7 @@ ACCURACY = 1e-6
 
 
 def rim_record(radius: float, behind: float, beyond: float, depth: float) -> Array:
-    """Return the record (RECORD_SIZE,) of an edge, see ``RADIUS``; ``depth`` m to which it is
-    solid."""
+    """Return the record (RECORD_SIZE,) of an edge, see ``RADIUS``, solid to ``depth`` m."""
     record = np.zeros(RECORD_SIZE)
     record[0], record[KIND], record[SIZE], record[DEPTH] = MARK, RIM, radius, depth
     record[SIZES : SIZES + 3] = radius, behind, beyond
@@ -72,8 +71,10 @@ def _outside(u, v, w, out):
 
 @compiled
 def _from_polygons(x, y, z, hull, normals, out):
-    """Distance of a point outside from a convex hull: from the nearest of the polygons that face
-    the point; the direction goes to ``out``."""
+    """Return the distance of a point outside from a convex hull; the direction goes to ``out``.
+
+    It is that from the nearest of the polygons that face the point.
+    """
     vertices, _, _, count, begins, sizes, numbers = hull
     least = math.inf
     for polygon in range(count):
@@ -129,8 +130,11 @@ def _from_hull(x, y, z, hull, normals, out):
 
 @compiled
 def _from_ellipsoid(x, y, z, a, b, c, out):
-    """Distance from an ellipsoid that is near: from the plane that touches it where the level of
-    the point's foot has its normal. The foot is found by going back along the normal."""
+    """Return the distance from an ellipsoid that is near, by the plane that touches it.
+
+    It touches where the level of the point's foot has its normal. The foot is found by going back
+    along the normal.
+    """
     d, px, py, pz = 0.0, x, y, z
     for _ in range(FEET):
         nx, ny, nz = px / (a * a), py / (b * b), pz / (c * c)
@@ -145,8 +149,10 @@ def _from_ellipsoid(x, y, z, a, b, c, out):
 
 @compiled
 def from_body(kind, sizes, hull, normals, x, y, z, out):
-    """Distance, m, of a point from a geom, in the geom's frame; the unit gradient goes to ``out``.
-    Within it is negative: that from the nearest face."""
+    """Return the distance, m, of a point from a geom, in its frame; the gradient goes to ``out``.
+
+    Within it is negative: that from the nearest face.
+    """
     a, b, c = sizes[0], sizes[1], sizes[2]
     if kind == MESH:
         return _from_hull(x, y, z, hull, normals, out)
@@ -195,8 +201,11 @@ def _extent(kind, sizes, hull, x, y, z):
 
 @compiled
 def _at(angle, frame, body, out):
-    """Distance of the edge's point at an angle from the body, and its derivative by arc length; in
-    ``out`` the point and the gradient, both in the edge's frame, from 4 and from 7 on."""
+    """Return the distance of the edge's point at an angle from the body, and its derivative.
+
+    The derivative is by arc length. ``out`` gets the point from 4 and the gradient from 7 on, in
+    the edge's frame.
+    """
     kind, sizes, hull, normals, radius = body
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     cos, sin = math.cos(angle), math.sin(angle)
@@ -217,8 +226,11 @@ def _at(angle, frame, body, out):
 
 @compiled
 def _way_out(slant, frame, body, out):
-    """Distance, m, of the body from the edge's point in ``out`` along a normal at an angle from the
-    bore's radius towards the axis; below 0 where the body has to go."""
+    """Return the distance, m, of the body from the edge's point along a normal.
+
+    The normal is at an angle from the bore's radius towards the axis. Below 0 the body has to go
+    there.
+    """
     kind, sizes, hull, _, radius = body
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     cos = math.cos(slant) / radius
@@ -231,8 +243,10 @@ def _way_out(slant, frame, body, out):
 
 @compiled
 def _least_way_out(low, high, frame, body, out):
-    """Return the slant of the normal between two with the least way out, see ``_way_out``, and the
-    distance along it."""
+    """Return the slant in [a, b] of the normal with the least way out, and the distance along it.
+
+    See ``_way_out``.
+    """
     step, best, least = (high - low) / NORMALS, low, -math.inf
     for i in range(NORMALS + 1):
         d = _way_out(low + i * step, frame, body, out)
@@ -268,8 +282,7 @@ def _add(con, n, d, slant, depth, margin, out):
 
 @compiled
 def _may_hide(d_a, slope_a, d_b, slope_b, step, radius, margin):
-    """Return whether the distance may have a minimum, and a maximum beside it, between two places
-    of the edge that are ``step`` rad apart.
+    """Tell whether a minimum and a maximum may lie between places ``step`` rad apart.
 
     The distance from a convex body is convex along a line. Along a circle its slope may also fall,
     by the angle at most.
@@ -311,11 +324,17 @@ def rim_contacts(con, records, w, kind, sizes, bound, hull, normals, frame, marg
 
     Args:
         con: room for ``most`` contacts.
-        records, w: user data of all geoms, and where the record of the edge begins.
-        kind, sizes, bound, hull, normals: of the geom, with the radius of a ball around it; its
-            hull, and the normals of its polygons, where it is a mesh.
+        records: user data of all geoms.
+        w: where the record of the edge begins.
+        kind: of the geom.
+        sizes: of the geom.
+        bound: m, radius of a ball around the geom.
+        hull: of the geom where it is a mesh.
+        normals: of the polygons of its hull.
         frame: of the geom in the edge's frame, see ``bodies``.
         margin: m, up to which contacts count.
+        most: number of contacts at most.
+        out: room for what the surface writes.
     """
     radius, behind, beyond = records[w + SIZES], records[w + SIZES + 1], records[w + SIZES + 2]
     # The distance to a cone knows its edge, as far as the middle of a ball is not in the wall.

@@ -37,8 +37,9 @@ a branch, where its inner module loses the wall; straight over an opening."""
 
 
 class Arcs(NamedTuple):
-    """Radii, m, of the arcs that the centreline takes between a run and its branch; a short fitting
-    gets as much as fits it.
+    """Radii, m, of the arcs that the centreline takes between a run and its branch.
+
+    A short fitting gets as wide an arc as fits it.
 
     Out of a branch the far wall of the run turns the robot while its tail is still in the branch: a
     wide arc, which begins to turn early and turns slowly, passes more often there; into a branch a
@@ -159,8 +160,7 @@ class Fitting(ABC):
 
     @classmethod
     def file_kind(cls) -> str:
-        """Return the ``kind`` of its tables in files: the word, or ``module:Class`` for kinds that
-        do not come with the package."""
+        """Return the ``kind`` of its tables in files: a word, or a user's ``module:Class``."""
         # A user's class must be importable by its name again when the file is read on another day.
         shipped = cls.__module__.startswith(f"{__package__}.")
         return cls.kind if shipped else f"{cls.__module__}:{cls.__qualname__}"
@@ -197,8 +197,10 @@ class Fitting(ABC):
     # Ports and axes
 
     def extended(self, length: float) -> Fitting:
-        """Return the fitting with bores that go on by ``length`` m behind its closed ports: the
-        walls of bodies that sink into the end."""
+        """Return the fitting with bores that go on by ``length`` m behind its closed ports.
+
+        These are the walls of bodies that sink into the end.
+        """
         return self
 
     @property
@@ -222,13 +224,15 @@ class Fitting(ABC):
 
     @abstractmethod
     def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
-        """Axis curve from port ``enter`` to port ``leave``; ``arcs`` round the corner of a
-        branch."""
+        """Return the axis curve from one port to another; ``arcs`` round a branch's corner."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The lines that its bore lies about: what is drawn, counted as its length, and searched
-        for parts that run into each other. Here, for two ports, the one between them."""
+        """The lines that the bore lies about; of two ports, the one between them.
+
+        They are drawn, counted as the fitting's length, and searched for parts that run into each
+        other.
+        """
         # A fitting of three ports has no single axis and overrides this.
         start, end = self.port_names
         curve = self.axis_curve(start, end, ARCS)
@@ -259,8 +263,10 @@ class Fitting(ABC):
         return isinstance(self, Axial)
 
     def describe(self, enter: str, leave: str) -> Description:
-        """Describe the passage from port ``enter`` to port ``leave``. Here it asks nothing of a
-        robot."""
+        """Describe the passage from port ``enter`` to port ``leave``.
+
+        Here it asks nothing of a robot.
+        """
         return Description(self.kind)
 
     # The inner surface
@@ -279,8 +285,7 @@ class Fitting(ABC):
             raise GeometryError(Fault(cls.file_kind(), problem)) from error
 
     def signed_distance(self, points: Array) -> tuple[Array, Array]:
-        """Distance (...,) m from ``points`` (..., 3) m to the inner surface; its unit gradient
-        (..., 3).
+        """Distance (...,) m from points (..., 3) m to the inner surface; unit gradient (..., 3).
 
         Fitting frame, positive in the bore.
         Exact inside the bore and in the wall near it; the fitting is taken as open at its ports.
@@ -289,14 +294,15 @@ class Fitting(ABC):
 
     @abstractmethod
     def extent(self, points: Array) -> Array:
-        """Return the depth (...,) m of ``points`` (..., 3) m inside the port planes, fitting frame;
-        negative beyond one."""
+        """Return the depth (...,) m of ``points`` (..., 3) m inside the port planes, fitting frame.
+
+        It is negative beyond one.
+        """
 
     @property
     @abstractmethod
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest corner (3,), (3,) m of a box around the bore between its port planes,
-        fitting frame."""
+        """Lowest and highest corner (3,) m of a box around the bore, fitting frame."""
 
     @property
     @abstractmethod
@@ -308,8 +314,10 @@ class Fitting(ABC):
         return 0.0
 
     def bends_at(self, port: str) -> bool:
-        """Tell whether the wall turns away, right behind a port, from the neighbour's cylinder, so
-        that contact of a track on the neighbour's wall ends there."""
+        """Tell whether contact of a track on the neighbour's wall ends at a port.
+
+        It does where the wall turns away from the neighbour's cylinder right behind the port.
+        """
         return self.flare(port) != 0
 
     # What it is made of elsewhere
@@ -325,21 +333,24 @@ class Fitting(ABC):
         """
 
     def piece_count(self, tolerance: float, staves: int | None) -> int:
-        """About how many pieces ``add_walls`` adds, rather too many, without making them: a file
-        that asks for too many is refused. Here: staves along each of the
-        axes that lead from the first port to another."""
+        """Estimate, rather too high, how many pieces ``add_walls`` adds, without making them.
+
+        A file that asks for too many is refused. Here: staves along each of the axes that lead from
+        the first port to another.
+        """
         # The widest bore needs the most staves for a given sagitta.
         around = staves or stave_count(self.largest_radius, tolerance)
         return around * (len(self.port_names) - 1)
 
     @abstractmethod
     def fill(self, kit: Kit, more: float) -> Solid:
-        """Solid of the bore and ``more`` m around it, between the port planes and ``more`` m beyond
-        those of closed ports, fitting frame."""
+        """Return the solid of the bore and ``more`` m around it, fitting frame.
+
+        It lies between the port planes, and goes on by ``more`` m beyond those of closed ports.
+        """
 
     def bore(self, kit: Kit) -> Solid:
-        """Solid of what is empty. Here: what ``fill`` gives without a wall; where a rim is rounded
-        there is more."""
+        """Return the solid of what is empty: ``fill`` without a wall, more where rims are round."""
         return self.fill(kit, 0.0)
 
 
@@ -370,8 +381,7 @@ def positive(size: float) -> tuple[bool, str]:
 
 
 def port_pose(z: Array, x: Array, position: Array) -> Pose:
-    """Return a port frame: ``z`` (3,) out of the fitting, ``x`` (3,) across it, ``position`` (3,)
-    m."""
+    """Return a port frame at ``position`` (3,) m: ``z`` out of the fitting, ``x`` across it."""
     return Pose(frame_of(x, z), position)
 
 
@@ -388,8 +398,7 @@ def in_bores(count: float) -> Any:
 
 
 def fill_in(fitting: Fitting) -> list[str]:
-    """Give every size of a fitting that was left out, which has ``in_bores`` as default, its
-    value; returns their names."""
+    """Give sizes that were left out their default in bores (``in_bores``); return their names."""
     left_out = [name for name, value in vars(fitting).items() if isinstance(value, Bores)]
     for name in left_out:
         # Its class is a frozen dataclass, which is still being made here.
@@ -399,8 +408,7 @@ def fill_in(fitting: Fitting) -> list[str]:
 
 
 def lengthen(fitting: Fitting, left_out: Collection[str], **least: float) -> None:
-    """Raise lengths, m, that were left out to the least that a rim asks for; refuse others that are
-    shorter."""
+    """Raise lengths, m, that were left out to the least that a rim needs; refuse shorter ones."""
     for name in least.keys() & left_out:
         object.__setattr__(fitting, name, max(getattr(fitting, name), least[name]))
     problem = "is {0} m; the rim asks for at least {1:.5f} m"

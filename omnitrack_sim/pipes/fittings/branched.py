@@ -94,8 +94,7 @@ class Branched(Fitting):
 
     @property
     def least_lengths(self) -> tuple[float, float]:
-        """Least half run and branch length, m: how far the rim's fillet reaches along them at the
-        crotch."""
+        """Least half run and branch length, m: as far as the rim's fillet reaches at the crotch."""
         big, small = self._edge_radii()
         sin, cos = self.sin_cos
         return (big * cos + small) / sin, (big + small * cos) / sin
@@ -107,8 +106,7 @@ class Branched(Fitting):
 
     @property
     def ports(self) -> Mapping[str, Pose]:
-        """``run_start`` at z < 0, ``run_end`` at z > 0, ``branch``; x towards the branch, or along
-        the run."""
+        """``run_start`` (z < 0), ``run_end``, ``branch``; x to the branch or along the run."""
         half, out = self.run_length / 2, self.branch_axis
         return {
             "run_start": port_pose(-Z, X, -half * Z),
@@ -142,8 +140,10 @@ class Branched(Fitting):
 
     @lru_cache(maxsize=1024)  # noqa: B019 - fittings are values, few, and planning asks often
     def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
-        """See ``Fitting``: a line over the run, or line, arc, line between run and branch; the arc
-        is as wide as the two legs leave room for."""
+        """See ``Fitting``: a line over the run, or line, arc, line between run and branch.
+
+        The arc is as wide as the two legs leave room for.
+        """
         start, turn = self.ports[enter], self.turn_angle(enter, leave)
         tangent, half = -start.rotation[:, 2], self.run_length / 2
         if turn == 0:
@@ -167,8 +167,7 @@ class Branched(Fitting):
         return AxisCurve(start.position, tangent, normal, segments)
 
     def mouth(self, enter: str) -> tuple[float, float]:
-        """Return the middle and half the length, m, of the opening between run and branch, along
-        the axis from port ``enter`` on.
+        """Return middle and half length, m, of the branch's opening, along the axis from a port.
 
         Along the run the mouth (the sharp edge of the bores) is 2 r / sin a long, about R cot a
         from where the axes meet, towards the side the branch leans to. Out of the branch it begins
@@ -184,8 +183,10 @@ class Branched(Fitting):
         return (first + last) / 2, (last - first) / 2
 
     def clear_of_rim(self, radius: float, tangent: Array, normal: Array, turn: float) -> float:
-        """Return the radius, m, of the largest arc by ``turn`` rad, of ``radius`` m at most, that
-        stays ``CLEARANCE`` off the wall inside it."""
+        """Return the largest radius, up to ``radius`` m, of an arc by ``turn`` rad off the rim.
+
+        It stays ``CLEARANCE`` off the wall inside it.
+        """
         around = np.linspace(0, turn, 97)[:, None]
         # Per metre of radius, from where the axes meet.
         arc = normal * (1 - np.cos(around)) + tangent * (np.sin(around) - math.tan(turn / 2))
@@ -226,8 +227,7 @@ class Branched(Fitting):
         return (*lengths, *radii, *self.sin_cos)
 
     def extent(self, points: Array) -> Array:
-        """See ``Fitting``; each leg by its own ports, for the legs of an oblique wye cross the
-        other's port planes.
+        """See ``Fitting``; the legs of an oblique wye cross each other's port planes.
 
         A point belongs to the branch where it is nearer to that bore's wall than to the run's, or
         less deep in the run.
@@ -278,8 +278,10 @@ class Branched(Fitting):
         return 3 * around + (1 + 2 * STRIP_ROWS) * capsules + 2
 
     def _rim_angles(self) -> list[Array]:
-        """Angles around the branch, rad, of the ends of the capsules: one closed line, or two where
-        the bores are equal."""
+        """Angles round the branch, rad, of the capsules' ends: one closed line, or two.
+
+        Equal bores have two.
+        """
         big, small = self._edge_radii()
         equal = self.radius - self.branch_radius < EQUAL
         parts = (
@@ -317,8 +319,10 @@ class Branched(Fitting):
                 ring.add_stave(pieces, out, z, (a, b), depth)
 
     def mouth_at(self, middle: float, half_angle: float) -> tuple[float, float] | None:
-        """Return between which heights z, m, the rim's edge opens the run within ``half_angle`` rad
-        of an azimuth; None where it does not."""
+        """Return the heights z, m, between which the mouth opens the run near an azimuth, or None.
+
+        Args: ``middle``: azimuth, rad. ``half_angle``: rad, to either side of it.
+        """
         big, small = self._edge_radii()
         sin, cos = self.sin_cos
         middle, limit = math.remainder(middle, 2 * math.pi), math.asin(min(1.0, small / big))
@@ -364,8 +368,7 @@ class Branched(Fitting):
             pieces.add_strips(line, axis, radius, other, strip, depth, self.extent)
 
     def fill(self, kit: Kit, more: float) -> Solid:
-        """See ``Fitting``: the rim is rounded within and without, so that the wall is as thick at
-        the crotch as elsewhere."""
+        """See ``Fitting``: the rim is rounded outside, too; the crotch is as thick as the rest."""
         return self._solid(kit, more, 0.0)
 
     def bore(self, kit: Kit) -> Solid:
@@ -397,8 +400,7 @@ class Branched(Fitting):
         return solids
 
     def _solid_rim_angles(self, sections: int) -> list[Array]:
-        """Angles around the branch, rad, of the cross-sections: a closed line, or two that end
-        short of where they meet."""
+        """Angles round the branch, rad, of cross-sections: a closed line, or two open ones."""
         step = 2 * np.pi / sections
         if self.radius - self.branch_radius < EQUAL:
             # Half way between the corners of the cylinders: threads may stay where corners
@@ -418,8 +420,10 @@ class Branched(Fitting):
     def _fillet(
         self, kit: Kit, q: Array, radius: float, branch_radius: float, fillet: float
     ) -> Solid:
-        """Return what a ball of radius ``fillet`` m rounds off the rim of two bores, at angles
-        ``q`` around the branch."""
+        """Return what a ball of radius ``fillet`` m rounds off the rim, at angles ``q``.
+
+        These are angles round the branch, rad.
+        """
         centre = edge_curve(q, radius + fillet, branch_radius + fillet, self.angle)
         corner = edge_curve(q, radius - kit.overcut, branch_radius - kit.overcut, self.angle)
         axis = self.branch_axis
@@ -431,8 +435,10 @@ class Branched(Fitting):
 
 
 def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
-    """Points (..., 3) m of the edge at angles ``q`` (...,) rad; ``big`` and ``small`` are A and B,
-    m."""
+    """Return points (..., 3) m of the edge at angles ``q`` (...,) rad round the branch.
+
+    Args: ``big``, ``small``: A and B of ``wye_surface``, m. ``angle``: rad.
+    """
     y, w = small * np.sin(q), small * np.cos(q)
     x = np.sqrt(big * big - small * small + w * w)
     return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)

@@ -82,8 +82,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 
 @compiled
 def clear(sizes, px, py, pz, ax, ay, az):
-    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
-    more."""
+    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rim leaves more."""
     sin, cos = sizes[5], sizes[6]
     low, high = in_bore(px, py, ax, ay, sizes[2])
     w, across = px * cos - pz * sin, ax * cos - az * sin
@@ -93,8 +92,9 @@ def clear(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Cross(Wye):
-    """A run of ``run_length`` m and two branches opposite to each other, at ``angle`` rad from it;
-    either ends ``branch_length`` m from the point where the axes meet.
+    """A run of ``run_length`` m and two opposite branches at ``angle`` rad from it.
+
+    Either branch ends ``branch_length`` m from the point where the axes meet.
 
     Between a run and a branch a robot turns as in a tee; it may also go straight on over the run,
     or across it from branch to branch.

@@ -54,7 +54,7 @@ def surface(sizes, x, y, z, out):
 
 
 @compiled
-def span(sizes, ends, px, py, pz, ax, ay, az, out):
+def span(sizes, ends, px, _py, pz, ax, _ay, az, out):
     """See ``compiled.Wall``: between the port planes."""
     a, b, c = sizes[1], sizes[2], sizes[3]
     clip(out, -pz, -az, ends[0])
@@ -65,8 +65,9 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 
 @dataclass(frozen=True)
 class Elbow(Fitting):
-    """A bend of ``angle`` rad with the axis on a circle of ``mean_radius`` m; at least R, at most
-    180 degrees.
+    """A bend of ``angle`` rad, at most pi, with its axis on a circle of ``mean_radius`` m.
+
+    The radius is at least that of the bore.
 
     Example:
         >>> round(ot.Elbow(0.24).length_of_axes, 3)
@@ -110,8 +111,7 @@ class Elbow(Fitting):
 
     @property
     def ports(self) -> Mapping[str, Pose]:
-        """``start`` at the origin, ``end`` where the bend ends; x towards the centre of the
-        bend."""
+        """``start`` at the origin, ``end`` where the bend ends; x to the centre of the bend."""
         tangent, normal = self._end_axes
         return {
             "start": port_pose(-Z, X, np.zeros(3)),
@@ -160,8 +160,7 @@ class Elbow(Fitting):
         return self.radius, self.mean_radius, math.sin(self.angle), math.cos(self.angle)
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
-        """See ``Fitting``: rows of boxes along the bend, each row as fine as its own distance from
-        the bend's axis asks for."""
+        """See ``Fitting``: rows of boxes along the bend, each as fine as its radius asks."""
         ring, along_tolerance = self._ring(tolerance, staves)
         for u in ring.azimuths:
             self._add_row(pieces, ring, u, self._row_count(ring, u, along_tolerance))
@@ -179,8 +178,7 @@ class Elbow(Fitting):
         return Ring.of(self.radius, staves), max(0.8 * tolerance - around, tolerance / 4)
 
     def _row_count(self, ring: Ring, u: float, along_tolerance: float) -> int:
-        """Return the number of boxes of a row at azimuth ``u``, within ``along_tolerance`` m of the
-        circle."""
+        """Return the number of boxes of a row at azimuth ``u``, by the tolerance along it, m."""
         from_axis = self.mean_radius - ring.face * math.cos(u)
         # The facet leaves the surface by its sagitta times the part that points across it; the rest
         # slips sideways.

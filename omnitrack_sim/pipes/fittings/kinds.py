@@ -41,8 +41,7 @@ _brought: dict[str, type[Fitting]] = {}
 
 
 def known_fittings() -> Mapping[str, type[Fitting]]:
-    """Return the shipped kinds, and those that ``fitting_class`` has imported in this process, by
-    their ``kind`` in files."""
+    """Return the shipped kinds and those that ``fitting_class`` has imported, by their ``kind``."""
     return {**shipped_fittings(), **_brought}
 
 
@@ -86,8 +85,7 @@ class FittingEntry(Table):
 
     @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
-        """Return the table of the ``kind`` that stands in ``value``; the entry's own without
-        one."""
+        """Return the table of the ``kind`` in ``value``; the entry's own without one."""
         try:
             return table_of(str(value["kind"]), cls)
         except (KeyError, InputError):

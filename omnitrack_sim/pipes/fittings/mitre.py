@@ -73,8 +73,9 @@ BLUNT = 1e-5
 
 @compiled
 def surface(sizes, x, y, z, out):
-    """See ``compiled.Wall``. Sizes: radius, leg length, fillet radius, m, sine and cosine of half
-    the angle.
+    """See ``compiled.Wall``; ``sizes``: radius, leg length, fillet radius, m, sine and cosine.
+
+    Sine and cosine are those of half the angle.
 
     The wall shrunk by the fillet's ball is E = {rho = R + f or more from the leg's axis, on either
     side of the plane that halves the bend}. By symmetry the nearest point lies on the point's own
@@ -111,9 +112,8 @@ def surface(sizes, x, y, z, out):
 
 
 @compiled
-def span(sizes, ends, px, py, pz, ax, ay, az, out):
-    """See ``compiled.Wall``: between the port planes; legs are long enough for neither to cross the
-    other's."""
+def span(sizes, ends, px, _py, pz, ax, _ay, az, out):
+    """See ``compiled.Wall``: between the port planes; neither leg crosses the other's."""
     sin, cos = 2.0 * sizes[3] * sizes[4], sizes[4] * sizes[4] - sizes[3] * sizes[3]
     clip(out, -pz, -az, ends[0])
     beyond = px * sin + (pz - sizes[1]) * cos - sizes[1]
@@ -196,7 +196,9 @@ class Mitre(Fitting):
         """Return the least length of a leg, m: how far the rim's fillet reaches along it.
 
         Args:
-            angle: rad. bore: m. fillet: radius of the rim, m.
+            angle: rad.
+            bore: m.
+            fillet: radius of the rim, m.
         """
         # A port right where the fillet ends would leave slivers in meshes.
         return (bore / 2 + fillet) * math.tan(angle / 2) + fillet
@@ -207,15 +209,16 @@ class Mitre(Fitting):
 
     @property
     def _halves(self) -> tuple[Array, Array]:
-        """Unit normal of the plane that halves the bend, towards the second leg; unit vector in it
-        towards the inside of the corner."""
+        """Unit vectors: normal of the plane that halves the bend, and the way in it to the inside.
+
+        The normal points towards the second leg.
+        """
         sin, cos = math.sin(self.angle / 2), math.cos(self.angle / 2)
         return np.array([sin, 0.0, cos]), np.array([cos, 0.0, -sin])
 
     @property
     def ports(self) -> Mapping[str, Pose]:
-        """``start`` at the origin, ``end`` at the other leg's end; x towards the inside of the
-        bend."""
+        """``start`` at the origin, ``end`` at the other leg's end; x to the inside of the bend."""
         s, c = math.sin(self.angle), math.cos(self.angle)
         onward, inward = np.array([s, 0, c]), np.array([c, 0, -s])
         return {
@@ -271,8 +274,7 @@ class Mitre(Fitting):
         return self.radius, self.leg_length, self.fillet_radius, math.sin(half), math.cos(half)
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
-        """See ``Fitting``: staves up to the corner or the rim, strips along the rim, capsules as
-        the rim; of both legs."""
+        """See ``Fitting``: staves of both legs, strips along the rim, capsules as the rim."""
         ring = Ring.of(self.radius, staves or stave_count(self.radius, tolerance))
         rim = self._edge(self._rim_angles, self.radius + self.fillet_radius)
         leg = Pieces()
@@ -322,8 +324,7 @@ class Mitre(Fitting):
         return np.linspace(-math.pi / 2, math.pi / 2, math.ceil(math.pi / RIM_STEP) + 1)
 
     def _edge(self, around: Array, radius: float) -> Array:
-        """Points (k, 3) m, from the corner, of the ellipse in which the cylinders of ``radius`` m
-        meet."""
+        """Points (k, 3) m, from the corner, of the ellipse where cylinders of ``radius`` m meet."""
         x, y = radius * np.cos(around), radius * np.sin(around)
         return np.stack([x, y, -x * math.tan(self.angle / 2)], axis=-1)
 
@@ -337,8 +338,7 @@ class Mitre(Fitting):
         return self._legs(kit, self.radius + more, 0.0)
 
     def bore(self, kit: Kit) -> Solid:
-        """See ``Fitting``: with the rim rounded, and a little longer than the wall, as an
-        elbow's."""
+        """See ``Fitting``: with the rim rounded, a little longer than the wall, as an elbow's."""
         solid, half = self._legs(kit, self.radius, kit.overcut), self.angle / 2
         rho = self.radius + self.fillet_radius
         if self.fillet_radius * (1 / math.cos(half) - 1) < BLUNT:

@@ -60,8 +60,10 @@ def surface(sizes, x, y, z, out):
 
 @compiled
 def _before_wide_end(z, from_axis, radius, length, end_radius):
-    """Distance of a point's foot on the cone from its wide end, m times a positive factor;
-    negative beyond the end."""
+    """Return how far a point's foot on the cone lies before the wide end, m times a factor > 0.
+
+    It is negative beyond the end.
+    """
     slope = (end_radius - radius) / length
     return (
         z + slope * (from_axis - radius)
@@ -84,8 +86,10 @@ def _rise(sizes, px, py, pz, ax, ay, az, s):
 
 @compiled
 def _root(sizes, px, py, pz, ax, ay, az, a, b):
-    """Return the place between ``a`` and ``b`` where ``_before_wide_end`` of a line is 0, but for
-    rounding; NaN or a place elsewhere where a quadratic does not tell it."""
+    """Return the root in [a, b] of ``_before_wide_end`` along a line.
+
+    It is NaN or a place elsewhere where a quadratic does not tell it.
+    """
     radius, length, end_radius = sizes[0], sizes[1], sizes[2]
     slope = abs(end_radius - radius) / length
     # The value is w + v s less the slope times the distance from the axis.
@@ -104,8 +108,7 @@ def _root(sizes, px, py, pz, ax, ay, az, a, b):
 
 @compiled
 def _crossing(sizes, px, py, pz, ax, ay, az, a, b, before_at_a):
-    """Bracket, by bisection, the place between ``a`` and ``b`` where a line passes the normals of
-    the wide edge."""
+    """Bisect [a, b] for the place where a line passes the normals of the wide edge."""
     s = _root(sizes, px, py, pz, ax, ay, az, a, b)
     # The value is looked at where it is in question only: long lines take some twenty halvings.
     low, high = s - POSITION, s + POSITION
@@ -127,8 +130,9 @@ def _crossing(sizes, px, py, pz, ax, ay, az, a, b, before_at_a):
 
 @compiled
 def _highest(sizes, px, py, pz, ax, ay, az, a, b):
-    """Place between ``a`` and ``b`` where a line that begins and ends beyond the wide end is before
-    it, or comes nearest to that.
+    """Return the place in [a, b] where a line is farthest before the wide end.
+
+    The line begins and ends beyond that end.
 
     Along a line ``_before_wide_end`` is concave: the distance from the axis is convex.
     """
@@ -207,8 +211,9 @@ def clear(sizes, px, py, pz, ax, ay, az):
 
 @dataclass(frozen=True)
 class Reducer(Axial):
-    """A concentric cone of ``length`` m from ``inner_diameter`` m at ``start`` to ``end_diameter``
-    m at ``end``.
+    """A concentric cone, ``length`` m from ``inner_diameter`` to ``end_diameter``, m.
+
+    ``inner_diameter`` is that at ``start``, ``end_diameter`` that at ``end``.
 
     Example:
         >>> ot.Reducer(0.1, end_diameter=0.14).port_radius("end")
@@ -254,8 +259,10 @@ class Reducer(Axial):
 
     @property
     def slope(self) -> float:
-        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle, negative
-        where it narrows."""
+        """Growth of the bore radius along +z, m/m: the tangent of the half cone angle.
+
+        It is negative where the bore narrows.
+        """
         return (self.end_diameter - self.inner_diameter) / 2 / self.length
 
     def bore_key(self, port: str) -> str:

@@ -15,7 +15,7 @@ from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 
 
 @compiled
-def surface(sizes, x, y, z, out):
+def surface(sizes, x, y, _z, out):
     """See ``compiled.Wall``. Sizes: radius, length, m."""
     away = math.sqrt(x * x + y * y)
     # On the axis the gradient is undefined: any unit vector across the bore will do.
@@ -27,7 +27,7 @@ def surface(sizes, x, y, z, out):
 
 
 @compiled
-def span(sizes, ends, px, py, pz, ax, ay, az, out):
+def span(sizes, ends, _px, _py, pz, _ax, _ay, az, out):
     """See ``compiled.Wall``: between the port planes; the wall carries a line by its two ends."""
     clip(out, -pz, -az, ends[0])
     clip(out, pz - sizes[1], az, ends[1])
@@ -36,7 +36,7 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 
 
 @compiled
-def clear(sizes, px, py, pz, ax, ay, az):
+def clear(sizes, px, py, _pz, ax, ay, _az):
     """See ``compiled.Wall``: up to the cylinder."""
     low, high = in_bore(px, py, ax, ay, sizes[0])
     # A start in the wall has no clear length; the tracing then goes on by distances.

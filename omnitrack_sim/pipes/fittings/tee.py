@@ -20,8 +20,9 @@ from omnitrack_sim.pipes.fittings.branched import Branched
 
 @dataclass(frozen=True)
 class Tee(Branched):
-    """An equal tee: run of ``run_length`` m, branch that ends ``branch_length`` m from the run's
-    axis, rim rounded.
+    """An equal tee: a wye of 90 degrees with a branch as wide as its run.
+
+    The run is ``run_length`` m long, the branch ends ``branch_length`` m from the run's axis.
 
     The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
     opened by it.

@@ -31,8 +31,10 @@ LEAST_BRANCH = 0.4
 
 @dataclass(frozen=True)
 class Wye(Branched):
-    """A run of ``run_length`` m with a branch that leans by ``angle`` rad from +z and ends
-    ``branch_length`` m from the point where the axes meet.
+    """A run with a branch of equal or smaller bore that leans by ``angle`` rad from +z.
+
+    The run is ``run_length`` m long, the branch ends ``branch_length`` m from the point where the
+    axes meet.
 
     The rim's ``fillet_radius`` m is that of a ball that rolls inside the wall: the solid wall is
     opened by it.

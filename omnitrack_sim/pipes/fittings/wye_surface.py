@@ -1,5 +1,6 @@
-"""The exact inner surface of a wye (a tee at any angle, with an equal or a smaller branch) with a
-rounded rim.
+"""The exact inner surface of a wye with a rounded rim.
+
+A wye is a tee at any angle, with an equal or a smaller branch.
 
 Frame: run of radius R along z, branch of radius r <= R along u = (sin a, 0, cos a) from the origin.
 With e = (cos a, 0, -sin a) a point has the coordinates t = p.u along and w = p.e, y across the
@@ -50,8 +51,10 @@ _ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
 
 @compiled
 def surface(sizes, x, y, z, out):
-    """Distance m at a point of the wye's frame, positive in the bore; gradient to out[0:3], face to
-    out[3]."""
+    """Return the distance, m, at a point of the wye's frame, positive in the bore.
+
+    The gradient goes to out[0:3], the face to out[3].
+    """
     fillet, sin, cos = sizes[4], sizes[5], sizes[6]
     big, small = sizes[2] + fillet, sizes[3] + fillet
     t, w = x * sin + z * cos, x * cos - z * sin
@@ -125,8 +128,7 @@ def from_edge(big, small, sin, cos, x, y, z, out):
 
 @compiled
 def on_ellipse(a, b, u, v):
-    """Cosine and sine of the parameter of the ellipse's point (a cos q, b sin q) nearest to (u, v),
-    all >= 0.
+    """Return cosine and sine of q where (a cos q, b sin q) is nearest to (u, v), all >= 0.
 
     The root of g(q) = a u sin q - b v cos q - (a^2 - b^2) sin q cos q in the first quadrant, by
     Newton's method kept in a bracket. Directions stand for angles, so that no iteration needs a
@@ -155,8 +157,7 @@ def on_ellipse(a, b, u, v):
 
 @compiled
 def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
-    """One step of Newton's method from the direction (k, l), or of bisection; whether it is a last,
-    small one."""
+    """Step by Newton or bisection from the direction (k, l); tell whether it was the last step."""
     if slope > 0.0:
         # Half of Newton's step as the tangent of the half angle: a rational rotation without a
         # sine.
@@ -175,8 +176,9 @@ def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
 
 @compiled
 def _on_curve(big, small, sin, cos, x, v, z):
-    """Cosine and sine of the angle around the branch of the edge's point nearest to (x, v, z), v >=
-    0.
+    """Return the direction round the branch of the edge's point nearest to (x, v, z), v >= 0.
+
+    A direction is cosine and sine of the angle.
 
     Samples at even steps along the hyperbola (p = X + W grows by a constant factor) bracket the two
     lowest minima.
@@ -223,8 +225,7 @@ def _on_curve(big, small, sin, cos, x, v, z):
 
 @compiled
 def _minimum(square, small, sin, cos, px, py, pz, low_k, low_l, k, l, high_k, high_l):
-    """Direction around the branch of a minimum between two directions, from a third; its squared
-    distance.
+    """Return the direction of the minimum between two directions, and its squared distance.
 
     Newton's method on the derivative g of half the squared distance, kept in the bracket.
     """
@@ -252,8 +253,11 @@ def _minimum(square, small, sin, cos, px, py, pz, low_k, low_l, k, l, high_k, hi
 
 @compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
-    """See ``compiled.Wall``. A port plane counts for its own leg only: the legs of an oblique wye
-    cross the planes of one another."""
+    """See ``compiled.Wall``.
+
+    A port plane counts for its own leg only: the legs of an oblique wye cross the planes of one
+    another.
+    """
     sin, cos = sizes[5], sizes[6]
     clip_leg(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], RUN, out)
     clip_leg(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], RUN, out)
@@ -264,9 +268,11 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 
 @compiled
 def clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends, side, out):
-    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own leg:
-    a branch's on that ``side`` of the run, 1.0 or -1.0; the run's for ``RUN`` or, where there are
-    branches on both sides, ``RUN_OF_CROSS``."""
+    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own leg.
+
+    ``side``: a branch's leg lies on that side of the run, 1.0 or -1.0; the run's is ``RUN`` or,
+    where there are branches on both sides, ``RUN_OF_CROSS``.
+    """
     low, high = out[LOW], out[HIGH]
     if high < low:
         return
@@ -290,8 +296,11 @@ def clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends, side, out):
 
 @compiled
 def _in_leg(sizes, x, y, z, side):
-    """Tell whether a point belongs to a leg, see ``clip_leg``: to a branch's it does where it is
-    nearer to that bore's wall, or less deep in it, than to the run's."""
+    """Tell whether a point belongs to a leg, see ``clip_leg``.
+
+    It belongs to a branch's where it is nearer to that bore's wall than to the run's, or less deep
+    in it.
+    """
     sin, cos = sizes[5], sizes[6]
     t, w = x * sin + z * cos, x * cos - z * sin
     from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
@@ -305,8 +314,7 @@ def _in_leg(sizes, x, y, z, side):
 
 @compiled
 def clear(sizes, px, py, pz, ax, ay, az):
-    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rounded rim leaves
-    more."""
+    """See ``compiled.Wall``: up to where the line leaves both cylinders; the rim leaves more."""
     sin, cos = sizes[5], sizes[6]
     low, high = in_bore(px, py, ax, ay, sizes[2])
     w, across = px * cos - pz * sin, ax * cos - az * sin

@@ -21,8 +21,9 @@ MOST_BYTES = 20_000_000
 
 
 def import_network(file: str | Path, **settings: Any) -> Import:
-    """Return the network of a file of EPANET (``.inp``; extra ``town``) or of an isometric
-    (``.pcf``).
+    """Return the network of a file of EPANET (``.inp``) or of an isometric (``.pcf``).
+
+    EPANET's need the extra ``town``.
 
     Args:
         file: to read.

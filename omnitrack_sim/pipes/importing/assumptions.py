@@ -80,8 +80,7 @@ def check_schedule(schedule: str) -> None:
 
 
 def true_bore(nominal: float, schedule: str) -> float:
-    """Return the true bore, m, of a nominal one, m: itself where the table has no such size, or
-    without a schedule."""
+    """Return the true bore, m, of a nominal one, m; itself without a schedule that has the size."""
     if schedule not in SCHEDULES:
         return nominal
     for line in _SIZES.strip().splitlines():

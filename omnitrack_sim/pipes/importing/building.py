@@ -102,7 +102,9 @@ def build(name: str, drawing: Drawing, settings: ImportSettings) -> Import:
     """Build a network of a drawing.
 
     Args:
-        name: of the network. drawing: which is changed. settings: of the import.
+        name: of the network.
+        drawing: which is changed.
+        settings: of the import.
 
     Raises:
         NetworkError: nothing of it can be built.
@@ -374,8 +376,7 @@ class _Parts:
         }
 
     def _places(self) -> list[dict[str, Any]]:
-        """Return where the first port of a part of each connected group is, the longest group
-        first."""
+        """Return where the first port of each connected group is, the longest group first."""
         joints = [(a.partition(".")[0], b.partition(".")[0]) for a, b, _ in self.joints]
         groups = connected(self.fittings, joints)
         groups.sort(key=lambda group: -sum(self.fittings[n].length_of_axes for n in group))
@@ -383,8 +384,7 @@ class _Parts:
         return [{"fitting": name} | self._place(name) for name in roots]
 
     def _place(self, name: str) -> dict[str, Any]:
-        """Return where the first port of a part is: a node's fitting, or the first of a pipe
-        without any."""
+        """Return where the first port of a part is: a node's fitting, or the first of a pipe."""
         if name in self.poses:
             return origin_of(Part(name, self.fittings[name], self.poses[name]))
         leg = self.town.drawing.legs[self.of[name]]

@@ -103,8 +103,10 @@ class _Plan:
         return rooms
 
     def choose(self) -> tuple[int, float] | None:
-        """Choose bends that leave room for all straights; else return the side that is too short,
-        and by how much, m."""
+        """Choose bends that leave room for all straights, or return the side that is too short.
+
+        Of that also by how much, m.
+        """
         while True:
             rooms = self.rooms()
             side = int(rooms.argmin())
@@ -130,9 +132,10 @@ def chain(
 
     Args:
         line: (k, 3) m; its first and last point are nodes, which the ports lie near.
-        start, end: ports; None where the pipe just ends at the node. Without a start the chain
-            begins there along the line.
-        bore: m. settings: of the import.
+        start: port; None where the pipe just ends at the node, and begins there along the line.
+        end: port; None where the pipe just ends at the node.
+        bore: m.
+        settings: of the import.
 
     Raises:
         TooShortError: parts do not fit on it.
@@ -185,8 +188,7 @@ class _Line:
         return options[-1:] if self.tight else options
 
     def _plan(self, inner: list[Array]) -> _Plan:
-        """Return the corners of the line with bends behind ports that do not look along it, and the
-        bends that each may have."""
+        """Return the line's corners with bends behind ports that look elsewhere, and the bends."""
         ends = [None if o is None else o.pose.position for o in self.outlets]
         points = [
             *(self.line[:1] if ends[0] is None else ()),
@@ -221,8 +223,7 @@ class _Line:
         return _Plan(places, (reserved[0], reserved[1]), options, [0] * len(options), lead)
 
     def _behind(self, outlet: Outlet, aim: Array, reserved: float) -> Array | None:
-        """Return where behind a port a bend turns towards a place; None where the port looks
-        there."""
+        """Return where behind a port a bend turns to a place; None where the port looks there."""
         way, place = outlet.pose.rotation[:, 2], outlet.pose.position
         cut = 0.0
         for _ in range(6):

@@ -170,8 +170,7 @@ class Drawing:
 
 
 def without_straight(points: Array, tolerance: float) -> Array:
-    """Return a line (k, 3) m without the points that it passes within ``tolerance`` m without them
-    (Douglas and Peucker)."""
+    """Return a line (k, 3) m without points within ``tolerance`` m of it (Douglas-Peucker)."""
     kept, ranges = {0, len(points) - 1}, [(0, len(points) - 1)]
     while ranges:
         first, last = ranges.pop()
@@ -200,8 +199,10 @@ def lowered(line: Array, by: float) -> Array:
 
 
 def under(line: Array, other: Array | None, node: Array | None, by: float) -> Array | None:
-    """Return a line (k, 3) m that passes ``by`` m below another one (j, 3) m, or a node (3,) m,
-    where they are nearest; None where that is at one of its ends."""
+    """Return a line that passes ``by`` m below another one, or a node, where they are nearest.
+
+    Lines are (k, 3) m; None where the nearest place is at one of its ends.
+    """
     pieces = np.stack([line[:-1], line[1:]], axis=1)
     others = np.stack([other[:-1], other[1:]], axis=1) if other is not None else None
     if others is None:

@@ -142,8 +142,10 @@ def _flat(line: Array) -> Array:
 
 
 def _heights(model: Any, lines: dict[str, Array], notes: list[ImportNote]) -> dict[str, float]:
-    """Return the height of each node, m; of one whose pipes would all be steep, that of those
-    around it."""
+    """Return the height of each node, m.
+
+    Of one whose pipes would all be steep, that of those around it.
+    """
     heights = {}
     for name, node in model.nodes():
         height = getattr(node, "elevation", None)

@@ -61,7 +61,8 @@ def junction(
     """Return the fitting of a node.
 
     Args:
-        ways: unit vectors (3,) out of the node along its two to four pipes. bores: of these, m.
+        ways: unit vectors (3,) out of the node along its two to four pipes.
+        bores: of these, m.
         settings: of the import.
         tight: as short as the fitting can be.
 
@@ -162,8 +163,10 @@ def _crossing(
     run: Array,
     branch: Array,
 ) -> Iterator[_Crossing]:
-    """Yield a run and a branch along two lines, brought to an angle that fittings have; nothing
-    where they are in one line."""
+    """Yield a run and a branch along two lines, brought to an angle that fittings have.
+
+    Nothing is yielded where they are in one line.
+    """
     i, j, *rest = order
     drawn = float(angle_between(run, branch))
     if min(drawn, math.pi - drawn) < LEAST_LEAN:

@@ -102,7 +102,9 @@ class Component:
         """Add the attribute of a line's words.
 
         Args:
-            words: of the line. units: of bores and coordinates, m. schedule: of true bores.
+            words: of the line.
+            units: of bores and coordinates, m.
+            schedule: of true bores.
 
         Raises:
             ValueError: it is no valid point, or one too many.
@@ -140,7 +142,8 @@ def read_pcf(text: str, schedule: str) -> tuple[list[Component], str]:
     """Read a file's components, and the schedule that bores were made true by.
 
     Args:
-        text: the file. schedule: see ``ImportSettings``; "" is 40, unless the file says otherwise.
+        text: the file.
+        schedule: see ``ImportSettings``; "" is 40, unless the file says otherwise.
 
     Raises:
         NetworkError: every fault, with its line.
@@ -215,12 +218,11 @@ class Bend(NamedTuple):
 
 
 def bend_of(component: Component, ways: Sequence[Array | None]) -> Bend:
-    """Return the shape of a bend, whose CENTRE-POINT is the corner of its tangents or the centre of
-    its arc.
+    """Return the shape of a bend; its CENTRE-POINT is the corner of tangents or the arc's centre.
 
     Args:
-        component: it. ways: for each end the direction (3,) in which a neighbour leads away there,
-            if it is known.
+        component: the bend.
+        ways: for each end the direction (3,) in which a neighbour leads away there, if it is known.
 
     Raises:
         NetworkError: its points are no bend.
@@ -305,8 +307,10 @@ def pcf_text(name: str, parts: Sequence[Component]) -> str:
 
 
 def neighbours(components: Sequence[Component]) -> Iterator[tuple[Component, Point, Array]]:
-    """Yield the ports whose direction outward is plain from the component alone: of straight ones,
-    tees and crosses."""
+    """Yield the ports whose direction outward is plain from the component alone.
+
+    They are those of straight ones, tees and crosses.
+    """
     for component in components:
         ends = component.ends
         for branch in component.branches:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, ValidationError
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.robots.quantity import SCALES, QuantityModel, quantity, quantity_of, similar
+from omnitrack_sim.robots.quantity import SCALES, NamedTable, quantity, quantity_of, similar
 
 
-class Motor(QuantityModel):
+class Motor(NamedTable):
     """A gearmotor with its speed servo. Speeds and torques are those of the output shaft.
 
     SI units, radians. Frozen: change by ``motor.model_copy(update=...)`` or a scenario override.
@@ -29,9 +29,6 @@ class Motor(QuantityModel):
         >>> ot.Omnitrack(motor=strong).motor.torque_limit
         0.4
     """
-
-    OTHER_KEYS: ClassVar = ("like",)
-    """Keys of its table in files beside its own: the motor whose figures it takes over."""
 
     name: str = quantity("custom", "", "assumed", "what messages call the motor", min_length=1)
     source: str = quantity("", "", "assumed", "where the motor's figures come from")
@@ -84,6 +81,11 @@ class Motor(QuantityModel):
         "product, which has its figures in a robot of any size",
         SCALES,
     )
+
+    @classmethod
+    def shipped(cls) -> Mapping[str, Motor]:
+        """See ``NamedTable``."""
+        return MOTORS
 
     @property
     def reflected_inertia(self) -> float:

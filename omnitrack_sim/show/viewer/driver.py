@@ -15,7 +15,7 @@ from omnitrack_sim.base.rotations import Array, rotation_about, unit
 from omnitrack_sim.record.display import Lines
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack.control.driven import DrivenController, Order
+from omnitrack_sim.robots.driving import ObeysOrders, Order
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.loading import to_drive, with_orders
 from omnitrack_sim.show.viewer.keys import DRIVE, Do
@@ -176,8 +176,8 @@ class Driver(Player):
         return self.run.simulation
 
     @property
-    def _controller(self) -> DrivenController:
-        assert isinstance(self.simulation.controller, DrivenController)
+    def _controller(self) -> ObeysOrders:
+        assert isinstance(self.simulation.controller, ObeysOrders)
         return self.simulation.controller
 
     def act(self, do: Do) -> None:

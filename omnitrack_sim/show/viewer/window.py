@@ -92,7 +92,7 @@ def _opens_window(glfw: Any) -> bool:
     if not glfw.init():
         return False
     glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
-    window = glfw.create_window(64, 64, "omnitrack", None, None)
+    window = glfw.create_window(64, 64, "", None, None)
     if window is not None:
         glfw.destroy_window(window)
     glfw.terminate()

@@ -11,26 +11,17 @@ to the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from omnitrack_sim.base.bounds import MOST_ORDERS
-from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Array, angle_between, cross, unit
-from omnitrack_sim.base.table import Angle, NotNegative, Part, Table, Unit
+from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.record.events import Driven, Event
-from omnitrack_sim.robots.control import (
-    Controller,
-    ControlSetup,
-    Observation,
-    controller_of,
-    parameters_model,
-)
+from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
+from omnitrack_sim.robots.driving import DriverTable, Order
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
 from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
@@ -42,33 +33,13 @@ from omnitrack_sim.robots.robot import REFERENCE_BORE
 
 BY_HAND = "by_hand"
 """Phase of a robot that obeys its driver."""
-KIND = "driven"
-"""Name of the controller in ``control.kind``."""
-Component = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""Of a direction, whose length means nothing."""
 
 
-class Order(Table):
-    """Order of a driver from ``time`` on, until the next order."""
-
-    time: Annotated[float, Field(ge=0), Unit("s")]
-    """From which on it holds."""
-    by: Literal["hand", "autopilot", "end"] = "hand"
-    """Who drives: the driver, the autopilot, or nobody any more: the run is over after the control
-    step."""
-    speed: Annotated[float, Field(ge=-100, le=100), Unit("m/s")] = 0.0
-    """Nose first; negative: tail first."""
-    heading: tuple[Component, Component, Component] | None = None
-    """Direction of the nose, world frame. Left out: wherever the pipe leads it."""
-    roll_deg: Angle | None = None
-    """Of all modules. Left out: as it is."""
-
-
-class DrivenTable(Table):
+class DrivenTable(DriverTable):
     """``[control.parameters]`` of the controller ``driven``."""
 
-    driver: Annotated[str, Field(min_length=1, max_length=80)] = "its orders"
-    """Who drives, in events and provenance: "keyboard" of a robot that was driven by keys."""
+    autopilot: str = "jacobian"
+    """The controller to which the driver can hand over: a shipped one, or `module:Class`."""
     # How the nose is turned towards a heading, as of "jacobian" in a tee turn.
     gain: Annotated[NotNegative, Unit("rad/m")] = TrackingTable().gain
     """Rotation towards the heading for each metre of travel while the nose is off it by 1 rad."""
@@ -76,55 +47,11 @@ class DrivenTable(Table):
     """Cap on that rotation."""
     damping: Annotated[NotNegative, Unit("1")] = DampingTable().tee_turn
     """Rotation asked in addition, for each rad/s that the nose turns too slowly or too fast."""
-    autopilot: str = "jacobian"
-    """The controller to which the driver can hand over: a shipped one, or `module:Class`."""
-    autopilot_parameters: dict[str, Any] = Field(default_factory=dict)
-    """The `control.parameters` of the autopilot; once the scenario is checked, all of them."""
-    orders: Annotated[tuple[Order, ...], Field(max_length=MOST_ORDERS)] = ()
-    """A list of tables with the keys below, in the order of their times; at most 5,000."""
 
-    @field_validator("autopilot")
     @classmethod
-    def _is_another_controller(cls, autopilot: str) -> str:
-        if autopilot == KIND:
-            raise ValueError("drives by orders itself; name a controller that does not")
-        return autopilot
-
-    @field_validator("orders")
-    @classmethod
-    def _in_order(cls, orders: tuple[Order, ...]) -> tuple[Order, ...]:
-        for before, order in pairwise(orders):
-            if order.time < before.time:
-                raise ValueError(f"has one for {order.time:g} s behind one for {before.time:g} s")
-        return orders
-
-    @model_validator(mode="after")
-    def _knows_its_autopilot(self) -> DrivenTable:
-        try:
-            parameters = self.autopilot_model(**self.autopilot_parameters)
-        except InputError as error:
-            text = "; ".join(str(fault.at("autopilot")) for fault in error.faults)
-            raise ValueError(text) from None
-        except ValidationError as error:
-            fault = error.errors()[0]
-            where = ".".join(map(str, ("autopilot_parameters", *fault["loc"])))
-            raise ValueError(f"{where}: {fault['msg']}") from None
-        self.autopilot_parameters.update(parameters.model_dump(mode="json"))
-        return self
-
-    @property
-    def autopilot_class(self) -> type[Controller]:
-        """The class that ``autopilot`` names.
-
-        Raises:
-            InputError: there is no such class.
-        """
-        return controller_of(self.autopilot, Omnitrack.controllers())
-
-    @property
-    def autopilot_model(self) -> type[BaseModel]:
-        """The model of ``autopilot_parameters``."""
-        return parameters_model(self.autopilot_class)
+    def autopilots(cls) -> Mapping[str, type[Controller]]:
+        """See ``DriverTable``."""
+        return Omnitrack.controllers()
 
 
 class DrivenController:

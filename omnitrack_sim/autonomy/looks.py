@@ -1,0 +1,214 @@
+"""What several looks of a robot that explores tell together, and when it looks again.
+
+One sighting may be wrong in kind, position and sizes, most of all from afar and out of a fitting.
+So a robot looks several times. Each reason to look again is a ``LookTask``: it keeps the looks that
+it has had, and says where the next one is due.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.autonomy.belief import BELIEF, Belief
+from omnitrack_sim.autonomy.sight import Sighting
+from omnitrack_sim.base.rotations import Array, angle_between
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Wye
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """Conditions in which a robot that explores looks again at what it has observed or passed.
+
+    Attributes:
+        min_confidence: probability from which on a robot believes an observation.
+        sure: probability from which on an observation is not in doubt.
+        step: m, travel between two looks along a pipe whose end is not in sight.
+        rear_room: m, from its rear to a fitting behind it when it looks back at that.
+        in_sight: m, to a fitting behind it up to which a robot looks back whenever it looks ahead:
+            a lamp shows no more from farther off.
+        rear_step: m, travel to the next look back; it doubles with each one in a straight that
+            tells nothing: what an elbow shows from behind changes little within 10 mm.
+        max_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
+        max_std: m, standard deviation up to which a look back places the robot. Round a bend the
+            estimate of arc length is off by centimetres.
+        max_shift: m, shift of arc length from which on two looks have to agree.
+        agreement: m, difference of two looks that agree.
+        close: m, from the robot's front to the end of a straight when it looks there once more:
+            from there both cameras measure distances to 1 or 2 mm.
+        min_close: m, the same of the last try: nearer, a lens sees too little of the wall before
+            it.
+        out_of_fitting: m, farther off for an end that was observed out of a fitting, where a robot
+            knows least how far it has come: an open end hardly shows from nearer than ``close``.
+        slip_gate: standard deviations of two looks by which travel between them has to be off for
+            the belts to have slipped: of 440 looks by both cameras one was off by more than 3.
+        min_slip: m, the same in addition.
+        travel_std: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in
+            the filter, which has to follow belts that slip, ten lengths were off by a quarter of
+            what was stated.
+        retry_step: m, travel to the next look where one was ambiguous.
+        confirm_step: m, travel to the next look where two contradict each other.
+        missed_step: m, travel to the next look back at a reducer that the map has missed.
+        through_cone: m, from its rear to a fitting behind it up to which a robot may look through
+            the cone of a reducer directly behind that, and not see it.
+        min_std: m, standard deviation of a distance below which one look counts no more than
+            another.
+        max_axis_error: rad, between the axis of a pipe on the map and in a picture, from which on
+            sizes and distances in that are wrong: by a lamp radii and distances are 20 mm too
+            great.
+        max_size_std: m, standard deviation of a size measured from behind up to which it is known:
+            half of what lengths on a map may be wrong by.
+        max_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
+            hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
+        distance_floor: m, standard deviation of what looks at one end have in common, which no mean
+            of them reduces.
+        radius_floor: the same of the mean radius of an elbow, as a part of it: by a lamp means of
+            five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
+        bore_floor: the same of a diameter, as a part of it.
+        size_looks: looks from close by that the sizes of a reducer or an elbow are the mean of.
+        length_looks: looks back that the length of a reducer is the mean of, or as many as its pipe
+            has room for, at least ``size_looks``: looks by depth at 3 % scatter by 5 to 7 mm, and
+            now and then one is off by 20 mm.
+        more_looks: the same where they leave a size in doubt, or the length of the pipe before it,
+            or differ in the radius of an elbow: of looks by a lamp at 45 degrees one in five is off
+            by 60 mm, and the least and the greatest of five are left out.
+    """
+
+    min_confidence: float = 0.5
+    sure: float = 0.95
+    step: float = 0.1
+    rear_room: float = 0.1
+    in_sight: float = 0.4
+    rear_step: float = 0.01
+    max_lean: float = math.radians(4)
+    max_std: float = 0.01
+    max_shift: float = 0.1
+    agreement: float = 0.02
+    close: float = 0.1
+    min_close: float = 0.05
+    out_of_fitting: float = 0.03
+    slip_gate: float = 3.0
+    min_slip: float = 0.005
+    travel_std: float = 0.005
+    retry_step: float = 0.003
+    confirm_step: float = 0.01
+    missed_step: float = 0.005
+    through_cone: float = 0.2
+    min_std: float = 1e-4
+    max_axis_error: float = math.radians(1.5)
+    max_size_std: float = 0.005
+    max_reducer_std: float = 0.02
+    distance_floor: float = 0.001
+    radius_floor: float = 0.005
+    bore_floor: float = 0.01
+    size_looks: int = 3
+    length_looks: int = 6
+    more_looks: int = 5
+
+
+LOOKS = LookSettings()
+
+SHALLOW = "a shallow reducer may be in it"
+"""Doubt about pipe that a lamp shows as free."""
+HARDLY_SHOWS = "its sizes hardly show"
+"""Doubt about a fitting that was seen unsurely."""
+
+
+class LookTask:
+    """A reason of a robot to look again, with the looks that it has had: by default none."""
+
+    def next_look(self, route: Route) -> float:
+        """Return the arc length on a route, m, at which the next look is due; infinite where none
+        is."""
+        return math.inf
+
+    def begin_leg(self) -> None:
+        """Forget what was of the leg before."""
+
+    def forget_part(self, part: int) -> None:
+        """Forget a part, which is removed from the map."""
+
+
+def has_slipped(shift: float, *stds: float) -> bool:
+    """Return whether belts have slipped where looks of standard deviations ``stds`` m place a robot
+    by ``shift`` m elsewhere."""
+    return abs(shift) > LOOKS.min_slip + LOOKS.slip_gate * math.hypot(*stds)
+
+
+def weights_of(stds: Sequence[float]) -> Array:
+    """Return weights (n,) of measurements, 1/m², by their standard deviations, m."""
+    return np.maximum(stds, LOOKS.min_std) ** -2
+
+
+def without_extremes(values: Array) -> NDArray[np.intp]:
+    """Indices of values in ascending order, without the least and the greatest of more than
+    ``LOOKS.size_looks``: one look may be far off."""
+    order = np.argsort(values, kind="stable")
+    return order[1:-1] if len(order) > LOOKS.size_looks else order
+
+
+def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()) -> float:
+    """Standard deviation of the mean of looks at one size.
+
+    Args:
+        floor: of what they have in common.
+        stds: of each look, as it tells; 0 by error-free sight, whose mean has none.
+        values: of the size by each look: what they scatter by counts where it is more.
+    """
+    if not any(stds):
+        return 0.0
+    told = float(weights_of(stds).sum()) ** -0.5
+    scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
+    return math.hypot(floor, max(told, scatter))
+
+
+def reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
+    """Standard deviation, m, of the mean length of a reducer by looks from one side, as
+    ``common_std``. What blurs the ends of a shallow cone is the same in all of them: their mean is
+    known no better than by the best."""
+    return max(common_std(LOOKS.distance_floor, stds, lengths), min(stds))
+
+
+def provisional_passage(belief: Belief, route: Route) -> int | None:
+    """Return the number of the passage through the straight whose end is provisional; None where
+    the route has none."""
+    parts = [passage.index for passage in route.passages]
+    part = belief.provisional
+    return None if part is None or part not in parts else parts.index(part)
+
+
+def is_along(ahead: Sighting, frame: Array, axis: Array) -> bool:
+    """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
+    where it is: a picture in which that is wrong has wrong sizes and distances too."""
+    return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.max_axis_error
+
+
+def size_stds(looks: Sequence[Sighting], mean: Fitting) -> dict[str, float]:
+    """Return the standard deviations of the sizes of a fitting, m, that is the mean of looks from
+    before it. The angle of a bend is hidden there, and has none."""
+    seen = [look.fitting for look in looks]
+    stds: dict[str, float] = {}
+    if isinstance(mean, Elbow):
+        stds["mean_radius"] = common_std(
+            LOOKS.radius_floor * mean.mean_radius,
+            [look.size_stds.get("mean_radius", 0.0) for look in looks],
+            [elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow)],
+        )
+    elif isinstance(mean, Reducer):
+        reducers = [one for one in seen if isinstance(one, Reducer)]
+        stds["length"] = reducer_std(
+            [look.distance_std for look in looks], [one.length for one in reducers]
+        )
+        stds["end_diameter"] = common_std(
+            LOOKS.bore_floor * mean.end_diameter,
+            [look.size_stds.get("end_diameter", 0.0) for look in looks],
+            [one.end_diameter for one in reducers],
+        )
+    elif isinstance(mean, Wye):
+        told = [look.size_stds.get("angle", 0.0) for look in looks]
+        stds["angle"] = common_std(BELIEF.angle_std, told)
+    return stds
