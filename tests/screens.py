@@ -25,7 +25,7 @@ needs_screen = pytest.mark.skipif(
 PATIENCE = 120.0
 """Longest wait for one thing that a test waits for, s: a machine may be busy."""
 TOOLS = f'''
-import os, subprocess, sys, threading, time
+import os, subprocess, sys, threading, time, traceback
 
 def wait(holds, what):
     """Until a condition holds; a test that waits in vain ends here and says for what."""
@@ -53,8 +53,14 @@ def user(kind):
     player = driver if kind == "Driver" else player
     class Watched(getattr(player, kind)):
         def play(self):
-            threading.Thread(target=lambda: (focus(), act(self)), daemon=True).start()
+            threading.Thread(target=self.sit, daemon=True).start()
             super().play()
+        def sit(self):
+            try:
+                focus(), act(self)
+            except Exception:  # a script with a mistake ends the test, and not its patience
+                traceback.print_exc()
+                os._exit(4)
     setattr(player, kind, Watched)
 '''
 """What the script of a user in front of a window has at hand; see ``at_window``."""
