@@ -25,7 +25,9 @@ from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
-from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE, Robot
+from omnitrack_sim.robots.plant import is_similar
+from omnitrack_sim.robots.robot import GRAVITY, Robot
+from omnitrack_sim.robots.size import REFERENCE_BORE
 from omnitrack_sim.scenario import Scenario, set_value, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
@@ -354,7 +356,7 @@ def _resized(entry: Entry, bore: float) -> Entry:
     new = {f"robot.{name}": value for name, value in robot.similar_to(bore).items()}
     changes = {**entry.changes, **new}
     made = robot_of(changes)
-    if not (math.isclose(made.nominal_bore, bore) and robot.is_similar(made)):
+    if not (math.isclose(made.nominal_bore, bore) and is_similar(robot, made)):
         problem = "cannot be made for another bore: it has sizes that are no parameters with units"
         raise InputError(Fault(f"entry {entry.name}", problem))
     size = f"{1000 * bore:g} mm"
