@@ -20,9 +20,9 @@ from typing import Any
 from mobility_lessons import lessons, plus_minus
 
 import omnitrack_sim as ot
-from omnitrack_sim.trials.bench import BenchMeasure
 from omnitrack_sim.trials.bench_table import ALL, markdown_table, rate_of
-from omnitrack_sim.trials.mobility import robot_of
+from omnitrack_sim.trials.entries import robot_of
+from omnitrack_sim.trials.suite import BenchMeasure
 
 Row = dict[str, Any]
 FIGURES = ("mean_speed_m_s", "energy_per_metre", "contact_force_max_n")
@@ -155,11 +155,11 @@ def main() -> None:
     given = parser.parse_args()
     bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
     result = ot.run_trials(bench, out=given.out, workers=given.workers)
-    if bench.suite.of_controllers:
+    if bench.suite.compares == "controllers":
         of_controllers(bench, result.summary["rows"])
     else:
         of_robots(bench, result.summary["rows"])
-    if not bench.suite.of_controllers and not given.entries:
+    if bench.suite.compares != "controllers" and not given.entries:
         print(f"## lessons\n\n{lessons(result.table.to_pylist())}\n")
 
 

@@ -11,13 +11,13 @@ circles at all ports from the body.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
+from shape import Arguments, table
 from touching_geom import SHAPES, add_body
 
 import omnitrack_sim as ot
@@ -372,33 +372,30 @@ def errors(column: str, shape: str, count: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--poses", type=int, default=200, help="of each geom at each wall")
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    print("## accuracy\n\nLargest error, um, where, and the one that 99.9 % of all poses keep:\n")
-    print("| geom | largest | where | 99.9 % |\n|---|---|---|---|")
-    for shape in SHAPES:
-        found = {
-            column: np.abs(errors(column, shape, arguments.poses, arguments.seed))
-            for column in NETWORKS
-        }
-        where = max(found, key=lambda column: found[column].max())
-        worst = micrometres(found[where].max())
-        every = micrometres(np.quantile(np.concatenate([*found.values()]), 0.999))
-        place = "anywhere" if worst == NEGLIGIBLE else where
-        print(f"| {shape} | {worst} | {place} | {every} |", flush=True)
-
-
 NEGLIGIBLE = "< 0.01"
 """Text of an error below the rounding of the reference."""
 
 
 def micrometres(error: float) -> str:
-    """An error, m, as text."""
+    """Return an error, m, as text."""
     return f"{1e6 * error:.2g}" if error >= 1e-8 else NEGLIGIBLE
+
+
+def row(shape: str, count: int, seed: int) -> list[str]:
+    """Return the errors of a geom at all walls."""
+    found = {column: np.abs(errors(column, shape, count, seed)) for column in NETWORKS}
+    where = max(found, key=lambda column: found[column].max())
+    largest = micrometres(found[where].max())
+    most = micrometres(np.quantile(np.concatenate([*found.values()]), 0.999))
+    return [shape, largest, "anywhere" if largest == NEGLIGIBLE else where, most]
+
+
+def main() -> None:
+    """Measure and print the table."""
+    given = Arguments(__doc__, trials=200, of="poses", seed=1).read()
+    text = "Largest error, um, where, and the one that 99.9 % of all poses keep:"
+    rows = (row(shape, given.poses, given.seed) for shape in SHAPES)
+    table("accuracy", ("geom", "largest", "where", "99.9 %"), rows, text)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.overlay import font
 from omnitrack_sim.show.film.render import film, render_frames
-from omnitrack_sim.trials.bench import suite_of
+from omnitrack_sim.trials.entries import robot_entry
 from omnitrack_sim.trials.mobility import load_course
 
 ROBOTS = ("omnitrack", "climber", "presser")
@@ -33,8 +33,8 @@ HEAD, GAP = 30, 6
 
 def run_of(robot: str) -> ot.Result:
     """The run of a robot into the branch, friction 0.8."""
-    changes = {**suite_of("mobility").entry_of(robot, "").changes, "world.friction": 0.8}
-    return ot.run(load_course("tee_into").scenario(0, changes), no_load=False)
+    changes = {**robot_entry(robot).changes, "world.friction": 0.8}
+    return ot.run(load_course("tee_into").scenario(changes), no_load=False)
 
 
 def panels_of(name: str, run: ot.Result, times: Sequence[float]) -> list[np.ndarray]:
