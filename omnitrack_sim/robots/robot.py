@@ -19,8 +19,8 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly, Port
-from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.pipes import Assembly, Passage, Port
+from omnitrack_sim.record.channels import COMMON, Channel, SingularRange
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
@@ -443,6 +443,15 @@ class Robot(QuantityModel):
     def strains(self, trajectory: Trajectory) -> list[Event]:
         """Return notes on forces or travel that a run should not have shown."""
         return []
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """Return the orientations in which the robot cannot turn; None where it can in all.
+
+        Args:
+            passage: that it takes.
+            bend_radius: of the arc that its centre follows round a corner, m; None: its own.
+        """
+        return None
 
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield remarks on a run through bores (m) before it begins."""

@@ -15,7 +15,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
@@ -37,7 +37,7 @@ from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot, SceneOptions
 if TYPE_CHECKING:
     import mujoco
 
-    from omnitrack_sim.pipes import Assembly
+    from omnitrack_sim.pipes import Assembly, Passage
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
     from omnitrack_sim.robots.plant import Start
@@ -589,6 +589,20 @@ class Omnitrack(Robot):
             time = float(trajectory.time[sample])
             events.append(BeyondStop(0, time, int(arm) + 1, 1000 * depth))
         return events
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """See ``Robot``: by the theory of a turn in a tee."""
+        from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+
+        if passage.manoeuvre != "tee_turn":
+            return None
+        return TurnCase(
+            pipe_radius=passage.corner_radius,
+            turn_angle=passage.description.turn_angle,
+            reach=self.reach,
+            contact_length=self.contact_length,
+            bend_radius=bend_radius,
+        ).singular_range
 
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield the bore for which the robot is not made, though its arms reach it: where the
