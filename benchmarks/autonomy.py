@@ -5,8 +5,9 @@ python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--sense
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
-headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `unknown`: such
-networks explored without one.
+headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `robots`: the
+presser and the climber through random networks that they can take. `unknown`: random networks
+explored without a map.
 `recognition`: random approaches to fittings, seen by both cameras in one picture and in five over
 100 mm: how often the kind is right, how sure it was said to be, the errors of direction and
 distance. The default seed is not the one that anything was tuned on.
@@ -14,25 +15,23 @@ distance. The default seed is not the one that anything was tuned on.
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from driving import by_sensors, unknown
+from driving import by_sensors, other_robots, unknown
 from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
+from shape import Arguments, run_tasks
 
 from omnitrack_sim.autonomy.recognition import Recogniser
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamera, HeadlightTable
 from omnitrack_sim.senses.optics import Camera
 from omnitrack_sim.walls.rays import RayWalls
 
-TRIALS = {"turns": 200, "missions": 100, "unknown": 50, "recognition": 2000}
+TRIALS = {"turns": 200, "missions": 100, "robots": 30, "unknown": 50, "recognition": 2000}
 QUICK_TRIALS, SEED = 10, 2
 CAMERAS: dict[str, Callable[[], Any]] = {
     "depth": lambda: DepthCamera(DepthTable()),
@@ -92,27 +91,25 @@ def recognition(
 ) -> None:
     """Measure the recogniser and print the tables."""
     runs: dict[str, list[Found]] = {}
-    with LocalPool(workers) as pool:
-        for name in cameras:
-            for every, words in ((False, "one picture"), (True, "five pictures")):
-                if words.split()[0] not in pictures:
-                    continue
-                tasks: list[Task] = [
-                    (name, every, seed, range(i, min(i + 20, trials)), close)
-                    for i in range(0, trials, 20)
-                ]
-                found = [f for part in pool.map(look, tasks) for f in part]
-                runs[f"{name}, {words}"] = found
-                print(f"{name}, {words}\n\n{by_case(found)}\n\n{failures(found)}\n", flush=True)
+    for name in cameras:
+        for every, words in ((False, "one picture"), (True, "five pictures")):
+            if words.split()[0] not in pictures:
+                continue
+            tasks: list[Task] = [
+                (name, every, seed, range(i, min(i + 20, trials)), close)
+                for i in range(0, trials, 20)
+            ]
+            found = [f for part in run_tasks(look, tasks, workers) for f in part]
+            runs[f"{name}, {words}"] = found
+            print(f"{name}, {words}\n\n{by_case(found)}\n\n{failures(found)}\n", flush=True)
     print(f"{trials} approaches, seed {seed}\n")
     print(summary(runs))
     print(f"\n{by_distance(runs)}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Run the studies that are asked for, and print their tables."""
+    parser = Arguments(__doc__, seed=SEED, workers=True)
     parser.add_argument("--only", nargs="+", choices=tuple(TRIALS), default=list(TRIALS))
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a study")
     parser.add_argument("--trials", type=int, help="trials a study")
@@ -120,15 +117,13 @@ def main() -> None:
         "--senses", nargs="+", choices=tuple(by_sensors.SENSES), default=list(by_sensors.SENSES)
     )
     parser.add_argument("--pictures", nargs="+", choices=("one", "five"), default=["one", "five"])
-    parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument(
         "--close", type=float, default=0.0, help="share of fittings that others follow directly"
     )
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument(
         "--keep", type=Path, help="folder of explorations that are done, and not made again"
     )
-    given = parser.parse_args()
+    given = parser.read()
     for study in given.only:
         trials = given.trials or (QUICK_TRIALS if given.quick else TRIALS[study])
         if study == "recognition":
@@ -142,6 +137,9 @@ def main() -> None:
             name = " ".join([study, *given.senses])
             tours = unknown.runs(*every, given.keep)
             table, failures = unknown.table(tours), unknown.failures(tours)
+        elif study == "robots":
+            others = other_robots.runs(*every[1:])
+            table, failures = other_robots.table(others), other_robots.failures(others)
         else:
             drives = by_sensors.runs(*every)
             table, failures = by_sensors.table(drives), by_sensors.failures(drives)

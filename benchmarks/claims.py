@@ -5,10 +5,11 @@ python benchmarks/claims.py [ROBOT] --out DIR [--quick]
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 from textwrap import fill
+
+from shape import Arguments, table
 
 from omnitrack_sim.paper.claim import Finding, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
@@ -16,22 +17,23 @@ from omnitrack_sim.robots.kinds import DEFAULT
 
 
 def cell(text: str) -> str:
-    """Text in a cell of a table of Markdown."""
+    """Return a text for a cell of a table of Markdown."""
     return text.replace("|", "\\|")
 
 
-def row(finding: Finding) -> str:
+def row(finding: Finding) -> list[str]:
     """Return a row: verdict, source, what the paper says, what is measured."""
     claim, measured = finding.claim, finding.measurement.measured
-    return f"| {' | '.join(map(cell, (finding.label, claim.source, claim.paper, measured)))} |"
+    return [cell(text) for text in (finding.label, claim.source, claim.paper, measured)]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    """Measure the claims and print the tables."""
+    parser = Arguments(__doc__)
     parser.add_argument("robot", nargs="?", default=DEFAULT, help="kind of the robot")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true", help="fewer orientations and trials")
-    given = parser.parse_args()
+    given = parser.read()
     findings = reproduce(given.out, robot=given.robot, quick=given.quick)
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
     counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
@@ -43,8 +45,7 @@ def main() -> None:
     changed = "\n".join(f"* {finding.difference}" for finding in findings if finding.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")
-    print("## claims\n\n| verdict | source | paper | measured |\n|---|---|---|---|")
-    print("\n".join(map(row, findings)))
+    table("claims", ("verdict", "source", "paper", "measured"), map(row, findings))
 
 
 if __name__ == "__main__":

@@ -11,18 +11,17 @@ in preloads of the run; an arm's travel beyond its stop is that of the worst sam
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from missions import random_mission
+from shape import Arguments, random_gravity, run_tasks, table
 from wye import WAYS, Cell
 from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text
 from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
 
@@ -38,10 +37,15 @@ KINDS = (*SHIPPED, "wye", "network")
 
 
 class Extremes(NamedTuple):
-    """Extremes of one run: its outcome, whether it passed, the largest force in preloads and in N,
-    and the largest travel of an arm beyond its stops, mm."""
+    """Extremes of one run.
 
-    outcome: str
+    Attributes:
+        passed: it reached its goal.
+        preloads: largest force, in preloads of the run.
+        force: the same, N.
+        beyond: largest travel of an arm beyond its stops, mm.
+    """
+
     passed: bool
     preloads: float
     force: float
@@ -53,12 +57,12 @@ def scenario(kind: str, number: int, seed: int) -> Scenario:
     rng = np.random.default_rng([seed, KINDS.index(kind), number])
     if kind == "network":
         return random_mission(10_000 * seed + number, friction_range=(0.6, 1.0))
-    gravity = rng.normal(size=3)
+    gravity = random_gravity(rng)
     draw = {
         "start.theta5_deg": float(rng.uniform(-180, 180)),
         "world.friction": float(rng.uniform(0.5, 1.0)),
         "robot.preload": float(rng.uniform(15, 35)),
-        "world.gravity": (9.81 * gravity / np.linalg.norm(gravity)).tolist(),
+        "world.gravity": gravity,
     }
     if kind == "wye":
         return wye_trial(WYES[number % len(WYES)], number, draw)
@@ -75,8 +79,7 @@ def extremes(task: tuple[str, range, int]) -> list[Extremes]:
         low, high = robot.slide_range
         slide, force = trajectory["slide"], float(trajectory["normal_force"].max())
         beyond = 1e3 * max(0.0, float((slide - high).max()), float((low - slide).max()))
-        outcome = result.outcome.value
-        runs.append(Extremes(outcome, result.success, force / robot.preload, force, beyond))
+        runs.append(Extremes(result.success, force / robot.preload, force, beyond))
     return runs
 
 
@@ -88,11 +91,11 @@ def tasks(trials: int, networks: int, seed: int) -> Iterator[tuple[str, range, i
             yield kind, range(first, min(count, first + size)), seed
 
 
-def row(kind: str, runs: Sequence[Extremes]) -> str:
-    """Line of the table."""
+def row(kind: str, runs: Sequence[Extremes]) -> list[str]:
+    """Return a row of the table."""
     passed = [run for run in runs if run.passed]
     over = [sum(run.preloads > MOST_PRELOADS for run in group) for group in (passed, runs)]
-    cells = [
+    return [
         kind,
         rate_text(len(passed), len(runs)),
         f"{max((run.preloads for run in passed), default=0.0):.1f}",
@@ -100,29 +103,28 @@ def row(kind: str, runs: Sequence[Extremes]) -> str:
         f"{over[0]}, {over[1] - over[0]}",
         f"{max(run.beyond for run in runs):.1f}",
     ]
-    return f"| {' | '.join(cells)} |"
+
+
+HEADS = (
+    "runs",
+    "passed, 95 %",
+    "largest force of those, preloads",
+    "of all, preloads and N",
+    "over 20 preloads: passed, not",
+    "arm beyond its stop, mm",
+)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--trials", type=int, default=500, help="of each kind; default 500")
-    parser.add_argument("--networks", type=int, default=200, help="random networks; default 200")
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=61)
-    given = parser.parse_args()
-    runs: dict[str, list[Extremes]] = {kind: [] for kind in KINDS}
+    """Run all kinds and print the table."""
+    arguments = Arguments(__doc__, trials=500, seed=61, workers=True)
+    arguments.add_argument("--networks", type=int, default=200, help="random networks")
+    given = arguments.read()
     work = list(tasks(given.trials, given.networks, given.seed))
-    with LocalPool(given.workers) as pool:
-        for (kind, *_), batch in zip(work, pool.map(extremes, work), strict=True):
-            runs[kind] += batch
-    print("## forces\n")
-    print(
-        "| runs | passed, 95 % | largest force of those, preloads | of all, preloads and N | "
-        "over 20 preloads: passed, not | arm beyond its stop, mm |\n|---|---|---|---|---|---|"
-    )
-    for kind, ended in runs.items():
-        if ended:
-            print(row(kind, ended))
+    runs: dict[str, list[Extremes]] = {}
+    for (kind, *_), batch in zip(work, run_tasks(extremes, work, given.workers), strict=True):
+        runs.setdefault(kind, []).extend(batch)
+    table("forces", HEADS, (row(*one) for one in runs.items()))
 
 
 if __name__ == "__main__":

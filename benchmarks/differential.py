@@ -18,11 +18,7 @@ by friction, and what the belts do where a module has lost its wall.
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -31,9 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from shape import Arguments, endings, interval, run_tasks, table
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
@@ -147,9 +143,11 @@ def ended(result: ot.Result) -> Ended:
 
 
 def needed_friction(result: ot.Result) -> float:
-    """Traction over normal force of the module that needs most, of those that carry load, while any
-    of the robot is in the fitting: what 95 % of that time does not exceed. 0 where it never got
-    there."""
+    """Return traction over normal force of the module that needs most, of those that carry load.
+
+    Counted is the time while any of the robot is in the fitting, of which 95 % need no more. It is
+    0 where it never got there.
+    """
     trajectory, half = result.trajectory, result.scenario.robot.length / 2
     start, end = result.scenario.route.passages[1].span
     inside = (trajectory["distance"] > start - half) & (trajectory["distance"] < end + half)
@@ -168,21 +166,8 @@ def median(values: Sequence[float]) -> tuple[float, float, float]:
     return float(np.median(sample)), float(low), float(high)
 
 
-def rate(found: Sequence[Ended]) -> str:
-    """How many passed, and the interval of the rate."""
-    passed = sum(trial.passed for trial in found)
-    low, high = wilson_interval(passed, len(found))
-    return f"{passed} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-
-def ends(found: Sequence[Ended]) -> str:
-    """How those that failed ended."""
-    failed = Counter(trial.outcome for trial in found if not trial.passed)
-    return ", ".join(f"{count} {name}" for name, count in failed.most_common()) or "-"
-
-
-def row(cell: Cell, found: Sequence[Ended]) -> str:
-    """One row of the tables of places: medians of all trials, or of none where none passed."""
+def row(cell: Cell, found: Sequence[Ended]) -> list[str]:
+    """Return a row of the tables of places: medians of all trials, or of none where none passed."""
     passed = [trial.figures for trial in found if trial.passed]
     cells = []
     for values in zip(*passed, strict=True) if passed else ():
@@ -190,11 +175,12 @@ def row(cell: Cell, found: Sequence[Ended]) -> str:
         digits = 0 if middle >= 20 else 2 if middle < 1 else 1
         cells.append(f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})")
     cells = cells or ["-"] * len(FIGURES)
-    return f"| {' | '.join([cell.way, rate(found), *cells, ends(found)])} |"
+    rate = f"{len(passed)} ({interval(trial.passed for trial in found)})"
+    return [cell.way, rate, *cells, endings(trial.outcome for trial in found if not trial.passed)]
 
 
-def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[str]:
-    """Rows of the table of slippery elbows, one a friction: successes and median slip by drive."""
+def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[list[str]]:
+    """Return rows of slippery elbows, one a friction: successes and median slip by drive."""
     rows = []
     for friction in sorted({cell.friction for cell in found} - {DRY}):
         columns = [place, f"{friction:g}"]
@@ -202,13 +188,8 @@ def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[str
             trials = found[Cell(place, way, friction)]
             slip, *_ = median([trial.figures[0] for trial in trials])
             columns.append(f"{sum(t.passed for t in trials)}; {slip:.0f}")
-        rows.append(f"| {' | '.join(columns)} |")
+        rows.append(columns)
     return rows
-
-
-def table(heads: Sequence[str], rows: Sequence[str]) -> str:
-    """A table of Markdown."""
-    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
 
 
 @style()
@@ -238,8 +219,10 @@ def _rates(axes: Axes, k: int, way: str, by_friction: Mapping[float, Sequence[En
 
 @style()
 def racing_figure() -> Figure:
-    """Belt speeds and normal forces where a module has lost its wall: straight over a tee with a
-    module that faces the opening, and the turn."""
+    """Draw belt speeds and normal forces where a module has lost its wall.
+
+    That is straight over a tee with a module that faces the opening, and in the turn.
+    """
     page = new_figure((8.0, 4.2), layout="constrained")
     panels = page.subplots(2, 2, sharey="row", sharex="col")
     for column, place in enumerate((f"{OVER}, not rolled", TURN)):
@@ -269,39 +252,33 @@ def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
     """Print all tables."""
     for place in ELBOWS | TEES:
         own = [(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
-        passed = f"passed of {len(own[0][1])}"
-        print(f"\n## {place}\n")
-        print(table(("drive", passed, *FIGURES, "failures"), [row(*one) for one in own]))
+        heads = ("drive", f"passed of {len(own[0][1])}", *FIGURES, "failures")
+        table(place, heads, (row(*one) for one in own))
     count = len(next(trials for cell, trials in found.items() if cell.friction != DRY))
-    print(f"\n## slippery elbows\n\nPassed of {count}; median slip of all trials, mm:\n")
     rows = [row for place in ELBOWS for row in slippery_rows(place, found)]
-    print(table(("elbow", "friction", *SLIPPERY_WAYS), rows))
+    text = f"Passed of {count}; median slip of all trials, mm:"
+    table("slippery elbows", ("elbow", "friction", *SLIPPERY_WAYS), rows, text)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    """Run all cells, and print and draw them."""
+    parser = Arguments(__doc__, workers=True)
     parser.add_argument("--quick", action="store_true", help="two orientations, fewer frictions")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
-    )
     parser.add_argument("--figures", type=Path, help="folder to draw into, such as docs/figures")
-    asked = parser.parse_args()
-    if asked.quick and asked.figures:
+    given = parser.read()
+    if given.quick and given.figures:
         parser.error("--figures needs all frictions, which --quick leaves out")
-    tasks = [(cell, orientations(cell, asked.quick)) for cell in cells(asked.quick)]
-    begin = time.perf_counter()
-    with LocalPool(asked.workers) as pool:
-        found = dict(zip((cell for cell, _ in tasks), pool.map(drive, tasks), strict=True))
-    took, count = time.perf_counter() - begin, sum(map(len, found.values()))
-    print(f"{count} trials in {took:.0f} s")
+    asked = cells(given.quick)
+    tasks = [(cell, orientations(cell, given.quick)) for cell in asked]
+    found = dict(zip(asked, run_tasks(drive, tasks, given.workers), strict=True))
     show(found)
-    if asked.figures is not None:
+    if given.figures is not None:
         for name, draw in (
             ("differential_friction", lambda: friction_figure(found)),
             ("differential_tee", racing_figure),
         ):
-            save_figure(draw(), asked.figures / f"{name}.svg")
-            print(f"saved {asked.figures / name}.svg", file=sys.stderr)
+            save_figure(draw(), given.figures / f"{name}.svg")
+            print(f"saved {given.figures / name}.svg", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,10 @@ python benchmarks/explorations.py [--missions N]
 
 from __future__ import annotations
 
-import argparse
 import time
 
 from driving.by_sensors import SENSES
+from shape import Arguments, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.record.events import ExplorationComplete
@@ -16,8 +16,8 @@ from omnitrack_sim.record.events import ExplorationComplete
 MISSIONS = ("missions/explore_onboard", "missions/explore_loop", "missions/explore_house")
 
 
-def row(name: str, sense: str) -> str:
-    """How a mission ended, and how good its map is."""
+def row(name: str, sense: str) -> list[str]:
+    """Return how a mission ended, and how good its map is."""
     scenario = ot.override(ot.load_scenario(name), SENSES[sense] | {"record.pictures": False})
     begin = time.process_time()
     (result,) = ot.run_batch([scenario], no_load=False)
@@ -25,7 +25,7 @@ def row(name: str, sense: str) -> str:
     difference = result.map_difference()
     assert difference is not None
     claims = any(isinstance(event, ExplorationComplete) for event in result.events)
-    cells = (
+    return [
         f"`{name}`",
         sense,
         f"`{result.outcome.value}`",
@@ -36,30 +36,27 @@ def row(name: str, sense: str) -> str:
         "yes" if claims else "no",
         f"{1000 * difference.length_error:.0f}",
         f"{spent:.0f}",
-    )
-    return f"| {' | '.join(cells)} |"
+    ]
+
+
+HEADS = (
+    "run",
+    "sensing",
+    "outcome",
+    "time, s",
+    "driven, m",
+    "parts found",
+    "map right",
+    "called complete",
+    "lengths wrong, mm",
+    "processor time, s",
+)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--missions", type=int, default=len(MISSIONS), help="the first so many")
-    missions = MISSIONS[: parser.parse_args().missions]
-    heads = (
-        "run",
-        "sensing",
-        "outcome",
-        "time, s",
-        "driven, m",
-        "parts found",
-        "map right",
-        "called complete",
-        "lengths wrong, mm",
-        "processor time, s",
-    )
-    print(f"## runs\n\n| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
-    for name in missions:
-        for sense in ("truth", "depth"):
-            print(row(name, sense), flush=True)
+    """Explore, and print the table."""
+    missions = MISSIONS[: Arguments(__doc__, trials=len(MISSIONS), of="missions").read().missions]
+    table("runs", HEADS, (row(name, sense) for name in missions for sense in ("truth", "depth")))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ commands started), wall seconds, and the ratio of film to run.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import subprocess
 import sys
@@ -19,13 +18,15 @@ import tempfile
 import time
 from pathlib import Path
 
+from shape import Arguments, table
+
 from omnitrack_sim import load_scenario
 
 SCENARIOS = ("tee_turn", "missions/fig14")
 
 
 def measured(*words: object) -> tuple[float, float]:
-    """Processor and wall seconds of a command of omnitrack."""
+    """Return the processor and wall seconds of a command of omnitrack."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, words)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -34,23 +35,26 @@ def measured(*words: object) -> tuple[float, float]:
     return spent, wall
 
 
+def row(name: str, camera: str | None, options: tuple[object, ...]) -> list[str]:
+    """Run a scenario, film it, and return what both cost."""
+    camera = camera or ("side" if load_scenario(name).mission is None else "follow")
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "run"
+        run, _ = measured("run", name, "--no-video", "--out", place)
+        film, wall = measured("render", place, "--camera", camera, *options)
+    return [f"`{name}`", f"`{camera}`", *(f"{x:.1f}" for x in (run, film, wall, film / run))]
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
-    parser.add_argument("--camera", choices=("side", "follow", "onboard"))
-    parser.add_argument("--processes", type=int)
-    options = parser.parse_args()
-    print("## cost\n\n| scenario | camera | run, CPU s | film, CPU s | film, wall s | film / run |")
-    print("|---|---|---|---|---|---|")
-    for name in options.scenarios:
-        camera = options.camera or ("side" if load_scenario(name).mission is None else "follow")
-        more = () if options.processes is None else ("--processes", options.processes)
-        with tempfile.TemporaryDirectory() as folder:
-            place = Path(folder) / "run"
-            run, _ = measured("run", name, "--no-video", "--out", place)
-            film, wall = measured("render", place, "--camera", camera, *more)
-        cells = (f"`{name}`", f"`{camera}`", *(f"{x:.1f}" for x in (run, film, wall, film / run)))
-        print(f"| {' | '.join(cells)} |", flush=True)
+    """Measure the scenarios and print the table."""
+    arguments = Arguments(__doc__)
+    arguments.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
+    arguments.add_argument("--camera", choices=("side", "follow", "onboard"))
+    arguments.add_argument("--processes", type=int)
+    given = arguments.read()
+    options = () if given.processes is None else ("--processes", given.processes)
+    heads = ("scenario", "camera", "run, CPU s", "film, CPU s", "film, wall s", "film / run")
+    table("cost", heads, (row(name, given.camera, options) for name in given.scenarios))
 
 
 if __name__ == "__main__":

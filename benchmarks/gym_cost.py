@@ -12,13 +12,13 @@ process on the way.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from shape import Arguments
 
 import omnitrack_sim.gym  # noqa: F401  registers the environments
 from omnitrack_sim import Scenario, Simulation
@@ -113,12 +113,12 @@ def watched(robots: int, decisions: int, sensing: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--robots", type=int, default=64)
-    parser.add_argument("--decisions", type=int, default=200, help="of each robot")
-    parser.add_argument("--sensing", choices=("truth", "onboard"), default="onboard")
-    parser.add_argument("--memory", type=int, default=0, help="decisions of one robot")
-    given = parser.parse_args()
+    """Measure and print the ratio, or the memory."""
+    arguments = Arguments(__doc__, trials=64, of="robots")
+    arguments.add_argument("--decisions", type=int, default=200, help="of each robot")
+    arguments.add_argument("--sensing", choices=("truth", "onboard"), default="onboard")
+    arguments.add_argument("--memory", type=int, default=0, help="decisions of one robot")
+    given = arguments.read()
     if given.memory:
         watched(given.robots, given.memory, given.sensing)
         return

@@ -23,10 +23,8 @@ cause. --out keeps all runs as CSV.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,11 +32,10 @@ from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
+from shape import Arguments, interval, random_gravity, run_tasks, table
 
 from omnitrack_sim import Result, Scenario, load_network, override, random_network, run_batch
 from omnitrack_sim.base.errors import ScenarioError
-from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 
 ORIENTATIONS_DEG = (0.0, 40.0, 80.0)
@@ -120,8 +117,7 @@ def random_mission(
     network = random_network(seed, diameters=bores or None)
     rng = np.random.default_rng([seed, 1])
     start, goal = rng.choice(network.open_ends, 2, replace=False)
-    gravity = rng.normal(size=3)
-    gravity *= 9.81 / np.linalg.norm(gravity)
+    gravity = random_gravity(rng)
     friction, theta5_deg = float(rng.uniform(*friction_range)), float(rng.uniform(-180, 180))
     table = network.model_dump(mode="json")
     return _mission(
@@ -130,7 +126,7 @@ def random_mission(
         str(goal),
         theta5_deg=theta5_deg,
         friction=friction,
-        gravity=gravity.tolist(),
+        gravity=gravity,
     )
 
 
@@ -175,12 +171,11 @@ def close_fittings() -> dict[str, list[dict[str, object]]]:
 def close(name: str, seed: int) -> Scenario | None:
     """A random trial of two close fittings; None where they run into each other."""
     rng = np.random.default_rng([seed, 2])
-    gravity = rng.normal(size=3)
-    gravity *= 9.81 / np.linalg.norm(gravity)
+    gravity = random_gravity(rng)
     data = {
         "pipes": close_fittings()[name],
         "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.15},
-        "world": {"friction": float(rng.uniform(*FRICTION)), "gravity": gravity.tolist()},
+        "world": {"friction": float(rng.uniform(*FRICTION)), "gravity": gravity},
     }
     try:
         return validate(data)
@@ -272,56 +267,62 @@ def drive(task: tuple[str, int, str, str, float]) -> Run:
     )
 
 
-def report(title: str, runs: Sequence[Run]) -> None:
-    """One row of the table of rates."""
+def row(title: str, runs: Sequence[Run]) -> list[str]:
+    """Return a row of the table of rates."""
     arrived = [run for run in runs if run.arrived]
-    low, high = wilson_interval(len(arrived), len(runs))
-    mean = f"{np.mean([run.duration_s for run in arrived]):.1f} s" if arrived else "-"
     retried = sum(run.retries > 0 for run in runs)
-    print(
-        f"| {title} | {len(arrived)} of {len(runs)} | {100 * low:.1f} to {100 * high:.1f} % | "
-        f"{sum(run.in_order for run in runs)} | {sum(run.retries for run in runs)} in {retried} "
-        f"runs | {mean} |"
-    )
+    return [
+        title,
+        f"{len(arrived)} of {len(runs)}",
+        interval((run.arrived for run in runs), 1),
+        str(sum(run.in_order for run in runs)),
+        f"{sum(run.retries for run in runs)} in {retried} runs",
+        f"{np.mean([run.duration_s for run in arrived]):.1f} s" if arrived else "-",
+    ]
+
+
+HEADS = (
+    "study",
+    "arrived",
+    "95 % interval",
+    "in planned order",
+    "retries",
+    "mean time of those that arrived",
+)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument(
+    """Run the studies that are asked for, and print rates and failures."""
+    arguments = Arguments(__doc__, workers=True)
+    arguments.add_argument(
         "--quick", action="store_true", help="one orientation a pair, 10 networks a study"
     )
-    parser.add_argument("--only", nargs="+", choices=tuple(TITLES), help="these studies")
-    parser.add_argument("--networks", type=int, help="of each study of random networks")
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=os.cpu_count() or 1,
-        help="processes; default: number of cores",
-    )
-    parser.add_argument("--out", type=Path, help="folder for missions.csv")
-    asked = parser.parse_args()
-    every = every_task(asked.quick, asked.networks)
-    tasks = [t for t in every if asked.only is None or t[0] in asked.only]
-    begin = time.perf_counter()
-    with LocalPool(asked.workers) as pool:
-        runs = list(pool.map(drive, tasks))
-    simulated = sum(run.duration_s for run in runs)
-    print(f"{simulated:.0f} simulated s in {time.perf_counter() - begin:.0f} s\n\n## rates\n")
-    print(
-        "| study | arrived | 95 % interval | in planned order | retries | mean time of those that "
-        "arrived |"
-    )
-    print("|---|---|---|---|---|---|")
-    for study, title in TITLES.items():
-        if own := [run for run in runs if run.study == study]:
-            report(title, own)
+    arguments.add_argument("--only", nargs="+", choices=tuple(TITLES), help="these studies")
+    arguments.add_argument("--networks", type=int, help="of each study of random networks")
+    arguments.add_argument("--out", type=Path, help="folder for missions.csv")
+    given = arguments.read()
+    every = every_task(given.quick, given.networks)
+    tasks = [t for t in every if given.only is None or t[0] in given.only]
+    runs = run_tasks(drive, tasks, given.workers)
+    by_study: dict[str, list[Run]] = {}
+    for run in runs:
+        by_study.setdefault(run.study, []).append(run)
+    shown = (row(title, by_study[study]) for study, title in TITLES.items() if study in by_study)
+    table("rates", HEADS, shown)
     report_failures(runs)
-    if asked.out is not None:
-        save(runs, asked.out)
+    if given.out is not None:
+        save(runs, given.out)
 
 
-def every_task(quick: bool, most: int | None = None) -> list[tuple[str, int, str, str, float]]:
-    """What ``drive`` is asked to do in all studies; ``most`` random networks a study if given."""
+def every_task(
+    quick: bool, max_networks: int | None = None
+) -> list[tuple[str, int, str, str, float]]:
+    """Return the tasks of ``drive`` in all studies.
+
+    Args:
+        quick: one orientation a pair, few networks.
+        max_networks: random networks of a study; none: as many as it has.
+    """
     orientations = ORIENTATIONS_DEG[:1] if quick else ORIENTATIONS_DEG
     names = tuple(load_network("fig14").ports)
     tasks = [
@@ -330,7 +331,7 @@ def every_task(quick: bool, most: int | None = None) -> list[tuple[str, int, str
         for angle in orientations
     ]
     for study, networks in NETWORKS.items():
-        count = most or (QUICK_NETWORKS if quick else networks)
+        count = max_networks or (QUICK_NETWORKS if quick else networks)
         tasks += [(study, seed, "", "", 0.0) for seed in range(count)]
     trials = range(1 if quick else CLOSE_TRIALS)
     chains = [name for name in close_fittings() if close(name, 0) is not None]

@@ -8,10 +8,11 @@ Prints how many were read and refused, and every other ending; the exit status i
 
 from __future__ import annotations
 
-import argparse
 import random
 import re
 import sys
+
+from shape import Arguments
 
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.pipes.importing.isometric import build_plant
@@ -120,10 +121,7 @@ def endings(files: int, seed: int) -> dict[str, int]:
 
 def main() -> None:
     """Print the endings."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--files", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = Arguments(__doc__, trials=500, of="files", seed=1).read()
     counts = endings(asked.files, asked.seed)
     for ending, count in sorted(counts.items(), key=lambda item: -item[1]):
         print(f"{count} {ending}")

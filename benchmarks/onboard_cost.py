@@ -13,10 +13,10 @@ before for a moment, so that compiled code is in memory.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
+from shape import Arguments, table
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 
@@ -34,14 +34,14 @@ ROUNDS = 3
 
 
 def jobs(name: str, count: int, time_limit: float) -> list[Scenario]:
-    """The turns of one way to sense, as far as they are driven."""
+    """Return the turns of one way to sense, as far as they are driven."""
     base = override(load_scenario("tee_turn"), {**SENSING[name], "run.time_limit": time_limit})
     angles = np.random.default_rng(SEED).uniform(-SPREAD, SPREAD, count)
     return [override(base, {"start.theta5_deg": float(angle)}) for angle in angles]
 
 
 def measured(turns: list[Scenario]) -> float:
-    """Milliseconds of processor time a simulated second of a robot."""
+    """Return the processor time of a simulated second of a robot, ms."""
     begin = time.process_time()
     results = run_batch(turns, threads=1)
     spent = time.process_time() - begin
@@ -49,22 +49,26 @@ def measured(turns: list[Scenario]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--robots", type=int, default=96)
-    parser.add_argument("--quick", action="store_true", help="16 robots, once")
-    options = parser.parse_args()
-    count, rounds = (16, 1) if options.quick else (options.robots, ROUNDS)
+    """Measure in turn and print the table."""
+    given = Arguments(__doc__, trials=96, quick=16, of="robots").read()
+    rounds = 1 if given.quick else ROUNDS
     for name in SENSING:
         run_batch(jobs(name, 1, MOMENT), threads=1)
     spent = np.array(
-        [[measured(jobs(name, count, SPAN)) for name in SENSING] for _ in range(rounds)]
+        [[measured(jobs(name, given.robots, SPAN)) for name in SENSING] for _ in range(rounds)]
     )
     shares = spent / spent[:, :1]
-    print(f"## cost\n\n{count} tee turns, processor time of a simulated second of a robot:\n")
-    print("| sensing | time, ms | of truth | least and greatest |\n|---|---|---|---|")
-    for name, times, share in zip(SENSING, spent.T, shares.T, strict=True):
-        middle = f"{np.median(times):.1f} | {np.median(share):.2f}"
-        print(f"| {name} | {middle} | {share.min():.2f} to {share.max():.2f} |")
+    rows = (
+        (
+            name,
+            f"{np.median(times):.1f}",
+            f"{np.median(share):.2f}",
+            f"{share.min():.2f} to {share.max():.2f}",
+        )
+        for name, times, share in zip(SENSING, spent.T, shares.T, strict=True)
+    )
+    text = f"{given.robots} tee turns, processor time of a simulated second of a robot:"
+    table("cost", ("sensing", "time, ms", "of truth", "least and greatest"), rows, text)
 
 
 if __name__ == "__main__":

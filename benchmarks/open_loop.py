@@ -20,16 +20,14 @@ Needs an operating system that can copy processes (fork).
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import os
-import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from cmaes import CMA
+from shape import Arguments, table
 from steered_turns import (
     KNOTS,
     SPACING,
@@ -49,7 +47,6 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.workers import LocalPool
 
 FRICTION, PRELOAD = (0.5, 0.8), (20.0, 35.0)
-TRIALS, QUICK_TRIALS = 200, 40
 GENERATIONS, QUICK_GENERATIONS = 40, 4
 POPULATION = 24
 STEP = 0.3
@@ -204,8 +201,11 @@ def commands_of(scenario: Scenario) -> Array:
 
 
 def stretches(run: Trace, robot: int) -> Array:
-    """What a robot did between two marks each (M - 1, 5): heading at the second, deg; advance
-    along the run and commands of the modules, mm/s. Not a number where it did not get there."""
+    """Return what a robot did between two marks each (M - 1, 5).
+
+    These are the heading at the second, deg; advance along the run and commands of the modules,
+    mm/s. Not a number where it did not get there.
+    """
     before, since = 1000 * run.before[:, robot], run.since[:, robot]
     found = np.full((len(MARKS_MM) - 1, 5), np.nan)
     reached = [np.flatnonzero((before <= mark) & (since >= 0))[:1] for mark in MARKS_MM]
@@ -217,14 +217,14 @@ def stretches(run: Trace, robot: int) -> Array:
     return found
 
 
-def line(case: Case, scenario: Scenario) -> str:
-    """A failure's row of the table."""
+def line(case: Case, scenario: Scenario) -> list[str]:
+    """Return a failure's row of the table."""
     turn = Turn.of(scenario)
     gravity = np.array(scenario.world.gravity)
     along, towards = gravity @ turn.way_in, gravity @ turn.way_out
     aside = np.sqrt(max(0.0, gravity @ gravity - along**2 - towards**2))
     best = "-" if case.robust is None else f"{case.robust} of 4"
-    columns = [
+    return [
         str(case.trial),
         f"{scenario.world.friction:.2f}",
         f"{scenario.robot.preload:.0f} N",
@@ -236,7 +236,6 @@ def line(case: Case, scenario: Scenario) -> str:
         best,
         case.verdict,
     ]
-    return f"| {' | '.join(columns)} |"
 
 
 HEADS = (
@@ -264,73 +263,63 @@ STRETCH_HEADS = (
 )
 
 
-def report(cases: Sequence[Case]) -> None:
-    """Print the failures by kind, and where passing commands differ."""
-    print("\n## kinds\n")
-    print("| kind | failures | control | of them all neighbours | physics as far as tried |")
-    print("|---" * 5 + "|")
-    for kind in sorted({case.kind for case in cases}):
-        own = [case for case in cases if case.kind == kind]
-        control = [case for case in own if case.verdict == "control"]
-        robust = sum(case.robust == 4 for case in control)
-        print(f"| {kind} | {len(own)} | {len(control)} | {robust} | {len(own) - len(control)} |")
-    traces = [case.traces for case in cases if case.traces is not None]
-    if not traces:
-        return
-    print(
-        "\n## stretches\n\n"
-        f"Means of {len(traces)} failures with commands that pass, of the runs that get there:\n"
-    )
-    print(f"| {' | '.join(STRETCH_HEADS)} |")
-    print("|---" * len(STRETCH_HEADS) + "|")
+KIND_HEADS = ("kind", "failures", "control", "of them all neighbours", "physics as far as tried")
+
+
+def kind_row(kind: str, cases: Sequence[Case]) -> list[object]:
+    """Return how many failures of a kind commands could have passed."""
+    control = [case for case in cases if case.verdict == "control"]
+    robust = sum(case.robust == 4 for case in control)
+    return [kind, len(cases), len(control), robust, len(cases) - len(control)]
+
+
+def stretch_rows(traces: Sequence[Trace]) -> Iterator[list[str]]:
+    """Yield the means of each stretch and run."""
     for i, (far, near) in enumerate(itertools.pairwise(MARKS_MM)):
         for robot, name in enumerate(("controller", "commands that pass", "controller, friction")):
             values = np.array([stretches(run, robot)[i] for run in traces])
             there = values[~np.isnan(values).any(axis=1)]
             means = [f"{mean:.0f}" for mean in there.mean(axis=0)] if len(there) else ["-"] * 5
             label = f"{name} +{EASIER}" if robot == 2 else name
-            print(f"| {far} to {near} mm | {label} | {' | '.join(means)} |")
+            yield [f"{far} to {near} mm", label, *means]
+
+
+def report(cases: Sequence[Case]) -> None:
+    """Print the failures by kind, and where passing commands differ."""
+    kinds = sorted({case.kind for case in cases})
+    rows = (kind_row(kind, [case for case in cases if case.kind == kind]) for kind in kinds)
+    table("kinds", KIND_HEADS, rows)
+    traces = [case.traces for case in cases if case.traces is not None]
+    if traces:
+        text = f"Means of {len(traces)} failures with commands that pass, of runs that get there:"
+        table("stretches", STRETCH_HEADS, stretch_rows(traces), text)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help=f"{QUICK_TRIALS} trials, {QUICK_GENERATIONS} generations",
-    )
-    parser.add_argument("--trials", type=int, help=f"tee turns; default {TRIALS}")
-    parser.add_argument(
-        "--generations",
-        type=int,
-        help=f"of {POPULATION} commands, of each search; default {GENERATIONS}",
-    )
-    parser.add_argument("--seed", type=int, default=1000, help="of the trials; default 1000")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
-    )
-    asked = parser.parse_args()
-    trials = asked.trials or (QUICK_TRIALS if asked.quick else TRIALS)
-    generations = asked.generations or (QUICK_GENERATIONS if asked.quick else GENERATIONS)
-    scenarios = turns(trials, asked.seed)
-    begin = time.perf_counter()
-    results = run_batch(scenarios, threads=asked.workers, no_load=False)
+    """Run the trials, search for commands for those that fail, and print what was found."""
+    parser = Arguments(__doc__, trials=200, quick=40, seed=1000, workers=True)
+    words = f"of {POPULATION} commands, of each search; {GENERATIONS} or {QUICK_GENERATIONS}"
+    parser.add_argument("--generations", type=int, help=words)
+    given = parser.read()
+    generations = given.generations or (QUICK_GENERATIONS if given.quick else GENERATIONS)
+    scenarios = turns(given.trials, given.seed)
+    results = run_batch(scenarios, threads=given.workers, no_load=False)
     failed = [
         Case(trial, *how_it_failed(result))
         for trial, result in enumerate(results)
         if not result.success
     ]
-    print(f"{trials - len(failed)} of {trials} passed, seed {asked.seed}\n")
-    print(f"| {' | '.join(HEADS)} |")
-    print("|---" * len(HEADS) + "|", flush=True)
-    cases = []
-    task = partial(solve, seed=asked.seed, generations=generations)
-    with LocalPool(asked.workers) as pool:
-        for case in pool.map(task, failed):
-            print(line(case, scenarios[case.trial]), flush=True)
-            cases.append(case)
+    cases: list[Case] = []
+
+    def solved() -> Iterator[list[str]]:
+        with LocalPool(given.workers) as pool:
+            for case in pool.map(partial(solve, seed=given.seed, generations=generations), failed):
+                cases.append(case)
+                yield line(case, scenarios[case.trial])
+
+    text = f"{given.trials - len(failed)} of {given.trials} passed, seed {given.seed}"
+    table("failures", HEADS, solved(), text)
     report(cases)
-    print(f"\n{time.perf_counter() - begin:.0f} s")
 
 
 if __name__ == "__main__":

@@ -10,12 +10,12 @@ Before it prints it checks that the work was done right: all trials reach the go
 
 from __future__ import annotations
 
-import argparse
 import resource
 import time
 
 import mujoco
 import numpy as np
+from shape import Arguments
 from shares import Shares, timed
 from tee_turns import random_tee_turns
 
@@ -79,13 +79,11 @@ def check_walls(rays: int = 4000) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--trials", type=int, default=24)
-    parser.add_argument("--quick", action="store_true", help="4 trials")
-    parser.add_argument("--primitives", action="store_true", help="walls of boxes and capsules")
-    options = parser.parse_args()
-    collider = "primitives" if options.primitives else "exact"
-    trials = 4 if options.quick else options.trials
+    """Run the batches, check them, and print what they cost."""
+    arguments = Arguments(__doc__, trials=24, quick=4)
+    arguments.add_argument("--primitives", action="store_true", help="walls of boxes and capsules")
+    options = arguments.read()
+    collider, trials = "primitives" if options.primitives else "exact", options.trials
 
     # Exact walls are checked by tests/test_collider.py.
     wall_error = check_walls() if options.primitives else 0.0

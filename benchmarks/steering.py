@@ -11,19 +11,17 @@ and how much the motor torque changes, recorded every 10 ms. The trials are the 
 
 from __future__ import annotations
 
-import argparse
-import os
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from shape import Arguments, run_tasks, table
 from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
@@ -75,7 +73,7 @@ def loop_of(scenario: Scenario) -> SteeringLoop:
 
 
 def cell(asked: tuple[float, float, int]) -> Cell:
-    """Measure one cell: bandwidth, rate gain, number of trials."""
+    """Measure one cell of a bandwidth, a rate gain and a number of trials."""
     bandwidth, rate_gain, trials = asked
     changes = changes_of(bandwidth, rate_gain)
     scenarios = random_tee_turns(
@@ -145,38 +143,28 @@ def drawn(cells: list[Cell]) -> Figure:
     return figure
 
 
-def table(cells: list[Cell]) -> str:
-    """A row for each speed loop, a column for each rate gain."""
-    lines = [
-        f"| bandwidth, rad/s | {' | '.join(f'k = {gain:g}' for gain in RATE_GAINS)} |",
-        "|---" * (1 + len(RATE_GAINS)) + "|",
-    ]
-    for bandwidth in dict.fromkeys(one.bandwidth for one in cells):
-        row = [
+def row(bandwidth: float, cells: list[Cell]) -> list[str]:
+    """Return the row of a speed loop, with a column for each rate gain."""
+    return [
+        f"{bandwidth:g}",
+        *(
             f"{one.crossover:.0f}, {one.margin:.0f}, {one.passed} of {one.trials}, {one.change:.1f}"
             for one in cells
             if one.bandwidth == bandwidth
-        ]
-        lines.append(f"| {bandwidth:g} | {' | '.join(row)} |")
-    return "\n".join(lines)
+        ),
+    ]
 
 
 def main() -> None:
     """Measure the cells that the options ask for, print and draw them."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="4 trials a cell, three bandwidths")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), metavar="N")
-    parser.add_argument("--trials", type=int, default=48, metavar="N", help="in each cell")
-    parser.add_argument("--figure", type=Path, metavar="FILE.svg")
-    given = parser.parse_args()
-    trials = 4 if given.quick else given.trials
+    arguments = Arguments(__doc__, trials=48, quick=4, workers=True)
+    arguments.add_argument("--figure", type=Path, metavar="FILE.svg")
+    given = arguments.read()
     bandwidths = BANDWIDTHS[1::3] if given.quick else BANDWIDTHS
-    asked = [(b, k, trials) for k, b in product(RATE_GAINS, bandwidths)]
-    with LocalPool(given.workers) as pool:
-        cells = list(pool.map(cell, asked))
-    print(f"## cells\n\n{table(cells)}")
+    asked = [(b, k, given.trials) for k, b in product(RATE_GAINS, bandwidths)]
+    cells = run_tasks(cell, asked, given.workers)
+    heads = ["bandwidth, rad/s", *(f"k = {gain:g}" for gain in RATE_GAINS)]
+    table("cells", heads, (row(bandwidth, cells) for bandwidth in bandwidths))
     if given.figure is not None:
         save_figure(drawn(cells), given.figure)
 

@@ -9,9 +9,10 @@ tables. The folder is that of `omnitrack optimise`; prints how the search was ma
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
+
+from shape import Arguments
 
 import omnitrack_sim as ot
 
@@ -36,13 +37,14 @@ def smaller(study: ot.Study, generations: int, samples: Sequence[int]) -> ot.Stu
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    """Search and print how."""
+    parser = Arguments(__doc__)
     parser.add_argument("name")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--generations", type=int, required=True)
     parser.add_argument("--samples", type=int, nargs="+", required=True)
     parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
+    given = parser.read()
     study = smaller(ot.load_study(given.name), given.generations, given.samples)
     result = ot.run_trials(study, out=given.out, workers=given.workers)
     print(

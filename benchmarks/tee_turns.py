@@ -1,13 +1,27 @@
-"""Random tee turns: the trials that several studies and benchmarks share."""
+"""Random tee turns: what laws, sizes of the robot and the time step are worth, on the same trials.
+
+python benchmarks/tee_turns.py STUDY ... [--trials N] [--quick] [--seed S]
+
+Trials have any gravity, and theta5 within 11 degrees of the best if a study does not say otherwise.
+
+* rates: friction 0.5 to 0.8, preload 20 to 35 N; sway, alignment and retries.
+* weak: friction 0.6 to 0.8, preload 15 to 20 N, theta5 within 60 degrees; how tracks back off.
+* length, shafts, preload: sizes of the robot, at friction 0.8 to 1.0.
+* steps: time steps, at friction 0.8 to 1.0 and preload 15 to 35 N. Compared are turns that pass at
+  all steps, with the finest: the ratio of the means, and the median of the ratios.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from shape import Arguments, compare, endings, mean_of, random_gravity, rate, table
 
-from omnitrack_sim import Result, Scenario, load_scenario, override
+from omnitrack_sim import Result, Scenario, load_scenario, override, run_batch
+from omnitrack_sim.record.events import BackedOff
 
 
 def random_tee_turns(
@@ -19,7 +33,7 @@ def random_tee_turns(
     theta5_deg: float = 11.0,
     changes: Mapping[str, Any] | None = None,
 ) -> list[Scenario]:
-    """Tee turns with theta5 uniform within +-theta5_deg and random gravity.
+    """Draw tee turns with theta5 uniform within +-theta5_deg and random gravity.
 
     Friction and preload, N a module, are uniform in their ranges. The draw of trial i does not
     depend on ``changes``, so that two studies compare the same trials.
@@ -28,13 +42,13 @@ def random_tee_turns(
     base = load_scenario("tee_turn")
     scenarios = []
     for index in range(count):
-        gravity = rng.normal(size=3)
+        gravity = random_gravity(rng)
         draw = {
             "name": f"tee_turn_{index}",
             "start.theta5_deg": float(rng.uniform(-theta5_deg, theta5_deg)),
             "world.friction": float(rng.uniform(*friction)),
             "robot.preload": float(rng.uniform(*preload)),
-            "world.gravity": (9.81 * gravity / np.linalg.norm(gravity)).tolist(),
+            "world.gravity": gravity,
             "control.align": False,
             "control.retry": False,
         }
@@ -42,13 +56,163 @@ def random_tee_turns(
     return scenarios
 
 
-def summary_line(results: list[Result]) -> str:
-    """How many passed, in what time, and how the others ended."""
-    passed = [r for r in results if r.success]
-    others: dict[str, int] = {}
-    for result in results:
-        if not result.success:
-            others[result.outcome.value] = others.get(result.outcome.value, 0) + 1
-    time = f"{np.mean([r.duration_s for r in passed]):.2f} s" if passed else "-"
-    ends = ", ".join(f"{count} {name}" for name, count in sorted(others.items())) or "-"
-    return f"{len(passed)} of {len(results)} | {time} | {ends}"
+def ends(results: Sequence[Result]) -> str:
+    """Return how the turns ended that did not pass."""
+    return endings(result.outcome.value for result in results if not result.success)
+
+
+def rate_after_backing_off(results: Sequence[Result]) -> str:
+    """Return how many of the turns passed in which the robot backed off."""
+    return rate([r for r in results if any(isinstance(e, BackedOff) for e in r.events)])
+
+
+def mean_time(results: Sequence[Result]) -> str:
+    """Return the mean time of the turns that passed."""
+    times = [result.duration_s for result in results if result.success]
+    return f"{np.mean(times):.2f} s" if times else "-"
+
+
+SIZES = {
+    "passed": lambda results: f"{sum(r.success for r in results)} of {len(results)}",
+    "mean time": mean_time,
+    "others": ends,
+}
+"""Columns of the studies of sizes."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Variants of the same random turns.
+
+    Attributes:
+        variants: changes of the scenario by name.
+        draws: arguments of ``random_tee_turns`` by name, of variants that draw other trials.
+        trials: by default.
+        seed: by default.
+        turns: arguments of ``random_tee_turns`` of all variants.
+        columns: texts of the results of a variant, by their heads.
+        head: of the column of variants.
+    """
+
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    draws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    trials: int = 96
+    seed: int = 1
+    turns: Mapping[str, Any] = field(default_factory=dict)
+    columns: Mapping[str, Callable[[Sequence[Result]], str]] = field(default_factory=lambda: SIZES)
+    head: str = "variant"
+
+    def run(self, trials: int, seed: int) -> dict[str, list[Result]]:
+        """Return the results of each variant."""
+        arguments = {name: {"changes": changes} for name, changes in self.variants.items()}
+        return {
+            name: run_batch(random_tee_turns(trials, seed=seed, **self.turns, **own), no_load=False)
+            for name, own in (arguments | dict(self.draws)).items()
+        }
+
+
+AGAIN = {"control.align": True, "control.retry": True}
+NO_SWAY = {"control.parameters.sway.lean_deg": 0.0}
+STEPS = (0.00025, 0.001, 0.002, 0.0025, 0.005)
+"""Time steps, s; the finest first."""
+STUDIES = {
+    "rates": Study(
+        {
+            "one attempt": {},
+            "one attempt, no sway": NO_SWAY,
+            "rolled first": {"control.align": True},
+            "rolled first, with retries": AGAIN,
+            "the same, no sway": AGAIN | NO_SWAY,
+        },
+        trials=200,
+        seed=202,
+        turns={"friction": (0.5, 0.8), "preload": (20.0, 35.0)},
+        columns={
+            "passed": rate,
+            "torque change, N m/s": lambda results: mean_of(results, "torque_change_nm_s"),
+            "energy, J": lambda results: mean_of(results, "energy_j"),
+            "largest tilt, deg": lambda results: mean_of(results, "tilt_max_deg"),
+        },
+    ),
+    "weak": Study(
+        {
+            "tracks rolled to the wall": AGAIN,
+            "tracks left as they are": AGAIN | {"control.parameters.recovery.square": False},
+        },
+        trials=400,
+        seed=203,
+        turns={"friction": (0.6, 0.8), "preload": (15.0, 20.0), "theta5_deg": 60.0},
+        columns={"passed": rate, "of those that backed off": rate_after_backing_off},
+        head="before backing off",
+    ),
+    "length": Study(
+        {
+            f"contact length {1000 * x:.0f} mm": {"robot.contact_length": x}
+            for x in (0.07, 0.08, 0.09, 0.1, 0.11)
+        }
+    ),
+    "shafts": Study(
+        {
+            f"shaft spacing {1000 * x:.0f} mm": {"robot.shaft_spacing": x}
+            for x in (0.09, 0.11, 0.126, 0.15, 0.18)
+        }
+    ),
+    "preload": Study(
+        draws={
+            f"preload {low:.0f}-{low + 5:.0f} N": {"preload": (low, low + 5)}
+            for low in (10.0, 15.0, 20.0, 25.0, 30.0)
+        }
+    ),
+    "steps": Study(
+        {
+            f"{1000 * step:g}": {"physics.timestep": step, "physics.control_period": 0.01}
+            for step in STEPS
+        },
+        trials=64,
+        seed=5,
+    ),
+}
+STEP_FIGURES = {"slip": "slip_distance_m", "energy": "energy_j", "largest tilt": "tilt_max_deg"}
+"""Metrics that are compared between time steps."""
+
+
+def print_steps(runs: Mapping[str, Sequence[Result]]) -> None:
+    """Print the metrics of each time step against those of the finest."""
+    whole = np.all([[result.success for result in results] for results in runs.values()], axis=0)
+    finest = next(iter(runs.values()))
+    rows = []
+    for step, results in runs.items():
+        cells = [step, sum(result.success for result in results)]
+        for metric in STEP_FIGURES.values():
+            own, best = (
+                np.array([np.sum(result.metrics[metric]) for result in turns])[whole]
+                for turns in (results, finest)
+            )
+            ratios = (own.sum() / best.sum(), np.median(own / best))
+            cells += [f"{100 * (ratio - 1):+.1f} %" for ratio in ratios]
+        rows.append(cells)
+    heads = [f"{name}: {what}" for name in STEP_FIGURES for what in ("means", "median of pairs")]
+    text = f"{whole.sum()} of {len(finest)} turns pass at all steps; of these:"
+    table("steps", ["step, ms", "passed", *heads], rows, text)
+
+
+def main() -> None:
+    """Run the studies that are asked for, and print their tables."""
+    arguments = Arguments(__doc__)
+    arguments.add_argument("studies", nargs="+", choices=tuple(STUDIES), metavar="STUDY")
+    arguments.add_argument("--trials", type=int, help="of a variant; default of the study")
+    arguments.add_argument("--seed", type=int, help="of the trials; default of the study")
+    arguments.add_argument("--quick", action="store_true", help="8 trials a variant")
+    given = arguments.read()
+    for name in given.studies:
+        study = STUDIES[name]
+        trials = given.trials or (8 if given.quick else study.trials)
+        runs = study.run(trials, study.seed if given.seed is None else given.seed)
+        if name == "steps":
+            print_steps(runs)
+        else:
+            compare(name, runs, study.columns, study.head)
+
+
+if __name__ == "__main__":
+    main()

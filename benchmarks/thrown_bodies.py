@@ -11,11 +11,10 @@ mm beside one.
 
 from __future__ import annotations
 
-import argparse
-
 import mujoco
 import mujoco.rollout
 import numpy as np
+from shape import Arguments, table
 from touching_geom import SHAPES, add_body
 
 import omnitrack_sim as ot
@@ -35,13 +34,13 @@ FITTINGS = {
 }
 TIMESTEPS = 0.001, 0.002
 """s; bodies of both count together."""
-SECONDS, LEAST_ROOM, STILL_IN = 0.5, 0.045, 0.02
+SECONDS, MIN_ROOM, STILL_IN = 0.5, 0.045, 0.02
 """Of a run; from the wall, m, in which a body begins; and depth of a centre in the wall, m, up to
 which a body at high speed is pressed against it."""
 
 
 def capped(fitting: dict) -> ot.Network:
-    """A fitting with a cap at each port."""
+    """Return a fitting with a cap at each port."""
     whole = ot.Network(fittings=[fitting | {"name": "pipe"}]).pipes
     part = whole.parts[0].fitting
     caps, joints = [], []
@@ -56,7 +55,7 @@ def capped(fitting: dict) -> ot.Network:
 def throw(
     network: ot.Network, shape: str, timestep: float, friction: float | None, count: int, seed: int
 ) -> tuple[int, float]:
-    """How many of ``count`` bodies get out, and the deepest place of a centre in a wall, m."""
+    """Return how many of ``count`` bodies get out, and the deepest place of a centre, m."""
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     # Flat bodies that turn fast about a middle axis would diverge by others.
@@ -68,7 +67,7 @@ def throw(
     part = pipes.assembly.parts[0]
     while len(states) < count:
         place = part.pose.apply(rng.uniform(*part.fitting.bounds))
-        if not pipes.clearance(place) > LEAST_ROOM:
+        if not pipes.clearance(place) > MIN_ROOM:
             continue
         way = rng.normal(size=3)
         data.qpos[:3], data.qpos[3:] = place, rng.normal(size=4)
@@ -86,27 +85,27 @@ def throw(
     return int(out.sum()), float(-np.nanmin(clearance))
 
 
+def row(name: str, each: int, seed: int) -> list[str]:
+    """Return how many bodies get out of a fitting, and how deep they go, by contact time."""
+    network, cells = capped(FITTINGS[name]), [name]
+    for friction in (None, 0.0):
+        thrown = [
+            throw(network, shape, timestep, friction, each, seed)
+            for timestep in TIMESTEPS
+            for shape in SHAPES
+        ]
+        out, deepest = sum(out for out, _ in thrown), max(deep for _, deep in thrown)
+        cells.append(f"{out}; {1e3 * deepest:.0f}")
+    return cells
+
+
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--bodies", type=int, default=1000, help="in each fitting")
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    each = -(-arguments.bodies // len(SHAPES))
-    count = len(TIMESTEPS) * each * len(SHAPES)
-    print(f"## thrown\n\nOf {count} bodies out; deepest centre in a wall, mm:\n")
-    print("| fitting | contact time 20 ms | 5 ms |\n|---|---|---|")
-    for name, fitting in FITTINGS.items():
-        network, cells = capped(fitting), []
-        for friction in (None, 0.0):
-            rows = [
-                throw(network, shape, timestep, friction, each, arguments.seed)
-                for timestep in TIMESTEPS
-                for shape in SHAPES
-            ]
-            out = sum(row[0] for row in rows)
-            cells.append(f"{out}; {1e3 * max(row[1] for row in rows):.0f}")
-        print(f"| {name} |", " | ".join(cells), "|", flush=True)
+    """Throw and print the table."""
+    given = Arguments(__doc__, trials=1000, of="bodies", seed=1).read()
+    each = -(-given.bodies // len(SHAPES))
+    text = f"Of {len(TIMESTEPS) * each * len(SHAPES)} bodies out; deepest centre in a wall, mm:"
+    rows = (row(name, each, given.seed) for name in FITTINGS)
+    table("thrown", ("fitting", "contact time 20 ms", "5 ms"), rows, text)
 
 
 if __name__ == "__main__":

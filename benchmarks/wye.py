@@ -22,12 +22,8 @@ gravity, friction and angle.
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-import time
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,13 +31,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from shape import Arguments, endings, interval, random_gravity, run_tasks, table
 
 from omnitrack_sim import Result, Scenario, override, run_batch
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
@@ -65,8 +60,6 @@ WALLS = {"dry": (0.8, 1.0), "wet": (0.6, 0.8)}
 """Friction coefficients."""
 PRELOAD = (20.0, 35.0)
 """N a module."""
-TRIALS, QUICK_TRIALS = 60, 12
-"""Of a cell, half of them on either wall."""
 DOWNWARD = {"up": (-1.0, -1 / 3), "across": (-1 / 3, 1 / 3), "down": (1 / 3, 1.0)}
 """Gravity's component along the way into the wye, in g: a third of all directions each."""
 PIPE = 0.4
@@ -117,8 +110,11 @@ class Ended(NamedTuple):
 
 
 def cells(fitting: str = "wye") -> list[Cell]:
-    """All cells of a kind of fitting. At 90 degrees the sharp ways are the others mirrored, and are
-    left out; across a cross of equal bores is over its run."""
+    """Return all cells of a kind of fitting.
+
+    At 90 degrees the sharp ways are the others mirrored, and are left out; across a cross of equal
+    bores is over its run.
+    """
     angles = [
         Cell(way, angle, BORE, fitting)
         for way, angle in product(WAYS, CROSS_DEG if fitting == "cross" else ANGLES_DEG)
@@ -139,8 +135,7 @@ def wall_of(index: int) -> str:
 def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Trial ``index`` of a cell; ``changes`` as ``override`` takes them."""
     rng = np.random.default_rng(index)
-    gravity = rng.normal(size=3)
-    gravity *= 9.81 / np.linalg.norm(gravity)
+    gravity = random_gravity(rng)
     ways = WAYS[cell.way]
     enter, leave = ways[index // len(WALLS) % len(ways)]
     straights = [
@@ -160,7 +155,7 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
             "start": {"theta5_deg": float(rng.uniform(-180, 180)), "distance": 0.12},
             "world": {
                 "friction": float(rng.uniform(*WALLS[wall_of(index)])),
-                "gravity": gravity.tolist(),
+                "gravity": gravity,
             },
             "robot": {"preload": float(rng.uniform(*PRELOAD))},
         }
@@ -191,37 +186,27 @@ def ended(index: int, result: Result) -> Ended:
     )
 
 
-def rate(trials: Iterable[Ended]) -> str:
-    """How many passed, and the interval of the rate."""
-    passed = [found.passed for found in trials]
-    low, high = wilson_interval(sum(passed), len(passed))
-    return f"{sum(passed)} of {len(passed)} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-
-def row(cell: Cell, trials: Sequence[Ended]) -> str:
-    """One row of the table."""
-    walls = [[t.passed for t in trials if t.wall == wall] for wall in WALLS]
-    low, high = wilson_interval(sum(t.passed for t in trials), len(trials))
-    failed = Counter(t.outcome for t in trials if not t.passed)
-    ends = ", ".join(f"{count} {name}" for name, count in failed.most_common()) or "-"
+def row(cell: Cell, trials: Sequence[Ended]) -> list[str]:
+    """Return a row of the table of ways."""
     passed = [t for t in trials if t.passed]
-    again = sum(t.retries > 0 for t in passed)
-    columns = [
+    return [
         cell.way,
         f"{cell.angle_deg:.0f}" + ("" if cell.branch == BORE else f", {1000 * cell.branch:.0f} mm"),
-        *(str(sum(half)) for half in walls),
-        f"{100 * low:.0f} to {100 * high:.0f} %",
-        str(again),
+        *(str(sum(t.wall == wall for t in passed)) for wall in WALLS),
+        interval(t.passed for t in trials),
+        str(sum(t.retries > 0 for t in passed)),
         f"{np.mean([t.duration for t in passed]):.1f}" if passed else "-",
-        ends,
+        endings(t.outcome for t in trials if not t.passed),
     ]
-    return f"| {' | '.join(columns)} |"
 
 
-def downward_row(way: str, trials: Sequence[Ended]) -> str:
-    """One row of the table over the direction of gravity."""
-    rates = [rate(t for t in trials if low <= t.downward < high) for low, high in DOWNWARD.values()]
-    return f"| {way} | {' | '.join(rates)} |"
+def gravity_row(way: str, trials: Sequence[Ended]) -> list[str]:
+    """Return a row of the table over the direction of gravity."""
+    cells = [way]
+    for low, high in DOWNWARD.values():
+        passed = [t.passed for t in trials if low <= t.downward < high]
+        cells.append(f"{sum(passed)} of {len(passed)} ({interval(passed)})")
+    return cells
 
 
 @style()
@@ -292,46 +277,28 @@ HEADS = ("both, 95 %", "after backing off", "time, s", "failures")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--cross", action="store_true", help="crosses instead of wyes")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials a cell")
-    parser.add_argument("--trials", type=int, help=f"of a cell, an even number; default {TRIALS}")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
-    )
-    parser.add_argument("--margin-deg", type=float, help="safe margin for the controller")
-    parser.add_argument("--figure", type=Path, help="file to draw, such as docs/figures/wye.svg")
-    asked = parser.parse_args()
-    count = asked.trials or (QUICK_TRIALS if asked.quick else TRIALS)
-    given = asked.margin_deg
-    changes = {} if given is None else {"control.safe_margin_deg": given}
-    asked_cells = cells("cross" if asked.cross else "wye")
-    tasks = [(cell, range(count), changes) for cell in asked_cells]
-    begin = time.perf_counter()
-    with LocalPool(asked.workers) as pool:
-        found = dict(zip(asked_cells, pool.map(drive, tasks), strict=True))
-    print(f"{count * len(tasks)} trials in {time.perf_counter() - begin:.0f} s\n\n## ways\n")
-    heads = ["way", "branch, deg", *(f"{wall}, of {count // len(WALLS)}" for wall in WALLS), *HEADS]
-    print(f"| {' | '.join(heads)} |")
-    print("|---" * len(heads) + "|")
+    """Run all cells, and print and draw them."""
+    arguments = Arguments(__doc__, trials=60, quick=12, workers=True)
+    arguments.add_argument("--cross", action="store_true", help="crosses instead of wyes")
+    arguments.add_argument("--margin-deg", type=float, help="safe margin for the controller")
+    arguments.add_argument("--figure", type=Path, help="file to draw, such as docs/figures/wye.svg")
+    given = arguments.read()
+    margin = given.margin_deg
+    changes = {} if margin is None else {"control.safe_margin_deg": margin}
+    asked = cells("cross" if given.cross else "wye")
+    tasks = [(cell, range(given.trials), changes) for cell in asked]
+    found = dict(zip(asked, run_tasks(drive, tasks, given.workers), strict=True))
+    walls = (f"{wall}, of {given.trials // len(WALLS)}" for wall in WALLS)
+    table("ways", ["way", "branch, deg", *walls, *HEADS], (row(*one) for one in found.items()))
+    equal: dict[str, list[Ended]] = {}
     for cell, trials in found.items():
-        print(row(cell, trials))
-    equal = {
-        way: [
-            t
-            for cell, trials in found.items()
-            if cell.way == way and cell.branch == BORE
-            for t in trials
-        ]
-        for way in dict.fromkeys(cell.way for cell in found if cell.branch == BORE)
-    }
-    print(f"\n## gravity\n\n| way, all angles | {' | '.join(DOWNWARD)} |")
-    print("|---" * (1 + len(DOWNWARD)) + "|")
-    for way, trials in equal.items():
-        print(downward_row(way, trials))
-    if asked.figure is not None:
-        save_figure(figure(found), asked.figure)
-        print(f"saved {asked.figure}", file=sys.stderr)
+        if cell.branch == BORE:
+            equal.setdefault(cell.way, []).extend(trials)
+    heads = ["way, all angles", *DOWNWARD]
+    table("gravity", heads, (gravity_row(*one) for one in equal.items()))
+    if given.figure is not None:
+        save_figure(figure(found), given.figure)
+        print(f"saved {given.figure}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -11,30 +11,31 @@ import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
 
-from omnitrack_sim import run_trials
+from omnitrack_sim import run_trials, shipped_files
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
+from omnitrack_sim.robots.kinds import ROBOTS
 from omnitrack_sim.robots.omnitrack.control import open_loop
 from omnitrack_sim.trials import dispatch
-from omnitrack_sim.trials.bench import Bench, Changes, Course, suite_of
+from omnitrack_sim.trials.bench import Bench
 from omnitrack_sim.trials.bench_table import page, rows_of
-from omnitrack_sim.trials.controllers import DRY, _drawn
-from omnitrack_sim.trials.mobility import least_friction, robot_of
+from omnitrack_sim.trials.entries import Changes, robot_of
+from omnitrack_sim.trials.suite import Course, least_friction, load_suite
 
-CONTROL = suite_of("control")
+CONTROL = load_suite("control")
 TABLES = (f"{name}.{end}" for name in ("trials", "results") for end in ("parquet", "csv"))
 FILES = ("bench.json", "summary.json", "results.md", "bench.png", *TABLES)
 
 
 def driven_by(source: str):
     """The entry of a controller."""
-    return CONTROL.entry_of("", source)
+    return CONTROL.entry("", source)
 
 
 def _short(trials: int, changes: Changes):
     """Begins of turns in the tee, of 0.3 s."""
-    return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
+    return CONTROL.courses["turn"].sweep(trials, {**changes, "run.time_limit": 0.3})
 
 
 SHORT = Course("short", "up the run for a moment", 4, 2, _short)
@@ -170,7 +171,7 @@ def test_intervals():
         (["--controller", "missing.npz"], "no such file, nor a shipped policy"),
         (["--controller", "a/b=equal"], "has no name for a folder"),
         (["--controller", "equal=paper"], "is the name of two"),
-        (["--robot", "presser"], "is for the suite mobility"),
+        (["--robot", "presser"], "is for suites of robots"),
         (["--robot", "a", "--robot", "b", "--controller", "c"], "give one for each --robot"),
         (["--trials", "12"], "is the number of trials; leave out --quick"),
     ],
@@ -192,6 +193,83 @@ def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys)
 def test_an_entry_that_cannot_drive_is_refused_before_any_trial():
     with pytest.raises(InputError, match="one of each at least"):
         Bench(CONTROL, [SHORT], [])
+
+
+OWN = """
+title = "Short pipes"
+[[measures]]
+name = "duration_s"
+unit = "s"
+words = "time"
+[[entries]]
+name = "gentle"
+words = "slowly"
+changes = { "control.cruise_speed" = 0.05 }
+[[courses]]
+course = "mine.toml"
+trials = 2
+quick = 1
+seed = 5
+[[courses]]
+name = "climb"
+words = "up a pipe"
+trials = 3
+quick = 1
+seed = 6
+base = "straight"
+[[courses.axes]]
+path = "world.friction"
+kind = "uniform"
+low = 0.5
+high = 0.9
+"""
+COURSE = 'words = "along"\nclimb_deg = 0\n[[pipes]]\nkind = "straight"\nlength = 1.0\n'
+
+
+@pytest.fixture
+def own_suite(tmp_path):
+    """A suite file of a user's, beside a course file that it names."""
+    (tmp_path / "mine.toml").write_text(COURSE)
+    (tmp_path / "own.toml").write_text(OWN)
+    return tmp_path / "own.toml"
+
+
+def test_a_suite_of_a_user_is_a_file(own_suite):
+    """Courses in bores and random trials of a scenario, its entries and others."""
+    bench = Bench.of(own_suite, trials=1, changes={"run.time_limit": 0.05})
+    assert (bench.name, [course.words for course in bench.courses]) == (
+        "own",
+        ["along", "up a pipe"],
+    )
+    rows = run_trials(bench).summary["rows"]
+    assert [(row["course"], row["entry"]) for row in rows] == [
+        ("mine", "gentle"),
+        ("climb", "gentle"),
+        ("all", "gentle"),
+    ]
+    assert [row["others"] for row in rows] == ["1 timed_out", "1 timed_out", "2 timed_out"]
+    bases = [base for sweep in bench.sweeps().values() for base in sweep.bases.values()]
+    assert {base.control.cruise_speed for base in bases} == {0.05}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('base = "straight"', "", "needs one of base, course and missions"),
+        ('words = "up a pipe"', "", "needs name and words"),
+        ('name = "climb"', 'name = "mine"', "is the name of an earlier one"),
+        ('course = "mine.toml"', 'course = "none.toml"', "none.toml"),
+        ("seed = 5", "sed = 5", "sed"),
+    ],
+)
+def test_faults_of_a_suite_file_are_told(own_suite, old, new, told):
+    own_suite.write_text(OWN.replace(old, new))
+    with pytest.raises(InputError, match=told):
+        load_suite(own_suite)
+
+
+def test_all_shipped_policies_are_entries():
+    assert {*shipped_files("policies")} <= {*CONTROL.entries}
 
 
 # Robots
@@ -272,6 +350,7 @@ def test_fixed_sizes_do_not_scale(outside):
 
 def test_every_shipped_robot_has_every_course():
     """Or a reason why it does not fit; not one of them is an abort."""
+    assert {*ROBOTS} - {"mjcf"} <= {*load_suite("mobility").entries}
     sweeps = Bench.of("mobility", quick=True).sweeps()
     assert all(sweep.size in (1, 2) for sweep in sweeps.values() if not isinstance(sweep, str))
     assert [key for key, sweep in sweeps.items() if isinstance(sweep, str)] == []

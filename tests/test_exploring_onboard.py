@@ -145,7 +145,7 @@ def test_a_camera_sees_what_is_there():
     scenario = ot.load_scenario("missions/explore_onboard")
     senses, true = ot.Simulation([scenario]).senses, scenario.sight
     assert isinstance(senses, Onboard)
-    sight, pipe = CameraSight(senses.eyes, scenario.sensing), scenario.route.passages[0]
+    sight, pipe = CameraSight(senses.taking.eyes, scenario.sensing), scenario.route.passages[0]
     line = scenario.route.centreline
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     for along in (0.1, 0.2, 0.28):
@@ -185,11 +185,11 @@ def test_what_follows_a_bend_directly_is_seen_by_a_lens_that_has_passed_the_port
     )
     senses = ot.Simulation([scenario]).senses
     assert isinstance(senses, Onboard)
-    sight = CameraSight(senses.eyes, scenario.sensing)
+    sight = CameraSight(senses.taking.eyes, scenario.sensing)
     parts = scenario.exploration.network.pipes.parts
     port = parts[1].port("end")
     passage = Passage.of(scenario.exploration.network.pipes, (1, "start", "end"), ARCS)
-    lens = senses.eyes.mount.ahead
+    lens = senses.taking.eyes.mount.ahead
     for past in (0.01, 0.02):
         lean = rotation_about(port.rotation[:, 1], np.array(0.25))
         frame = lean @ port.rotation
@@ -275,7 +275,7 @@ def test_arms_of_a_robot_off_the_middle_measure_no_bore():
     }
     bores = {}
     for name, slide in slides.items():
-        senses.readings = {**senses.readings, "slide": np.array([slide])}
+        senses.body = senses.body._replace(arm=np.array([slide]))
         bores[name] = senses.look(0, back=False).bore
     assert bores["centred"] == pytest.approx(0.16)
     assert bores["wider"] == pytest.approx(0.17)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from shape import markdown
 
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.record.statistics import rate_text
@@ -41,12 +42,6 @@ def rate(passed: Sequence[bool]) -> str:
     return rate_text(sum(passed), len(passed))
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
 def summary(runs: dict[str, list[Found]]) -> str:
     """A row for each way to look."""
     heads = (
@@ -71,7 +66,7 @@ def summary(runs: dict[str, list[Found]]) -> str:
                 f"{1000 * np.median([f.seconds for f in found]):.0f} ms",
             )
         )
-    return table(heads, rows)
+    return markdown(heads, rows)
 
 
 def by_case(found: Sequence[Found]) -> str:
@@ -94,7 +89,7 @@ def by_case(found: Sequence[Found]) -> str:
                 turned if case in TURNED else "-",
             )
         )
-    return table(heads, rows)
+    return markdown(heads, rows)
 
 
 def by_distance(runs: dict[str, list[Found]]) -> str:
@@ -116,7 +111,7 @@ def by_distance(runs: dict[str, list[Found]]) -> str:
                 ),
             )
         )
-    return table(heads, rows)
+    return markdown(heads, rows)
 
 
 def failures(found: Sequence[Found]) -> str:

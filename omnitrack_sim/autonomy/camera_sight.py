@@ -111,8 +111,9 @@ class CameraSight:
     def look(
         self, robot: int, truth: Pose, passage: Passage, estimate: Pose | None = None
     ) -> Sighting | None:
-        """Return the sighting of one robot; see ``TrueSight.look``. As by error-free sight, a robot
-        in a fitting sees on when it lies along the pipe beyond.
+        """Return the sighting of one robot; see ``TrueSight.look``.
+
+        As by error-free sight, a robot in a fitting sees on when it lies along the pipe beyond.
 
         Args:
             robot: index in its batch.
@@ -149,8 +150,10 @@ class CameraSight:
 
 
 def behind_lens(route: Route, lens: float) -> Passage:
-    """Return the passage that a lens at arc length ``lens`` m looks out of: the one that it is in,
-    or at the end of a route the fitting that it has just left."""
+    """Return the passage that a lens at arc length ``lens`` m looks out of.
+
+    It is the one that the lens is in, or at the end of a route the fitting that it has just left.
+    """
     index = route.index_at(lens)
     here = route.passages[index]
     past = CAMERA_SIGHT.past * 2 * here.part.fitting.port_radius(here.enter)
@@ -206,8 +209,7 @@ def sighting_of(detection: Detection, bore: float, lens: float, nearest: float) 
 
 
 def by_depth(ahead: Sighting) -> Sighting:
-    """Return a sighting by the depth camera with standard deviations of its distance as looks
-    scatter."""
+    """Return a sighting by the depth camera with the standard deviations that looks have."""
     std = ahead.distance_std
     if isinstance(ahead.fitting, Elbow):
         std = math.hypot(CAMERA_SIGHT.elbow_std, CAMERA_SIGHT.elbow_share * std)

@@ -70,10 +70,10 @@ def reprojected(
     turned: Array,
     lamp: Array | None,
 ) -> Array:
-    """Return the hits (..., k, 8) of cameras from those of cameras close to them, without tracing
-    rays: the wall is taken to be flat about each hit. Edges and shadows stay at their pixels.
+    """Return the hits (..., k, 8) of cameras from those of cameras close to them, without tracing.
 
-    Shapes before those of each camera are broadcast: many may be close to the same one.
+    The wall is taken to be flat about each hit. Edges and shadows stay at their pixels. Shapes
+    before those of each camera are broadcast: many may be close to the same one.
 
     Args:
         hits: (..., k, 8) of the cameras close to them.
@@ -169,8 +169,13 @@ def of_gravity(
 
 
 def normal_equations(slopes: Array, error: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the information matrix J' W J (n, 6, 6) and vector J' W r (n, 6) of residuals r (n, k)
-    with the Jacobian J (n, k, 6)."""
+    """Return the information matrix J' W J (n, 6, 6) and vector J' W r (n, 6) of measurements.
+
+    Args:
+        slopes: Jacobian J (n, k, 6).
+        error: residuals r (n, k).
+        weight: W (n, k).
+    """
     weighted = slopes * weight[..., None]
     return np.swapaxes(weighted, 1, 2) @ slopes, np.einsum("nki,nk->ni", weighted, error)
 
@@ -330,8 +335,14 @@ class Candidates:
         return cost.reshape(m, t, p)
 
     def best(self, robots: NDArray[np.intp], shot: Shot, places: Array, frames: Array) -> Best:
-        """Return the best of candidates at positions (m, c, 3) m and rotations (m, c, 3, 3), after
-        the best few have been improved."""
+        """Return the best of candidates after the best few have been improved.
+
+        Args:
+            robots: (m,).
+            shot: the picture.
+            places: (m, c, 3) m, their positions.
+            frames: (m, c, 3, 3), their rotations.
+        """
         rows = np.arange(len(robots))[:, None]
         cost = self.cost(robots, shot, places, frames, CANDIDATES.blur)
         best = np.argsort(cost, axis=1, kind="stable")[:, : CANDIDATES.finalists]
@@ -434,8 +445,18 @@ class Candidates:
         *,
         about_lens: bool = True,
     ) -> Difference:
-        """Return the residuals of pictures (n, k) of robots at poses (n, 3) m, (n, 3, 3); ``blur``
-        as in ``cost``; without ``about_lens`` rotations about the lens's axis change nothing."""
+        """Return the residuals of pictures of robots at given poses.
+
+        Args:
+            which: (n,) map of each.
+            position: (n, 3) m.
+            rotation: (n, 3, 3).
+            facing: (n,) see ``Shot``.
+            measured: (n, k) the pictures.
+            rays: (k, 3) of the pixels, camera frame.
+            blur: see ``cost``.
+            about_lens: False: rotations about the lens's axis change nothing.
+        """
         place, frame = self._mount.lens(position, rotation, facing)
         camera, far = self._camera, self._camera.optics.far
         hits = self._walls.trace(which, place, frame, rays, far, camera.lamp)
@@ -457,8 +478,10 @@ class Candidates:
     def _slopes(
         self, hits: Array, position: Array, frame: Array, rays: Array, expected: Array
     ) -> Array:
-        """Jacobian (n, k, 6) by differences of pictures from neighbouring poses, which see the same
-        pieces of wall; see ``Camera.slopes``."""
+        """Return the Jacobian (n, k, 6) by differences of pictures from neighbouring poses.
+
+        They see the same pieces of wall; see ``Camera.slopes``.
+        """
         slopes = np.empty((*expected.shape, POSE))
         for axis in range(POSE):
             place, turned, step = position, frame, CANDIDATES.shift if axis < 3 else CANDIDATES.tilt

@@ -175,8 +175,11 @@ class Localiser:
         self._arriving = deque((due, _without(shot, rows)) for due, shot in self._arriving)
 
     def predict(self, readings: ProprioceptiveReadings) -> None:
-        """Predict the poses by drives and gyro, at every control step, and correct them by limbs
-        and accelerometer when these are due."""
+        """Predict the poses by drives and gyro; correct them by limbs and gravity when due.
+
+        Args:
+            readings: of one control period.
+        """
         motion = self._odometry.motion(readings.body)
         # Only what the drives' own doubt does not explain is slip.
         differ = np.abs(motion.rotation - readings.rotation) - motion.rotation_std
@@ -282,7 +285,7 @@ class Localiser:
         if np.count_nonzero(self.unknown):
             self._seek_turn(shot, rested)
         # Whole pictures first: gradients converge only from close to the truth.
-        self._narrow_down(shot, rested)
+        self._narrow_down(self.shot, rested)
         self._compare(self.shot, np.flatnonzero(active))
         return True
 
@@ -302,8 +305,11 @@ class Localiser:
         self._correct(information, evidence, shot)
 
     def _correct(self, information: Array, evidence: Array, shot: Shot) -> Shot:
-        """Correct the poses by a picture, and those of all pictures that are on their way; return
-        the picture with its pose corrected."""
+        """Correct the poses by a picture, those of pictures on their way as well.
+
+        Returns:
+            The picture with its pose corrected.
+        """
         pivot = shot.position
         change = self.filter.correct(information, evidence, pivot)
         turn, moves = turned_by(change[:, TURN]), np.any(change != 0, axis=1)[:, None]
@@ -317,8 +323,11 @@ class Localiser:
     # Comparing many poses
 
     def _seek_turn(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
-        """Compare all rotations about the axes of robots of unknown rotation, at some positions
-        along them, and take the best where all others together are improbable."""
+        """Find the rotation of robots of unknown rotation about their axes.
+
+        All are compared, at some positions along the axis, and the best is taken where all others
+        together are improbable.
+        """
         robots = np.flatnonzero(self.unknown & rested)
         if len(robots) == 0:
             return
@@ -359,8 +368,10 @@ class Localiser:
         )
 
     def verify(self, robots: NDArray[np.intp]) -> None:
-        """Compare the rotation of robots (m,) about their axis with all others, by the last
-        picture; where another one fits better, their rotation becomes unknown."""
+        """Compare the rotation of robots (m,) about their axis with all others by the last picture.
+
+        Where another one fits better, their rotation becomes unknown.
+        """
         shot = self.shot
         assert shot is not None
         every = np.tile(self._turns, (len(robots), 1))
@@ -373,11 +384,12 @@ class Localiser:
         self.unknown[robots] |= wrong
 
     def _narrow_down(self, shot: Shot, rested: NDArray[np.bool_]) -> None:
-        """Compare poses around those of robots of large covariance: positions along the direction
-        of largest uncertainty (mostly along the pipe), and rotations about their axis.
+        """Compare poses around those of robots of large covariance.
 
-        Close to the truth the gradients of the picture tell more; farther off they lead astray, and
-        where pixels begin or cease to see something, as at an open end, they tell nothing.
+        Positions are compared along the direction of largest uncertainty (mostly along the pipe),
+        and rotations about the robots' axes. Close to the truth the gradients of the picture tell
+        more; farther off they lead astray, and where pixels begin or cease to see something, as at
+        an open end, they tell nothing.
         """
         axis, place_std = self.filter.least_certain()
         forward = self.filter.rotation[:, :, 2]
@@ -417,8 +429,10 @@ class Localiser:
     def _pause(
         self, robots: NDArray[np.intp], shot: Shot, uninformative: NDArray[np.bool_]
     ) -> None:
-        """Have robots (m,) compare no poses by the next pictures of an end whose last one is
-        ``uninformative`` (m,)."""
+        """Have robots (m,) rest whose last picture of an end is ``uninformative`` (m,).
+
+        They compare no poses by the next pictures of that end.
+        """
         end = (shot.facing[robots] > 0).astype(np.intp)
         self._rest[robots, end] = np.where(uninformative, LOCALISER.pause, 0)
 
@@ -461,15 +475,31 @@ class Localiser:
         turn_variance: Array,
         step_variance: Array,
     ) -> None:
-        """Put robots (m,) to poses (m, 3), (m, 3, 3) that they had when the picture was taken; they
-        have moved on. The variances (m,) rad² and m² are those about and along the axis."""
+        """Put robots to poses that they had when a picture was taken; they have moved on.
+
+        Args:
+            robots: (m,).
+            shot: the picture.
+            place: (m, 3) m.
+            frame: (m, 3, 3).
+            turn_variance: (m,) rad², about the axis.
+            step_variance: (m,) m², along the axis.
+        """
         pose = self.filter
-        turn = frame @ np.swapaxes(shot.rotation[robots], 1, 2)
-        since = pose.position[robots] - shot.position[robots]
-        position = place + (turn @ since[..., None])[..., 0]
-        rotation = orthonormal(turn @ pose.rotation[robots])
+        turn, before = frame @ np.swapaxes(shot.rotation[robots], 1, 2), shot.position[robots]
+
+        def moved(position: Array, rotation: Array) -> tuple[Array, Array]:
+            since = (turn @ (position[robots] - before)[..., None])[..., 0]
+            return place + since, orthonormal(turn @ rotation[robots])
+
+        position, rotation = moved(pose.position, pose.rotation)
         covariance = standing_covariance(rotation[:, :, 2], step_variance, turn_variance)
         pose.put(robots, position, rotation, covariance)
+        # What this picture and those on their way tell from now on, they tell of the new pose.
+        self.shot = _moved(shot, robots, place, frame)
+        for i, (due, later) in enumerate(self._arriving):
+            new = _moved(later, robots, *moved(later.position, later.rotation))
+            self._arriving[i] = due, new
         self.unknown = with_rows(self.unknown, robots, False)
         self._mismatch = with_rows(self._mismatch, robots, 0.0)
         self._evidence[robots] = 0.0
@@ -492,6 +522,12 @@ def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:
     informative = variance < LOCALISER.variance_drop * before
     gain = np.where(informative, 1 / variance - 1 / before, 0.0)
     return gain, np.where(informative, mean / variance, 0.0)
+
+
+def _moved(shot: Shot, robots: NDArray[np.intp], position: Array, rotation: Array) -> Shot:
+    """A picture with new poses (m, 3) m, (m, 3, 3) of ``robots`` (m,) at its exposure."""
+    position = with_rows(shot.position, robots, position)
+    return shot._replace(position=position, rotation=with_rows(shot.rotation, robots, rotation))
 
 
 def _without(shot: Shot, rows: NDArray[np.intp]) -> Shot:

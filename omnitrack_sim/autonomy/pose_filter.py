@@ -24,6 +24,7 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import INTEGER, NUMBER, NUMBERS, WORD, c_function, pointers
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.odometry import Motion
 from omnitrack_sim.senses.settings import FilterTable, ImuTable, SensingTable
 
@@ -40,12 +41,15 @@ class PoseFilterSettings:
         tilt_std: rad, of its rotation about every axis.
         known_turn_std: rad, in addition about the pipe's axis, where that rotation is known.
         least_travel: m, travel of a control step below which ratios to it are bounded.
+        min_bend_share: part of a bend's radius from the bend's axis at which a robot's centre
+            counts at least: at the axis, all points of the bend are equally near.
     """
 
     across_std: float = 0.003
     tilt_std: float = 0.03
     known_turn_std: float = 0.02
     least_travel: float = 1e-6
+    min_bend_share: float = 0.25
 
 
 POSE_FILTER = PoseFilterSettings()
@@ -197,23 +201,46 @@ class PoseFilter:
         self.covariance = whole
 
     def std(self, block: slice, axis: Array) -> Array:
-        """Standard deviation (n,) of the position, m, along unit vectors (n, 3), world frame, or of
-        the rotation, rad, about them: ``block`` is PLACE or TURN."""
+        """Return the standard deviation (n,) of the position, m, or of the rotation, rad.
+
+        Args:
+            block: PLACE or TURN.
+            axis: (n, 3) unit vectors, world frame, along or about which.
+        """
         variance = (outer(axis, axis) * self.covariance[:, block, block]).sum(axis=(1, 2))
         return np.sqrt(np.maximum(variance, 0.0))
 
+    def tilt_std(self, location: Location) -> Array:
+        """Return standard deviations (n,) of tilts, rad, across the pipe where they are largest.
+
+        In a bend, an error along the centreline turns the tangent as well.
+        """
+        tangent, normal = location.tangent, location.normal
+        # Where a robot stands inside of a bend, the nearest point moves farther than it does.
+        nearer = 1 - location.curvature * (location.aside * normal).sum(axis=-1)
+        least = POSE_FILTER.min_bend_share
+        turns = (location.curvature / np.maximum(nearer, least))[:, None] * tangent
+        across = np.stack([normal, np.cross(tangent, normal)], axis=1)  # (n, 2, 3)
+        slopes = np.zeros((len(tangent), 2, POSE))
+        slopes[:, :, TURN] = across
+        slopes[:, 1, PLACE] = -turns
+        spread = slopes @ self.covariance[:, :POSE, :POSE] @ np.swapaxes(slopes, 1, 2)
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
+
     def least_certain(self) -> tuple[Array, Array]:
-        """Direction (n, 3), world frame, of largest uncertainty of the position, and the standard
-        deviation (n,) m along it."""
+        """Return the direction (n, 3) of largest uncertainty of the position, world frame.
+
+        The second value is the standard deviation (n,) m along it.
+        """
         values, vectors = np.linalg.eigh(self.covariance[:, PLACE, PLACE])
         return vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
 
 
 @compiled
 def _advanced(values, first, stride, step, by_slip, rotation, robot, period, kept):
-    """Multiply a vector by the transition matrix of a control step, in place: the SIZE numbers at
-    ``first``, ``stride`` apart, of errors of place, turn, bias and slip.
+    """Multiply a vector by the transition matrix of a control step, in place.
 
+    It is the SIZE numbers at ``first``, ``stride`` apart, of errors of place, turn, bias and slip.
     The turn's error moves the place by its cross product with the step, the bias turns, and the
     slip shortens the step.
     """
@@ -235,10 +262,14 @@ def _propagate(robots, step, by_slip, rotation, period, kept, added, transition,
 
     Args:
         robots: n.
-        step: (n, 3) m. by_slip: (n, 3) m, of the step for each unit of slip.
-        rotation: (n, 3, 3). period: s. kept: part of the slip that is left after it.
+        step: (n, 3) m.
+        by_slip: (n, 3) m, of the step for each unit of slip.
+        rotation: (n, 3, 3).
+        period: s.
+        kept: part of the slip that is left after it.
         added: (n, 10) variances of the step's noise.
-        transition, noise: (n, 10, 10), of what went before.
+        transition: (n, 10, 10), of what went before.
+        noise: (n, 10, 10), the same.
     """
     for robot in range(robots):
         first = SIZE * SIZE * robot

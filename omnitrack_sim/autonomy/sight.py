@@ -1,5 +1,4 @@
-"""Sight of the pipe ahead of a robot: what a look reports, and error-free sight of the true
-network."""
+"""Sight of the pipe ahead of a robot: what a look reports, and error-free sight."""
 
 from __future__ import annotations
 
@@ -88,8 +87,10 @@ class Sighting:
     covariance: Array | None = field(default=None, compare=False)
 
     def conditioned_on(self, known: Fitting, stds: Mapping[str, float]) -> Sighting:
-        """Return the sighting with the distance and its standard deviation that follow where sizes
-        of its fitting are known: a bend that seems wider also seems to begin elsewhere.
+        """Return the sighting as it is where sizes of its fitting are known.
+
+        Distance and standard deviation follow: a bend that seems wider also seems to begin
+        elsewhere.
 
         Args:
             known: the same fitting, as a map has it; one of another kind changes nothing.
@@ -115,8 +116,10 @@ class Sighting:
 
 
 def side_of(frame: Array, ahead: Array) -> Array:
-    """The x axis (3,) of a robot's ``frame`` (3, 3), projected across a pipe along ``ahead``
-    (3,), world frame: what ``Sighting.turn`` is measured from."""
+    """Return the direction (3,), world frame, that ``Sighting.turn`` is measured from.
+
+    It is the x axis of a robot's ``frame`` (3, 3), projected across a pipe along ``ahead`` (3,).
+    """
     x = frame[:, 0]
     return unit(x - ahead * (x @ ahead))
 
@@ -172,9 +175,11 @@ class TrueSight:
         return None if nearest is None else self._from(*nearest[1:], frame)
 
     def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, Port]]:
-        """Yield the ports ahead of a robot with its centre (1, 3) m in a straight, or in another
-        fitting with its nose at the port: the distance of the centre from the axis that leads
-        there, and along it to the port plane, m, and the port."""
+        """Yield the ports ahead of a robot with its centre (1, 3) m in a straight.
+
+        In another fitting its nose has to be at the port. Of each: the distance of the centre from
+        the axis that leads there, and along it to the port plane, m, and the port.
+        """
         for index, part in enumerate(self._pipes.parts):
             fitting = part.fitting
             if not part.holds(centre, 0.0):
@@ -221,8 +226,11 @@ def _turn(part: Part, enter: str, frame: Array) -> float:
 
 
 def is_right(observed: Sighting, truth: Sighting) -> bool:
-    """Return whether a sighting agrees with the truth: a fitting, an end, or, as far as is seen,
-    nothing. Which of a fitting's ports is nearer counts where the ports differ."""
+    """Return whether a sighting agrees with the truth.
+
+    It is of a fitting, an end, or, as far as is seen, nothing. Which of a fitting's ports is nearer
+    counts where the ports differ.
+    """
     if observed.fitting is None and not observed.end:
         return truth.distance > observed.distance - SIGHT.same_place
     if abs(observed.distance - truth.distance) > SIGHT.same_place or observed.end != truth.end:

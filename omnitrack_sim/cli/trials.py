@@ -142,8 +142,8 @@ def bench(
         str,
         typer.Option(
             metavar="SUITE",
-            help="mobility, of robots; or control, of controllers and policies of the package's "
-            "own robot.",
+            help="A suite file, or a shipped one by name: mobility, of robots; or control, of "
+            "controllers and policies of the default robot.",
         ),
     ] = "mobility",
     robots: Annotated[
@@ -179,9 +179,9 @@ def bench(
 ) -> None:
     """Put robots or controllers through the same courses; the same command resumes after an
     interruption."""
-    from omnitrack_sim.trials.bench import suite_of
+    from omnitrack_sim.trials.suite import load_suite
 
-    shipped = [] if alone else [*suite_of(suite).entries()]
+    shipped = [] if alone else [*load_suite(suite).entries]
     entries = [*shipped, *_pairs(robots or [], controllers or [])]
     planned = with_changes(
         lambda changes: ot.Bench.of(
@@ -190,9 +190,9 @@ def bench(
         assignments,
     )
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
-    target = folder or Path("out") / f"bench_{suite}{kind}"
+    target = folder or Path("out") / f"bench_{Path(suite).stem}{kind}"
     options = worker_options(workers, dask)
-    with trials_bar(f"bench {suite}") as report:
+    with trials_bar(f"bench {planned.name}") as report:
         result = ot.run_trials(planned, out=target, progress=report, **options)
     if as_json:
         print_json(result.summary["rows"])

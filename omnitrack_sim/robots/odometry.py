@@ -212,13 +212,18 @@ class Odometry:
         return np.zeros((len(state["time"]), 0))
 
     def velocity(self, state: State) -> Array:
-        """Return the velocities (n, 3) m/s, world frame, of the inertial unit; by default those of
-        the free joint."""
+        """Return the velocities (n, 3) m/s, world frame, of the inertial unit.
+
+        By default they are those of the free joint.
+        """
         return state.qvel.take(state.at.qvel[:3], axis=1)
 
     def torque_limit(self, robot: Robot) -> float:
-        """Return the largest torque, N m, of these motors of one of the robots, to which the errors
-        of the current refer."""
+        """Return the largest torque of these motors, N m, to which errors of the current refer.
+
+        Args:
+            robot: parameters of one of the n.
+        """
         return 1.0
 
     # What the readings tell
@@ -236,8 +241,9 @@ class Odometry:
         return np.full(len(body.travel), np.nan)
 
     def observed(self, body: BodyReadings, period: float) -> Mapping[str, Array]:
-        """Return what controllers receive beside time, pose and angular velocity, by the names of
-        the robot's channels; by default nothing.
+        """Return what controllers receive beside time, pose and angular velocity.
+
+        The names are those of the robot's channels; by default there are none.
 
         Args:
             body: readings.
@@ -253,8 +259,10 @@ class Odometry:
 
     @property
     def lens(self) -> float:
-        """Distance, m, along its axis from its centre to the lens of the camera at either end, less
-        ``ahead`` of the camera; by default to nose and tail."""
+        """Distance, m, along its axis from its centre to the cameras; by default to nose and tail.
+
+        The lens stands ahead of that by ``ahead`` of the camera's table.
+        """
         return self.robot.length / 2
 
     def look_around(self, command: Any, order: LookAround) -> Any:

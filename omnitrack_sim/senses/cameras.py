@@ -16,9 +16,11 @@ from omnitrack_sim.walls.rays import GRAIN, JOINT, LIT, NORMALS, RANGE
 
 
 class DepthTable(OpticsTable):
-    """``[sensing.depth]``. Noise and dropouts are assumed, after data sheets of small
-    time-of-flight cameras, which state an accuracy of 1 % of the distance (pmd flexx2: 1 %, 0.1 to
-    4 m)."""
+    """``[sensing.depth]``.
+
+    Noise and dropouts are assumed, after data sheets of small time-of-flight cameras, which state
+    an accuracy of 1 % of the distance (pmd flexx2: 1 %, 0.1 to 4 m).
+    """
 
     noise: Annotated[float, Field(ge=0, le=1), Unit("1")] = 0.01
     """Standard deviation of a pixel, as a part of the distance."""
@@ -73,8 +75,11 @@ class DepthCamera:
         return np.hypot(share * expected, self._table.noise_floor)
 
     def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array:
-        """See ``Camera``: where the camera moves by d, a ray of direction u that meets a wall of
-        normal n becomes longer by -(n d) / (n u)."""
+        """See ``Camera``.
+
+        Where the camera moves by d, a ray of direction u that meets a wall of normal n becomes
+        longer by -(n d) / (n u).
+        """
         directions = np.einsum("nij,kj->nki", rotation, rays)
         normals = hits[..., NORMALS]
         across = (normals * directions).sum(axis=-1)
@@ -99,8 +104,10 @@ BRIGHT = 0.8
 
 
 class HeadlightTable(OpticsTable):
-    """``[sensing.headlight]``. All figures are assumed: a small camera of an endoscope, its picture
-    binned."""
+    """``[sensing.headlight]``.
+
+    All figures are assumed: a small camera of an endoscope, its picture binned.
+    """
 
     lamp_aside: Annotated[float, Field(ge=0, le=0.06), Unit("m")] = 0.015
     """Distance of the lamp from the lens, towards module 1."""
@@ -121,12 +128,11 @@ class HeadlightTable(OpticsTable):
 
 
 class HeadlightCamera:
-    """Camera with one lamp beside its lens, as in the paper's reference [22]; see
-    ``optics.Camera``. A pixel is brightness, 0 to 1.
+    """Camera with one lamp beside its lens, as in the paper's reference [22]; see ``Camera``.
 
-    A wall is the brighter the nearer it is and the more it faces the lamp; what the lamp does not
-    reach is black. So straight pipe is a bright ring about a dark middle, and a bend or a branch
-    makes it lopsided.
+    A pixel is brightness, 0 to 1. A wall is the brighter the nearer it is and the more it faces the
+    lamp; what the lamp does not reach is black. So straight pipe is a bright ring about a dark
+    middle, and a bend or a branch makes it lopsided.
     """
 
     def __init__(self, table: HeadlightTable) -> None:
@@ -164,10 +170,13 @@ class HeadlightCamera:
         return np.hypot(table.noise + 0.5 / 2**table.bits, dirt)
 
     def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array:
-        """See ``Camera``. Of light (v n) / |v|³, with v from the wall to the lamp and its normal n,
-        the logarithm changes by (3 (v u) / v² - (u n) / (v n)) dr as the ray u becomes longer by
-        dr, and by -w (n x v) / (v n) as the camera turns by w; a pixel by that, less the change
-        of the exposure, over gamma."""
+        """See ``Camera``.
+
+        Of light (v n) / |v|³, with v from the wall to the lamp and its normal n, the logarithm
+        changes by (3 (v u) / v² - (u n) / (v n)) dr as the ray u becomes longer by dr, and by
+        -w (n x v) / (v n) as the camera turns by w; a pixel by that, less the change of the
+        exposure, over gamma.
+        """
         table = self._table
         normals = np.einsum("nki,nij->nkj", hits[..., NORMALS], rotation)  # (n, k, 3) camera
         reach = np.where(np.isfinite(hits[..., RANGE]), hits[..., RANGE], 1.0)[..., None]
@@ -192,8 +201,10 @@ class HeadlightCamera:
         return shown[..., None] * (light - exposure[:, None])
 
     def _light(self, hits: Array, rays: Array) -> Array:
-        """Light (n, k) that comes back to the lens: what falls on the wall, which scatters it alike
-        to all sides (Lambert)."""
+        """Return the light (n, k) that comes back to the lens.
+
+        It is what falls on the wall, which scatters it alike to all sides (Lambert).
+        """
         met = np.isfinite(hits[..., RANGE])
         reach = np.where(met, hits[..., RANGE], 1.0)
         # Squared distances from the lamp by the cosine rule: vectors would take most of the time.
@@ -216,8 +227,10 @@ class HeadlightCamera:
 
 
 def exposure_level(light: Array) -> Array:
-    """Quantile EXPOSED (n, 1) of light (n, k), as ``np.quantile`` has it bit for bit, which spends
-    most of its time on other cases."""
+    """Return the quantile EXPOSED (n, 1) of light (n, k).
+
+    It is that of ``np.quantile`` bit for bit, which spends most of its time on other cases.
+    """
     place = EXPOSED * (light.shape[1] - 1)
     low, part = int(place), place - int(place)
     high = min(low + 1, light.shape[1] - 1)

@@ -29,13 +29,15 @@ def keys(texts: list[str]) -> Keys:
 def uniform(
     keys: Keys, name: str, draw: int | NDArray[np.int_], which: int | NDArray[np.intp]
 ) -> Array:
-    """Numbers (n, k) in (0, 1).
-
-    Args:
-        keys: (n,) of the robots. name: of what is drawn. draw: its number, or (n,) that of each.
-        which: how many, or (k,) which of them: each depends on its place alone.
+    """Return numbers (n, k) in (0, 1).
 
     The mixing is that of SplitMix64 (Steele, Lea and Flood, 2014).
+
+    Args:
+        keys: (n,) of the robots.
+        name: of what is drawn.
+        draw: its number, or (n,) that of each.
+        which: how many, or (k,) which of them: each depends on its place alone.
     """
     numbers = [draw] if isinstance(draw, int) else draw.tolist()
     with np.errstate(over="ignore"):
@@ -55,8 +57,10 @@ def _stream(name: str, draw: int) -> int:
 def normal(
     keys: Keys, name: str, draw: int | NDArray[np.int_], which: int | NDArray[np.intp]
 ) -> Array:
-    """Numbers (n, k) of the standard normal distribution, by Box and Muller; see
-    ``uniform``."""
+    """Return numbers (n, k) of the standard normal distribution, by Box and Muller.
+
+    Arguments as of ``uniform``.
+    """
     places = np.arange(which) if isinstance(which, int) else which
     both = uniform(keys, name, draw, np.concatenate([2 * places, 2 * places + 1]))
     # Copies: on arrays with gaps NumPy's functions may round otherwise, so that a robot would draw

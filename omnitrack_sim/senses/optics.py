@@ -15,8 +15,11 @@ from omnitrack_sim.walls.rays import RayWalls
 
 
 class OpticsTable(Table):
-    """Optics that all cameras have. The camera stands on the robot's axis at the end that leads,
-    and looks along it; x of the picture points to module 1."""
+    """Optics that all cameras have.
+
+    The camera stands on the robot's axis at the end that leads, and looks along it; x of the
+    picture is that of the robot's frame, towards module 1.
+    """
 
     pixels: Annotated[int, Field(ge=8, le=512), Unit("1")] = 48
     """Rows and columns of the picture."""
@@ -72,23 +75,26 @@ class Camera(Protocol):
         number: int | NDArray[np.int_],
         metered: NDArray[np.intp] | None = None,
     ) -> Array:
-        """Picture (n, k) of what rays (k, 3) have met (n, k, 8), with its noise; NaN where a pixel
-        says nothing.
+        """Return the picture (n, k) with its noise; NaN where a pixel says nothing.
 
         Args:
+            hits: (n, k, 8) what the rays have met.
+            rays: (k, 3) of the pixels, camera frame.
             pixels: (k,) which ones they are, row by row: the noise of each does not depend on
                 which others are looked at.
-            keys: (n,) of the robots' random numbers. number: of the picture, or
-                (n,) that of each robot's.
+            keys: (n,) of the robots' random numbers.
+            number: of the picture, or (n,) that of each robot's.
             metered: (m,) places among ``pixels`` of those that an exposure goes by, the same ones
                 whichever others are looked at; without it all.
         """
         ...
 
     def expected(self, hits: Array, rays: Array, metered: NDArray[np.intp] | None = None) -> Array:
-        """The picture (n, k) without noise and dirt; NaN where nothing is expected.
+        """Return the picture (n, k) without noise and dirt; NaN where nothing is expected.
 
         Args:
+            hits: (n, k, 8) what the rays meet.
+            rays: (k, 3) of the pixels, camera frame.
             metered: (m,) places among the k pixels of those that an exposure goes by, where one
                 may stand for several; without it all.
         """
@@ -99,9 +105,11 @@ class Camera(Protocol):
         ...
 
     def slopes(self, hits: Array, rays: Array, rotation: Array) -> Array | None:
-        """Jacobian (n, k, 6) of the expected picture: for each metre along the world's axes, and
-        each rad about the camera's own; None where it has to be found from pictures of neighbouring
-        poses."""
+        """Return the Jacobian (n, k, 6) of the expected picture.
+
+        It is for each metre along the world's axes, and each rad about the camera's own. None: it
+        has to be found from pictures of neighbouring poses.
+        """
         ...
 
 
@@ -125,8 +133,13 @@ class Mount:
     def lens(
         self, position: Array, rotation: Array, facing: NDArray[np.int_]
     ) -> tuple[Array, Array]:
-        """Place (n, 3) m and frame (n, 3, 3) of the lens of robots at a pose; ``facing`` (n,): 1 at
-        the nose, -1 at the tail."""
+        """Return the place (n, 3) m and frame (n, 3, 3) of the lens of robots.
+
+        Args:
+            position: (n, 3) m, of the robots.
+            rotation: (n, 3, 3).
+            facing: (n,) 1 at the nose, -1 at the tail.
+        """
         frame = heading(rotation, facing)
         return position + self.ahead * frame[:, :, 2], frame
 
@@ -160,12 +173,16 @@ class Eyes:
         pixels: NDArray[np.intp],
         metered: NDArray[np.intp] | None = None,
     ) -> Array:
-        """Pictures (m, k) of robots (m,).
+        """Return pictures (m, k) of robots.
 
         Args:
-            position: (m, 3) m, world frame, of the robots. rotation: (m, 3, 3). facing: (m,), see
-                ``Mount.lens``.
-            number, pixels, metered: see ``Camera.picture``.
+            robots: (m,) their numbers.
+            position: (m, 3) m, world frame.
+            rotation: (m, 3, 3).
+            facing: (m,) see ``Mount.lens``.
+            number: see ``Camera.picture``.
+            pixels: (k,) see ``Camera.picture``.
+            metered: see ``Camera.picture``.
         """
         camera, rays = self.mount.camera, self.mount.rays[pixels]
         place, frame = self.mount.lens(position, rotation, facing)

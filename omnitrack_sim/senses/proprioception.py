@@ -153,8 +153,10 @@ class Proprioception:
         )
 
     def _noise(self) -> Array:
-        """Return the draws (n, k) of this moment. Those of some moments ahead are drawn together,
-        which takes a fraction of the time."""
+        """Return the draws (n, k) of this moment.
+
+        Those of some moments ahead are drawn together, which takes a fraction of the time.
+        """
         n, ahead = self._drawn.shape[:2]
         place = self._number - self._drawn_from
         if np.any((place < 0) | (place >= ahead)):
@@ -180,8 +182,7 @@ class Proprioception:
         return counted - before
 
     def _turned(self, rotation: Array, walk: Array, noise: Array) -> Array:
-        """Return the rotation by the gyro over the period, rad; ``walk``, ``noise`` (n, 3):
-        draws."""
+        """Return the gyro's rotation over the period, rad; ``walk``, ``noise``: draws (n, 3)."""
         imu, period = self._table.imu, self._period
         true = rotation_vector(np.swapaxes(self._rotation, 1, 2) @ rotation)
         self._bias = self._bias + np.radians(imu.gyro_walk_deg) * np.sqrt(period) * walk

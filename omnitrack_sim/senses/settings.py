@@ -13,8 +13,10 @@ from omnitrack_sim.senses.optics import Camera
 
 
 class EncoderTable(Table):
-    """``[sensing.encoders]``: of belts and roll, on the motors' shafts. The counts are those of a
-    Pololu magnetic encoder (12 a turn) behind a gear of 986.41."""
+    """``[sensing.encoders]``: of belts, wheels and rolls, on the motors' shafts.
+
+    The counts are those of a Pololu magnetic encoder (12 a turn) behind a gear of 986.41.
+    """
 
     counts: Annotated[int, Field(ge=1, le=10**7), Unit("1")] = 11837
     """Counts of one turn of a motor's output shaft."""
@@ -24,8 +26,10 @@ class EncoderTable(Table):
 
 
 class ArmTable(Table):
-    """``[sensing.arms]``: travel of the arms on their shafts, by a linear Hall sensor each. All
-    figures are assumed."""
+    """``[sensing.arms]``: travel of the arms on their shafts, by a linear Hall sensor each.
+
+    All figures are assumed.
+    """
 
     noise: Annotated[float, Field(ge=0, le=0.05), Unit("m")] = 0.0002
     """Standard deviation of a reading."""
@@ -45,9 +49,11 @@ class CurrentTable(Table):
 
 
 class ImuTable(Table):
-    """``[sensing.imu]``: rate gyro and accelerometer at the robot's centre. Noise, bias and error
-    of scale are those of the data sheet of an ICM-42688-P, the biases after a calibration at
-    rest."""
+    """``[sensing.imu]``: rate gyro and accelerometer at the robot's centre.
+
+    Noise, bias and error of scale are those of the data sheet of an ICM-42688-P, the biases after a
+    calibration at rest.
+    """
 
     gyro_noise_deg: Annotated[NotNegative, Unit("deg/s/sqrt(Hz)")] = 0.0028
     """Density of the gyro's noise."""
@@ -117,8 +123,10 @@ class FilterTable(Table):
 
 
 class SearchTable(Table):
-    """``[sensing.search]``: recovery of a robot that does not know where it is. Lengths
-    are for D = 160 mm and grow with the robot's bore."""
+    """``[sensing.search]``: recovery of a robot that does not know where it is.
+
+    Lengths are for D = 160 mm and grow with the robot's bore.
+    """
 
     tries: Annotated[int, Field(ge=1, le=1000), Unit("1")] = 4
     """Rounds of standing, stepping back and rolling after which it gives up (`lost`)."""

@@ -18,7 +18,7 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.towns.features import FEATURES, as_straights
 from omnitrack_sim.towns.passage_model import MODEL, Estimate, KindTrials
-from omnitrack_sim.trials.mobility import robot_of
+from omnitrack_sim.trials.entries import robot_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

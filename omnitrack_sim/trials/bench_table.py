@@ -15,10 +15,12 @@ from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.trials.batches import INVALID
+from omnitrack_sim.trials.suite import SCORES
 from omnitrack_sim.trials.table import column, joined, passed_of
 
 if TYPE_CHECKING:
-    from omnitrack_sim.trials.bench import Bench, Suite
+    from omnitrack_sim.trials.bench import Bench
+    from omnitrack_sim.trials.suite import Suite
 
 MISFIT = "does not fit"
 ALL = "all"
@@ -47,7 +49,7 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
         for measure in suite.measures:
             counts = np.isfinite(passed) if measure.of_failures else passed == 1
             row |= _spread(measure.name, measure.of(table)[counts])
-        row |= finite({name: score(table) for name, score in suite.scores.items()})
+        row |= finite({name: SCORES[name](table) for name in suite.scores})
         default = tables.get((course, suite.default), "")
         if not isinstance(default, str) and entry != suite.default:
             row |= _differences(suite, table, default)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.pipes import Passage
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
@@ -17,10 +18,10 @@ from omnitrack_sim.robots.quantity import borrowed, quantity
 
 @borrowed("as of the omnidirectional robot")
 class Climber(Omnitrack):
-    """Modular Pipe Climber III, the sister of the omnidirectional robot: its modules do not roll,
-    and one motor drives their three tracks through a differential.
+    """Modular Pipe Climber III, the sister of the omnidirectional robot.
 
-    The outputs' speeds add up to three times the motor's, and their forces are equal, so that in a
+    Its modules do not roll, and one motor drives their three tracks through a differential. The
+    outputs' speeds add up to three times the motor's, and their forces are equal, so that in a
     bend each track finds the speed of its own way on the wall,
 
         v_i = omega (R - d cos theta_i)
@@ -36,7 +37,7 @@ class Climber(Omnitrack):
     """
 
     kind: ClassVar[str] = "climber"
-    understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
+    rolls: ClassVar[bool] = False
 
     drive: str = quantity(
         "differential",
@@ -50,6 +51,10 @@ class Climber(Omnitrack):
     def controllers(cls) -> Mapping[str, type[Controller]]:
         """See ``Robot``."""
         return {"steady": Steady}
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> None:
+        """See ``Robot``: no orientation is held in a turn, as its modules do not roll."""
+        return None
 
     def odometry(self) -> TrackOdometry:
         """See ``Robot``: its modules do not roll."""

@@ -71,16 +71,17 @@ class TrackOdometry(Odometry):
         return robot.motor.torque_limit
 
     def motion(self, body: BodyReadings) -> Motion:
-        """See ``Odometry``: the belts ask for a rotation across the axis, and tell nothing of that
-        about it."""
+        """See ``Odometry``: belts tell nothing of the rotation about the axis."""
         at_wall = body.travel * belt_sign(body.angle)
         rotation = angular_velocity(at_wall, 0.0, self.robot.nominal_pipe_radius)
         std = np.tile([0.0, 0.0, math.inf], (len(rotation), 1))
         return Motion(at_wall.mean(axis=1), np.zeros(len(at_wall)), rotation, std)
 
     def limbs(self, body: BodyReadings) -> Limbs:
-        """See ``Odometry``: a track is straight, so it comes out until one point of it touches: in
-        a bend an end, at the mouth of a branch what lies on the rim."""
+        """See ``Odometry``: a track is straight, so it comes out until one point of it touches.
+
+        In a bend that is an end, at the mouth of a branch what lies on the rim.
+        """
         reach = self.robot.nominal_pipe_radius + body.arm  # (n, 3) m
         track = np.outer(self.robot.contact_length * ALONG, [0.0, 0.0, 1.0])
         points = reach[:, :, None, None] * ARMS[:, None] + track  # (n, 3, p, 3)

@@ -1,5 +1,7 @@
-"""A wheeled wall-presser of the literature: three sprung arms, each with a driven wheel at both
-ends, and speeds of its wheels that follow from a bend's geometry."""
+"""A wheeled wall-presser of the literature: three sprung arms, each with a wheel at both ends.
+
+The speeds of its wheels follow from a bend's geometry.
+"""
 
 from __future__ import annotations
 
@@ -89,8 +91,7 @@ class Presser(Robot):
         return self.speed
 
     def spec(self) -> mujoco.MjSpec:
-        """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
-        pipe's axis."""
+        """See ``Robot``: +z of the chassis points along the pipe, its origin is on the axis."""
         spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("robot.xml")))
         self._set_hull(spec)
         for k in range(3):

@@ -88,8 +88,10 @@ class WheelOdometry(Odometry):
 
     @property
     def _axle(self) -> float:
-        """Distance of the wheels' axles from the robot's axis, m, where the arms are at 0: a tyre
-        touches the bore with its two edges."""
+        """Distance of the wheels' axles from the robot's axis, m, where the arms are at 0.
+
+        A tyre touches the bore with its two edges.
+        """
         robot = self.robot
         return math.sqrt(robot.bore**2 / 4 - robot.tyre_width**2 / 4) - robot.wheel_radius
 

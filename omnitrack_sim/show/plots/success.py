@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.channels import Display, SingularRange
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -253,19 +253,6 @@ class Spread:
         word = np.array(self.values)
         by_word = {name: np.where(word == name, passed, np.nan) for name in self.order}
         return {name: own for name, own in by_word.items() if np.isfinite(own).any()}
-
-
-class SingularRange(NamedTuple):
-    """Range of orientations in which a robot cannot turn.
-
-    Attributes:
-        sector_deg: its width by the theory, degrees.
-        margin_deg: from the best orientation to the range with the real length of the contact,
-            degrees; None where that leaves none.
-    """
-
-    sector_deg: float
-    margin_deg: float | None
 
 
 def groups_of(axes: Sequence[Spread]) -> Spread | None:

@@ -1,0 +1,135 @@
+"""The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from omnitrack_sim import Result
+from omnitrack_sim.base.workers import LocalPool
+from omnitrack_sim.record.statistics import rate_text, wilson_interval
+from omnitrack_sim.robots.robot import GRAVITY
+
+_Task, _Answer = TypeVar("_Task"), TypeVar("_Answer")
+
+
+class Arguments(argparse.ArgumentParser):
+    """Arguments of a benchmark, whose description is its docstring.
+
+    Args:
+        doc: docstring of the module.
+        trials: default of ``--trials``, or of the option ``of``; none: there is no such option.
+        quick: the same of the quick form, ``--quick``; none: there is none.
+        of: name of that option.
+        seed: default of ``--seed``; none: there is no such option.
+        workers: there is an option ``--workers``, all cores by default.
+    """
+
+    def __init__(
+        self,
+        doc: str | None,
+        *,
+        trials: int | None = None,
+        quick: int | None = None,
+        of: str = "trials",
+        seed: int | None = None,
+        workers: bool = False,
+    ) -> None:
+        raw = argparse.RawDescriptionHelpFormatter
+        super().__init__(description=doc, formatter_class=raw)
+        self._of, self._counts = of, (trials, quick)
+        if trials is not None:
+            self.add_argument(f"--{of}", type=int, metavar="N", help=f"default {trials}")
+        if quick is not None:
+            self.add_argument("--quick", action="store_true", help=f"{quick} {of}")
+        if seed is not None:
+            self.add_argument("--seed", type=int, default=seed, help=f"default {seed}")
+        if workers:
+            self.add_argument(
+                "--workers", type=int, default=os.cpu_count() or 1, help="processes; all cores"
+            )
+
+    def read(self) -> argparse.Namespace:
+        """Return the arguments of the command line, with the number of trials that they mean."""
+        given = self.parse_args()
+        whole, quick = self._counts
+        if whole is not None and getattr(given, self._of) is None:
+            setattr(given, self._of, quick if getattr(given, "quick", False) else whole)
+        return given
+
+
+def random_gravity(rng: np.random.Generator) -> list[float]:
+    """Draw gravity (3,), m/s², in any direction."""
+    # Normal components have no preferred direction.
+    direction = rng.normal(size=3)
+    return (GRAVITY * direction / np.linalg.norm(direction)).tolist()
+
+
+def run_tasks(
+    function: Callable[[_Task], _Answer], tasks: Iterable[_Task], workers: int
+) -> list[_Answer]:
+    """Return the answers of a function to tasks, in their order, from several processes."""
+    with LocalPool(workers) as pool:
+        return list(pool.map(function, tasks))
+
+
+def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], text: str = "") -> None:
+    """Print a table of Markdown below a heading, each row as it comes.
+
+    Args:
+        title: of the heading, by which pages find the table.
+        heads: of the columns.
+        rows: cells, each shown by ``str``.
+        text: between heading and table.
+    """
+    print(*filter(None, (f"\n## {title}", text, markdown(heads, ()))), sep="\n\n", flush=True)
+    for row in rows:
+        print(f"| {' | '.join(map(str, row))} |", flush=True)
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table of Markdown."""
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    return "\n".join([*lines, *(f"| {' | '.join(map(str, row))} |" for row in rows)])
+
+
+def interval(passed: Iterable[bool], digits: int = 0) -> str:
+    """Return Wilson's 95 % interval of a rate, in %."""
+    each = list(passed)
+    low, high = (100 * end for end in wilson_interval(sum(each), len(each)))
+    return f"{low:.{digits}f} to {high:.{digits}f} %"
+
+
+def rate(results: Sequence[Result]) -> str:
+    """Return how many runs passed, with the interval of their rate."""
+    return rate_text(sum(result.success for result in results), len(results))
+
+
+def endings(failed: Iterable[str]) -> str:
+    """Return how often runs ended in each way, the commonest first."""
+    counts = Counter(failed).most_common()
+    return ", ".join(f"{count} {name}" for name, count in counts) or "-"
+
+
+def mean_of(results: Sequence[Result], metric: str) -> str:
+    """Return the mean of a metric over runs that passed and modules, to three digits."""
+    values = [np.mean(result.metrics[metric]) for result in results if result.success]
+    return f"{np.mean(values):.3g}" if values else "-"
+
+
+def compare(
+    title: str,
+    variants: Mapping[str, Sequence[Result]],
+    columns: Mapping[str, Callable[[Sequence[Result]], str]],
+    head: str = "variant",
+) -> None:
+    """Print a table of variants: the results of each, by its name, in the columns."""
+    rows = (
+        [name, *(text(results) for text in columns.values())] for name, results in variants.items()
+    )
+    table(title, [head, *columns], rows)

@@ -1,0 +1,162 @@
+"""Robots of any kind that drive by their own sensors: what their odometry tells, and how far it
+carries them."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from documents import page
+
+import omnitrack_sim as ot
+from omnitrack_sim.autonomy.relocalisation import Search
+from omnitrack_sim.base.rotations import rotation_about
+from omnitrack_sim.robots.odometry import rotation_by_sides
+from omnitrack_sim.robots.presser import BendSpeeds, Presser
+from omnitrack_sim.senses.settings import SearchTable
+
+MISSION = """
+network = "knee_and_tee"
+[robot]
+kind = "my_rover:Rover"
+file = "my_rover.xml"
+bore = 0.16
+[start]
+distance = 0.2
+theta5_deg = 30.0
+[world]
+friction = 0.8
+[control]
+kind = "my_rover:Forward"
+cruise_speed = 0.08
+[sensing]
+kind = "onboard"
+[mission]
+start = "foot"
+goals = ["far"]
+"""
+
+
+def python_of(name: str, contains: str) -> str:
+    """The block of Python of a page that contains a text."""
+    blocks = re.findall(r"```python\n(.*?)```", page(name), re.DOTALL)
+    (block,) = (block for block in blocks if contains in block)
+    return block
+
+
+def test_a_robot_of_another_folder_drives_by_its_own_sensors(tmp_path):
+    """The page's class, which states wheels and no more: up, round a bend and over a tee."""
+    before, _, _ = python_of("any-robot", "spin_").partition("network = ot.Network(")
+    names: dict = {}
+    exec(before, names)
+    (tmp_path / "my_rover.xml").write_text(names["spec"].to_xml(), encoding="utf-8")
+    (tmp_path / "my_rover.py").write_text(python_of("autonomy", "class Rover"), encoding="utf-8")
+    (tmp_path / "rover.toml").write_text(MISSION, encoding="utf-8")
+    result = ot.run(ot.load_scenario(tmp_path / "rover.toml"))
+    assert result.outcome is ot.Outcome.REACHED_GOAL, result.reason
+    assert result.metrics["localisation_error_max_m"] < 0.08
+    assert result.metrics["localisation_error_mean_m"] < 0.02
+    assert result.metrics["theta5_error_p95_deg"] < 4
+
+
+@pytest.mark.parametrize("robot", ["presser", "climber"])
+def test_other_robots_drive_through_fig14_by_their_own_sensors(robot):
+    """Over two tees and round an elbow, and know where they are to centimetres."""
+    result = ot.run(ot.load_scenario(f"robots/{robot}_fig14"))
+    assert result.success, result.reason
+    assert result.metrics["localisation_error_max_m"] < 0.05
+    channels = result.trajectory.channels
+    error = channels["distance_estimate"] - channels["distance"]
+    assert np.mean(np.abs(error) < 3 * channels["distance_std"] + 1e-3) > 0.9
+
+
+@pytest.mark.parametrize("count", [3, 4, 6])
+def test_surfaces_around_the_axis_tell_how_the_robot_turns(count):
+    """The travel of points on the wall of a robot that moves on and turns gives its rotation across
+    the axis back, however fast it moves on."""
+    rng, radius = np.random.default_rng(count), 0.08
+    angles = rng.uniform(0, 1) + 2 * np.pi * np.arange(count) / count
+    wanted = np.append(rng.normal(0, 0.01, 2), 0.0)
+    points = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
+    travel = 0.003 + np.cross(wanted, points)[:, 2]
+    assert rotation_by_sides(travel[None], angles, radius)[0] == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize("out", [-0.004, 0.0, 0.003])
+def test_the_bore_of_the_presser_is_that_which_its_tyres_touch(out):
+    """With its arms alike, by the farthest points of its tyres."""
+    odometry = Presser().odometry()
+    none, arms = np.zeros((1, 0)), np.full((1, 3), out)
+    body = ot.BodyReadings(np.zeros((1, 6)), none, arms, np.zeros((1, 6)))
+    points = odometry.limbs(body).points
+    farthest = np.hypot(points[..., 0], points[..., 1]).max()
+    assert odometry.bore(body)[0] == pytest.approx(2 * farthest)
+    assert np.isnan(odometry.bore(body._replace(arm=np.array([[out, out, out - 0.02]])))[0])
+
+
+def test_the_presser_turns_its_wheels_the_other_way_in_reverse():
+    """In the same place in a bend, tail first: the same ratios of speeds, backward."""
+    frame = rotation_about(np.array([[0.0, 0.0, 1.0]]), np.array([0.4]))
+    location: Any = SimpleNamespace(normal=np.array([[1.0, 0.0, 0.0]]), curvature=np.array([4.0]))
+    setup: Any = SimpleNamespace(robot=Presser())
+    controller = BendSpeeds(setup)
+
+    def wheels(gear: int) -> np.ndarray:
+        location.frame = frame * [1.0, gear, gear]  # as locations have it, z ahead
+        observation: Any = SimpleNamespace(location=location, gear=np.array([gear]))
+        return controller.step(observation).ctrl
+
+    assert np.ptp(wheels(1)) > 1
+    assert wheels(-1) == pytest.approx(-wheels(1))
+
+
+class Blind(ot.Odometry):
+    """A robot on wheels, or one that rolls as well."""
+
+    surface_radius = 0.03
+
+    def __init__(self, robot, roll_rate):
+        super().__init__(robot)
+        self.roll_rate = roll_rate
+
+    def look_around(self, command, order):
+        self.orders.append((float(order.speed[0]), float(order.turn[0])))
+        return command
+
+
+@pytest.mark.parametrize("rolls", [True, False])
+def test_a_lost_robot_that_cannot_roll_steps_back_at_once(rolls):
+    """One that rolls sees its pipe from another side first; both give up after the same rounds."""
+    odometry = Blind(Presser(), 1.5 if rolls else 0.0)
+    odometry.orders = []
+    table = SearchTable(tries=2, look=0.5)
+    search = Search(table, odometry, 1)
+    search.reset(np.zeros(1, int), np.array([0.08]))
+    command, given_up, step = ot.Actuation(np.zeros((1, 6))), np.zeros(1, bool), 0
+    while not given_up[0]:
+        time = np.array([0.02 * step])
+        command = command._replace(events=(), resting=None)
+        command, given_up = search.step(command, np.ones(1, bool), {"time": time}, np.ones(1, int))
+        assert command.resting[0]
+        step += 1
+    speeds, turns = np.array(odometry.orders).T
+    first = speeds[: len(speeds) // 2]
+    assert (first.min() < 0) != rolls
+    assert speeds.min() == pytest.approx(-0.04)
+    assert turns.max() == pytest.approx(2 * np.radians(table.roll_deg) if rolls else 0.0)
+
+
+def test_a_robot_that_has_found_out_how_it_is_turned_knows_where_it_is():
+    """The picture by which it has, and those on their way, are compared with the map as seen from
+    its new pose: in the second after, its place is right as far as it says."""
+    scenario = ot.load_scenario("robots/presser_fig14")
+    turned = {"start.theta5_deg": 90.0, "run.time_limit": 3.2}
+    found = ot.run(ot.override(scenario, turned)).trajectory.channels
+    known = found["theta5_std"] < np.pi
+    assert 5 < known.sum() < len(known) - 5
+    error = (found["distance_estimate"] - found["distance"])[known]
+    assert np.abs(error).max() < 0.02
+    assert np.abs(error / found["distance_std"][known])[2:].max() < 4
