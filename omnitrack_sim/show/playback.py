@@ -26,7 +26,7 @@ from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 
-FARTHEST = 1e5
+MAX_MAGNITUDE = 1e5
 """Largest magnitude of positions, m, and other shown values of a valid sample: far outside of any
 network, and far below where a film's numbers of single precision end."""
 POINTS_APART = 0.01
@@ -295,14 +295,14 @@ def sound_rows(values: list[Array]) -> NDArray[np.intp]:
     """Return for each sample the last one up to it, or the first of all, that can be shown.
 
     Args:
-        values: arrays (T, ...) that must be finite, and below ``FARTHEST``.
+        values: arrays (T, ...) that must be finite, and below ``MAX_MAGNITUDE``.
 
     Raises:
         RenderError: no sample can be shown.
     """
     samples = len(values[0])
     far = [np.abs(value.reshape(samples, -1)).max(axis=1, initial=0.0) for value in values]
-    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
+    sound = np.all([distance < MAX_MAGNITUDE for distance in far], axis=0)  # NaN is not less either
     if not sound.any():
         raise RenderError("the run has no pose that can be shown")
     first = int(np.argmax(sound))

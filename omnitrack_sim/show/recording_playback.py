@@ -28,7 +28,7 @@ from omnitrack_sim.show.playback import POINTS_APART, ContactForces, Playback, s
 from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.surfaces import DRAWN
 
-MOST_CURVES = 6
+MAX_CURVES = 6
 """Lines of one plot: there are as many colours."""
 HIDDEN_GROUPS = 3
 """Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
@@ -228,7 +228,7 @@ class RecordingPlayback(Playback):
             values = self.recording.qpos[:, model.jnt_qposadr[joints]]
             curves[name] = Curve(display, values, names)
         return {
-            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
+            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MAX_CURVES
         }
 
     @cached_property
