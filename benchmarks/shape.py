@@ -6,16 +6,20 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from omnitrack_sim import Result
+from omnitrack_sim import Scenario, Sweep, run_trials
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
 from omnitrack_sim.robots.robot import GRAVITY
 
-_Task, _Answer = TypeVar("_Task"), TypeVar("_Answer")
+_Task, _Answer, _Key = TypeVar("_Task"), TypeVar("_Answer"), TypeVar("_Key")
+Row = dict[str, Any]
+"""A row of a table of trials, by column; see docs/how-to/sweeps.md."""
 
 
 class Arguments(argparse.ArgumentParser):
@@ -78,6 +82,23 @@ def run_tasks(
         return list(pool.map(function, tasks))
 
 
+def run_scenarios(
+    groups: Mapping[_Key, Sequence[Scenario]], workers: int = 1, out: Path | None = None
+) -> dict[_Key, list[Row]]:
+    """Run scenarios as trials of one plan, and return the rows of each group's.
+
+    Args:
+        groups: scenarios by the group's key.
+        workers: processes.
+        out: folder of the trials, in which an interrupted run goes on; none: nothing is kept.
+    """
+    every = [scenario for group in groups.values() for scenario in group]
+    bases = {f"trial_{i}": scenario for i, scenario in enumerate(every)}
+    plan = Sweep(name="scenarios", bases=bases, set={})
+    rows = iter(run_trials(plan, out=out, workers=workers).table.to_pylist())
+    return {key: list(islice(rows, len(group))) for key, group in groups.items()}
+
+
 def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], text: str = "") -> None:
     """Print a table of Markdown below a heading, each row as it comes.
 
@@ -105,9 +126,9 @@ def interval(passed: Iterable[bool], digits: int = 0) -> str:
     return f"{low:.{digits}f} to {high:.{digits}f} %"
 
 
-def rate(results: Sequence[Result]) -> str:
-    """Return how many runs passed, with the interval of their rate."""
-    return rate_text(sum(result.success for result in results), len(results))
+def rate(rows: Sequence[Row]) -> str:
+    """Return how many trials passed, with the interval of their rate."""
+    return rate_text(sum(row["success"] for row in rows), len(rows))
 
 
 def endings(failed: Iterable[str]) -> str:
@@ -116,20 +137,24 @@ def endings(failed: Iterable[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts) or "-"
 
 
-def mean_of(results: Sequence[Result], metric: str) -> str:
-    """Return the mean of a metric over runs that passed and modules, to three digits."""
-    values = [np.mean(result.metrics[metric]) for result in results if result.success]
+def figures(row: Row, metric: str) -> list[float]:
+    """Return the values of a metric of a trial: one, or one for each module."""
+    names = [metric] if metric in row else [f"{metric}_{i}" for i in (1, 2, 3)]
+    return [np.nan if row[name] is None else row[name] for name in names]
+
+
+def mean_of(rows: Sequence[Row], metric: str) -> str:
+    """Return the mean of a metric over trials that passed and modules, to three digits."""
+    values = [np.mean(figures(row, metric)) for row in rows if row["success"]]
     return f"{np.mean(values):.3g}" if values else "-"
 
 
 def compare(
     title: str,
-    variants: Mapping[str, Sequence[Result]],
-    columns: Mapping[str, Callable[[Sequence[Result]], str]],
+    variants: Mapping[str, Sequence[Row]],
+    columns: Mapping[str, Callable[[Sequence[Row]], str]],
     head: str = "variant",
 ) -> None:
-    """Print a table of variants: the results of each, by its name, in the columns."""
-    rows = (
-        [name, *(text(results) for text in columns.values())] for name, results in variants.items()
-    )
+    """Print a table of variants: the trials of each, by its name, in the columns."""
+    rows = ([name, *(text(own) for text in columns.values())] for name, own in variants.items())
     table(title, [head, *columns], rows)

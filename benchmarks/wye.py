@@ -31,9 +31,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from shape import Arguments, endings, interval, random_gravity, run_tasks, table
+from shape import Arguments, Row, endings, interval, random_gravity, run_scenarios, table
 
-from omnitrack_sim import Result, Scenario, override, run_batch
+from omnitrack_sim import Scenario, override
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
@@ -163,26 +163,17 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
     return override(scenario, dict(changes)) if changes else scenario
 
 
-def drive(task: tuple[Cell, Sequence[int], Mapping[str, Any]]) -> list[Ended]:
-    """Run trials of a cell, with changes, as one batch."""
-    cell, indices, changes = task
-    results = run_batch([trial(cell, i, changes) for i in indices], threads=1, no_load=False)
-    return [ended(index, result) for index, result in zip(indices, results, strict=True)]
-
-
-def ended(index: int, result: Result) -> Ended:
-    """What came of trial ``index``."""
-    retries = sum(passage.retries for passage in result.timeline())
-    scenario = result.scenario
+def ended(index: int, scenario: Scenario, row: Row) -> Ended:
+    """Return what came of trial ``index`` of a cell."""
     forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
     return Ended(
         wall=wall_of(index),
         friction=scenario.world.friction,
         downward=float(np.dot(scenario.world.gravity, forward)) / 9.81,
-        outcome=result.outcome.value,
-        passed=result.success,
-        retries=retries,
-        duration=result.duration_s,
+        outcome=row["outcome"],
+        passed=row["success"],
+        retries=row["attempts"] - 1,
+        duration=row["duration_s"],
     )
 
 
@@ -286,8 +277,11 @@ def main() -> None:
     margin = given.margin_deg
     changes = {} if margin is None else {"control.safe_margin_deg": margin}
     asked = cells("cross" if given.cross else "wye")
-    tasks = [(cell, range(given.trials), changes) for cell in asked]
-    found = dict(zip(asked, run_tasks(drive, tasks, given.workers), strict=True))
+    drawn = {cell: [trial(cell, i, changes) for i in range(given.trials)] for cell in asked}
+    found = {
+        cell: [ended(i, *pair) for i, pair in enumerate(zip(drawn[cell], rows, strict=True))]
+        for cell, rows in run_scenarios(drawn, given.workers).items()
+    }
     walls = (f"{wall}, of {given.trials // len(WALLS)}" for wall in WALLS)
     table("ways", ["way", "branch, deg", *walls, *HEADS], (row(*one) for one in found.items()))
     equal: dict[str, list[Ended]] = {}
