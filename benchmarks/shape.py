@@ -1,25 +1,30 @@
-"""The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables."""
+"""The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables.
+
+Where the tables of trials say all that a benchmark shows, what it draws is a plan of trials
+(``Trials``), and what it shows is made of their rows; where it needs trajectories, it runs tasks of
+its own (``run_tasks``).
+"""
 
 from __future__ import annotations
 
 import argparse
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import islice
-from pathlib import Path
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
-from omnitrack_sim import Scenario, Sweep, run_trials
+from omnitrack_sim import Conclusion, Plan, Round, Scenario, run_trials
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
 from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.trials.batches import Trial, batched, sha256_of
+from omnitrack_sim.trials.plan import Rounds
 
-_Task, _Answer, _Key = TypeVar("_Task"), TypeVar("_Answer"), TypeVar("_Key")
-Row = dict[str, Any]
-"""A row of a table of trials, by column; see docs/how-to/sweeps.md."""
+Row = Mapping[str, Any]
+"""A trial: a row of ``trials.parquet``, see docs/how-to/sweeps.md."""
+_Task, _Answer = TypeVar("_Task"), TypeVar("_Answer")
 
 
 class Arguments(argparse.ArgumentParser):
@@ -67,6 +72,53 @@ class Arguments(argparse.ArgumentParser):
         return given
 
 
+class Trials(Plan):
+    """Trials that a benchmark draws.
+
+    Args:
+        name: of the benchmark.
+        groups: scenarios by what they are trials of, such as a variant or a cell of a table.
+        columns: what of a scenario stands in its row as well, by name.
+        batch: trials that run together, at most.
+    """
+
+    noun = "benchmark"
+
+    def __init__(
+        self,
+        name: str,
+        groups: Mapping[Hashable, Sequence[Scenario]],
+        columns: Mapping[str, Callable[[Scenario], Any]] | None = None,
+        batch: int = 32,
+    ) -> None:
+        self.name, self.groups = name, groups
+        scenarios = [scenario for group in groups.values() for scenario in group]
+        labels = [str(key) for key, group in groups.items() for _ in group]
+        drawn = {name: [read(one) for one in scenarios] for name, read in (columns or {}).items()}
+        self._columns = {"group": labels, **drawn}
+        bases = {str(i): one.model_dump(mode="json") for i, one in enumerate(scenarios)}
+        self._batches = batched(bases, (Trial(i, str(i), {}) for i in range(len(bases))), batch)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of everything that its trials depend on, hexadecimal."""
+        return sha256_of([batch.hash for batch in self._batches])
+
+    def data(self) -> dict[str, Any]:
+        """Return the plan as plain data, for its record."""
+        return {"name": self.name, "groups": {str(k): len(v) for k, v in self.groups.items()}}
+
+    def rounds(self) -> Rounds:
+        """Yield all trials at once."""
+        table = yield Round(self._batches, self._columns)
+        return Conclusion({"trials": table.num_rows})
+
+    def run(self, workers: int = 1) -> dict[Any, list[Row]]:
+        """Run all trials, and return the rows of each group."""
+        rows = iter(run_trials(self, workers=workers).table.to_pylist())
+        return {key: [next(rows) for _ in group] for key, group in self.groups.items()}
+
+
 def random_gravity(rng: np.random.Generator) -> list[float]:
     """Draw gravity (3,), m/s², in any direction."""
     # Normal components have no preferred direction.
@@ -80,23 +132,6 @@ def run_tasks(
     """Return the answers of a function to tasks, in their order, from several processes."""
     with LocalPool(workers) as pool:
         return list(pool.map(function, tasks))
-
-
-def run_scenarios(
-    groups: Mapping[_Key, Sequence[Scenario]], workers: int = 1, out: Path | None = None
-) -> dict[_Key, list[Row]]:
-    """Run scenarios as trials of one plan, and return the rows of each group's.
-
-    Args:
-        groups: scenarios by the group's key.
-        workers: processes.
-        out: folder of the trials, in which an interrupted run goes on; none: nothing is kept.
-    """
-    every = [scenario for group in groups.values() for scenario in group]
-    bases = {f"trial_{i}": scenario for i, scenario in enumerate(every)}
-    plan = Sweep(name="scenarios", bases=bases, set={})
-    rows = iter(run_trials(plan, out=out, workers=workers).table.to_pylist())
-    return {key: list(islice(rows, len(group))) for key, group in groups.items()}
 
 
 def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], text: str = "") -> None:
@@ -137,15 +172,14 @@ def endings(failed: Iterable[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts) or "-"
 
 
-def figures(row: Row, metric: str) -> list[float]:
-    """Return the values of a metric of a trial: one, or one for each module."""
-    names = [metric] if metric in row else [f"{metric}_{i}" for i in (1, 2, 3)]
-    return [np.nan if row[name] is None else row[name] for name in names]
+def modules_of(row: Row, metric: str) -> list[float]:
+    """Return the values of a metric of a trial: of the modules, or the one of the robot."""
+    return [row[name] for name in (metric, *(f"{metric}_{i}" for i in (1, 2, 3))) if name in row]
 
 
 def mean_of(rows: Sequence[Row], metric: str) -> str:
     """Return the mean of a metric over trials that passed and modules, to three digits."""
-    values = [np.mean(figures(row, metric)) for row in rows if row["success"]]
+    values = [np.mean(modules_of(row, metric)) for row in rows if row["success"]]
     return f"{np.mean(values):.3g}" if values else "-"
 
 

@@ -21,13 +21,13 @@ import numpy as np
 from shape import (
     Arguments,
     Row,
+    Trials,
     compare,
     endings,
-    figures,
     mean_of,
+    modules_of,
     random_gravity,
     rate,
-    run_scenarios,
     table,
 )
 
@@ -112,8 +112,8 @@ class Study:
     columns: Mapping[str, Callable[[Sequence[Row]], str]] = field(default_factory=lambda: SIZES)
     head: str = "variant"
 
-    def scenarios(self, trials: int, seed: int) -> dict[str, list[Scenario]]:
-        """Return the trials of each variant."""
+    def draw(self, trials: int, seed: int) -> dict[str, list[Scenario]]:
+        """Draw the turns of each variant."""
         arguments = {name: {"changes": changes} for name, changes in self.variants.items()}
         return {
             name: random_tee_turns(trials, seed=seed, **self.turns, **own)
@@ -186,24 +186,23 @@ STEP_FIGURES = {"slip": "slip_distance_m", "energy": "energy_j", "largest tilt":
 """Metrics that are compared between time steps."""
 
 
-def print_steps(turns: Mapping[str, Sequence[Row]]) -> None:
+def print_steps(runs: Mapping[str, Sequence[Row]]) -> None:
     """Print the metrics of each time step against those of the finest."""
-    whole = np.all([[row["success"] for row in own] for own in turns.values()], axis=0)
-    finest = next(iter(turns.values()))
-    rows = []
-    for step, each in turns.items():
-        cells = [step, sum(row["success"] for row in each)]
+    whole = np.all([[row["success"] for row in rows] for rows in runs.values()], axis=0)
+    finest, lines = next(iter(runs.values())), []
+    for step, rows in runs.items():
+        cells = [step, sum(row["success"] for row in rows)]
         for metric in STEP_FIGURES.values():
             own, best = (
-                np.array([np.sum(figures(row, metric)) for row in these])[whole]
-                for these in (each, finest)
+                np.array([np.sum(modules_of(row, metric)) for row in turns])[whole]
+                for turns in (rows, finest)
             )
             ratios = (own.sum() / best.sum(), np.median(own / best))
             cells += [f"{100 * (ratio - 1):+.1f} %" for ratio in ratios]
-        rows.append(cells)
+        lines.append(cells)
     heads = [f"{name}: {what}" for name in STEP_FIGURES for what in ("means", "median of pairs")]
     text = f"{whole.sum()} of {len(finest)} turns pass at all steps; of these:"
-    table("steps", ["step, ms", "passed", *heads], rows, text)
+    table("steps", ["step, ms", "passed", *heads], lines, text)
 
 
 def main() -> None:
@@ -217,12 +216,12 @@ def main() -> None:
     for name in given.studies:
         study = STUDIES[name]
         trials = given.trials or (8 if given.quick else study.trials)
-        drawn = study.scenarios(trials, study.seed if given.seed is None else given.seed)
-        rows = run_scenarios(drawn, given.workers)
+        turns = study.draw(trials, study.seed if given.seed is None else given.seed)
+        runs = Trials(name, turns).run(given.workers)
         if name == "steps":
-            print_steps(rows)
+            print_steps(runs)
         else:
-            compare(name, rows, study.columns, study.head)
+            compare(name, runs, study.columns, study.head)
 
 
 if __name__ == "__main__":

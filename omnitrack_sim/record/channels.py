@@ -338,7 +338,7 @@ _SHIPPED = (
     ),
 )
 CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _SHIPPED}
-"""Channels of the omnidirectional robot, in the order of the file."""
+"""Channels of a robot with three modules of two tracks each, in the order of the file."""
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 DISPLAYS: Mapping[str, Display] = {

@@ -14,6 +14,7 @@ from omnitrack_sim.base.naming import installed
 from omnitrack_sim.base.reading import NAME_PATTERN, checked
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.plant import is_similar
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import set_value
 
@@ -152,7 +153,7 @@ def _resized(entry: Entry, bore: float) -> Entry:
     new = {f"robot.{name}": value for name, value in robot.similar_to(bore).items()}
     changes = {**entry.changes, **new}
     made = robot_of(changes)
-    if not (math.isclose(made.nominal_bore, bore) and robot.is_similar(made)):
+    if not (math.isclose(made.nominal_bore, bore) and is_similar(robot, made)):
         problem = "cannot be made for another bore: it has sizes that are no parameters with units"
         raise InputError(Fault(f"entry {entry.name}", problem))
     size = f"{1000 * bore:g} mm"

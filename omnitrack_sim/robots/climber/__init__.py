@@ -37,7 +37,7 @@ class Climber(Omnitrack):
     """
 
     kind: ClassVar[str] = "climber"
-    understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
+    rolls: ClassVar[bool] = False
 
     drive: str = quantity(
         "differential",

@@ -19,7 +19,7 @@ from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
@@ -32,7 +32,7 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot, SceneOptions
+from omnitrack_sim.robots.robot import GRAVITY, Robot, SceneOptions
 
 if TYPE_CHECKING:
     import mujoco
@@ -79,7 +79,8 @@ class Omnitrack(Robot):
     """
 
     kind: ClassVar[str] = "omnitrack"
-    understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
+    colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
+    rolls: ClassVar[bool] = True
     slips: ClassVar[bool] = True
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
@@ -371,10 +372,6 @@ class Omnitrack(Robot):
         """See ``Robot``."""
         return {"scale": self.scale_for(bore)}
 
-    def is_similar(self, other: Robot) -> bool:
-        """See ``Robot``: all that it is made of scales."""
-        return isinstance(other, type(self))
-
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
         return self.scale * bore / self.nominal_bore
@@ -485,7 +482,13 @@ class Omnitrack(Robot):
 
         return Decisions
 
-    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    def spec(self) -> mujoco.MjSpec:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import robot_alone
+
+        return robot_alone(self)
+
+    def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """See ``Robot``."""
         from omnitrack_sim.robots.omnitrack.track_plant import scene
 
@@ -509,11 +512,6 @@ class Omnitrack(Robot):
         from omnitrack_sim.robots.omnitrack.track_display import TrackDisplay
 
         return TrackDisplay(self)
-
-    @property
-    def joint_count(self) -> int:
-        """See ``Robot``."""
-        return JOINT_POSITIONS + drive_of(self.drive).shafts
 
     @property
     def joints(self) -> Mapping[str, slice]:
