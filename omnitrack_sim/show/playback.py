@@ -76,7 +76,6 @@ class Playback:
         name: title of pages and figures.
         network: the pipes, world frame.
         plates: ports (part index, port) that are closed.
-        size: of lengths in pictures, over those for a robot in a bore of 160 mm.
         extremes: samples that tell how far the robot reaches about its body.
         album: pictures of the robot's cameras.
         page_camera: camera on board of pages; None without one.
@@ -91,7 +90,6 @@ class Playback:
     name: str
     network: Assembly
     plates: Sequence[Port] = ()
-    size: float = 1.0
     extremes: tuple[int, ...] = (0,)
     album: Pictures | None = None
     page_camera: CarriedCamera | None = None
@@ -116,6 +114,11 @@ class Playback:
     @cached_property
     def qpos(self) -> Array:
         """Joint positions (T, nq) as they are shown."""
+        raise NotImplementedError
+
+    @cached_property
+    def size(self) -> float:
+        """Size of lengths in pictures, over those for a robot in a bore of 160 mm."""
         raise NotImplementedError
 
     @cached_property

@@ -84,6 +84,11 @@ class RunPlayback(Playback):
         return self.display.poses(self.model, self.trajectory)
 
     @cached_property
+    def size(self) -> float:
+        """See ``Playback``."""
+        return self.display.robot.length_scale
+
+    @cached_property
     def seen(self) -> tuple[int, ...]:
         """See ``Playback``."""
         return tuple(np.flatnonzero(self.model.geom_group == ROBOT_GROUP).tolist())
