@@ -8,7 +8,6 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 
-
 FREE = 10.0
 """Standard deviation of a number of a camera that a picture alone tells, m or rad."""
 
