@@ -52,8 +52,8 @@ def main() -> None:
 
 
 def _drive(scenario: ot.Scenario, window: Window) -> None:
+    from omnitrack_sim.show.viewer.driver import Driver
     from omnitrack_sim.show.viewer.keys import Do
-    from omnitrack_sim.show.viewer.player import Driver
 
     driver = Driver(scenario, window)
     stage = driver.run
