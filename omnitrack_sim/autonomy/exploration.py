@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
@@ -14,6 +14,9 @@ from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.autonomy.explorer import Explorer
 
 
 class Exploration:
@@ -86,6 +89,9 @@ class Exploration:
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
         # Ports point outward; the robot's map begins with the z axis into the pipe.
         into = Pose(port.rotation * [1, -1, -1], port.position)
+        # Recognising fittings takes as long to import as running a scenario, and few explore.
+        from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
+
         free = self._distance + self.robot.length / 2 + EXPLORER.assumed_step
         belief = Belief(into, fitting.inner_diameter, free)
         goals = list(self.mission.goals)

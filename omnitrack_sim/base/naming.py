@@ -56,8 +56,8 @@ def installed(group: Group) -> Mapping[str, EntryPoint]:
 
 
 @lru_cache(maxsize=8)
-def _installed(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
-    """Return entry points by name; ``path`` is where Python looks for distributions."""
+def _installed(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Return entry points by name; ``_path``, where Python looks for them, is part of the key."""
     from importlib.metadata import entry_points
 
     # Of two of one name the first counts, as of two modules of one name.
@@ -178,7 +178,7 @@ def _scenario_folder() -> Path:
 
 
 ShippedKind = Literal[
-    "scenarios", "sweeps", "studies", "networks", "courses", "policies", "passports"
+    "scenarios", "sweeps", "studies", "networks", "suites", "courses", "policies", "passports"
 ]
 
 
@@ -189,7 +189,7 @@ def shipped_files(kind: ShippedKind) -> ByName[Path]:
 
     Args:
         kind: ``scenarios``, ``sweeps``, ``studies``, ``networks``, ``policies`` of networks,
-            ``courses`` of the benchmark of mobility, or ``passports`` of robots.
+            ``suites`` and ``courses`` of benches, or ``passports`` of robots.
 
     Example:
         >>> ot.shipped_files("scenarios")["tee_turn"].name

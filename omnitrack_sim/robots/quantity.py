@@ -114,8 +114,8 @@ def quantity(
     Example:
         >>> class Crawler(ot.Robot):
         ...     speed: float = ot.quantity(0.05, "m/s", "assumed", "of its wheels", (0.0, 1.0))
-        >>> Crawler().parameters()[0].provenance
-        'assumed'
+        >>> Crawler.model_fields["speed"].description
+        'of its wheels'
     """
     # pydantic carries these along: unit and source stand in one place with the value.
     extra: Any = {"unit": unit, "provenance": provenance, "within": within}
@@ -123,8 +123,10 @@ def quantity(
 
 
 def quantity_of(table: type[BaseModel], key: str) -> Quantity:
-    """Return unit and source of a field; of one that is declared otherwise, with the meaning that
-    stands below it and no provenance."""
+    """Return unit and source of a field.
+
+    One that is not declared by ``quantity`` has the meaning that stands below it and no provenance.
+    """
     info = table.model_fields[key]
     extra: Any = info.json_schema_extra
     if extra is None:
@@ -177,8 +179,7 @@ def borrowed(whose: str) -> Callable[[type[_Table]], type[_Table]]:
 
 
 def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
-    """Return every field of ``model``, and of the models in it, with value, unit, provenance and
-    source.
+    """Return value, unit, provenance and source of every field of a model and those in it.
 
     Args:
         model: robot, motor or the like.

@@ -15,11 +15,11 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
@@ -32,12 +32,12 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot, SceneOptions
+from omnitrack_sim.robots.robot import GRAVITY, Robot, SceneOptions
 
 if TYPE_CHECKING:
     import mujoco
 
-    from omnitrack_sim.pipes import Assembly
+    from omnitrack_sim.pipes import Assembly, Passage
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
     from omnitrack_sim.robots.plant import Start
@@ -79,7 +79,8 @@ class Omnitrack(Robot):
     """
 
     kind: ClassVar[str] = "omnitrack"
-    understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
+    colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
+    rolls: ClassVar[bool] = True
     slips: ClassVar[bool] = True
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
@@ -292,8 +293,7 @@ class Omnitrack(Robot):
         return robot
 
     def _misfits(self) -> Iterator[tuple[str, str]]:
-        """Values, each within its range, that do not go together: the field to change, and the
-        problem."""
+        """Yield field and problem of values, each within its range, that do not go together."""
         nominal = self.nominal_pipe_radius
         if self.reach <= nominal:
             yield "reach", f"must be over nominal_pipe_radius, {nominal:.6g} m"
@@ -346,8 +346,7 @@ class Omnitrack(Robot):
 
     @property
     def climbing_torque(self) -> float:
-        """Torque of a third of the robot's weight at a module's shaft, N m: the worst steady
-        climb."""
+        """Torque at a module's shaft in the worst steady climb, N m: of a third of the weight."""
         return self.mass * GRAVITY / 3 * self.lug_radius
 
     @property
@@ -370,10 +369,6 @@ class Omnitrack(Robot):
     def similar_to(self, bore: float) -> dict[str, Any]:
         """See ``Robot``."""
         return {"scale": self.scale_for(bore)}
-
-    def is_similar(self, other: Robot) -> bool:
-        """See ``Robot``: all that it is made of scales."""
-        return isinstance(other, type(self))
 
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
@@ -400,8 +395,7 @@ class Omnitrack(Robot):
         return self.contact_length / self.lugs_per_track
 
     def spring_force(self, radius: float) -> float:
-        """Return the force of a module's springs in a bore of ``radius`` m, N; 0 where they are
-        slack."""
+        """Return the force of a module's springs in a bore of ``radius`` m, N, at least 0."""
         return max(0.0, self.preload + self.module_stiffness * (self.nominal_pipe_radius - radius))
 
     @property
@@ -411,8 +405,7 @@ class Omnitrack(Robot):
 
     @property
     def length(self) -> float:
-        """Tip to tip along the robot axis, m: outermost lug centres and a lug radius at each
-        end."""
+        """Tip to tip along the robot axis, m: outermost lug centres and two lug radii."""
         return self.contact_length + 2 * self.lug_radius
 
     @property
@@ -447,11 +440,12 @@ class Omnitrack(Robot):
         return f"motor {self.motor.name} (robot.motor)"
 
     def slip_excess(self, steps: float) -> float:
-        """Return the share by which a typical turn's slip reads too large at a time step of
-        ``steps`` times 2 ms, the latter for scale 1.
+        """Return the share by which a typical turn's slip reads too large; see ``Robot``.
+
+        ``steps`` are of 2 ms at scale 1.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
-        (``benchmarks/timestep.py``).
+        (``benchmarks/tee_turns.py steps``).
         """
         return 0.1 * steps**2.6
 
@@ -485,7 +479,13 @@ class Omnitrack(Robot):
 
         return Decisions
 
-    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    def spec(self) -> mujoco.MjSpec:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import robot_alone
+
+        return robot_alone(self)
+
+    def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """See ``Robot``."""
         from omnitrack_sim.robots.omnitrack.track_plant import scene
 
@@ -511,15 +511,13 @@ class Omnitrack(Robot):
         return TrackDisplay(self)
 
     @property
-    def joint_count(self) -> int:
-        """See ``Robot``."""
-        return JOINT_POSITIONS + drive_of(self.drive).shafts
-
-    @property
     def joints(self) -> Mapping[str, slice]:
-        """See ``Robot``: ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``,
-        ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then
-        shafts."""
+        """Columns of joint positions by the names of the joints; see ``Robot``.
+
+        They are ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``,
+        ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then those
+        of shafts.
+        """
         modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
         shafts = [f"shaft_{i + 1}" for i in range(drive_of(self.drive).shafts)]
         columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
@@ -571,8 +569,7 @@ class Omnitrack(Robot):
         return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
-        """Return notes on the largest force and travel of an arm that a run should not have
-        shown."""
+        """Return notes on the largest force and travel of an arm, where they are beyond reason."""
         events: list[Event] = []
         low, high = self.slide_range
         forces = np.nan_to_num(trajectory["normal_force"])  # (T, 3); no number if it diverged
@@ -590,9 +587,25 @@ class Omnitrack(Robot):
             events.append(BeyondStop(0, time, int(arm) + 1, 1000 * depth))
         return events
 
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """See ``Robot``: by the theory of a turn in a tee."""
+        from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+
+        if passage.manoeuvre != "tee_turn":
+            return None
+        return TurnCase(
+            pipe_radius=passage.corner_radius,
+            turn_angle=passage.description.turn_angle,
+            reach=self.reach,
+            contact_length=self.contact_length,
+            bend_radius=bend_radius,
+        ).singular_range
+
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
-        """Yield the bore for which the robot is not made, though its arms reach it: where the
-        springs press the modules most unlike they do in the nominal bore."""
+        """Yield a remark on the bore that the arms reach, but for which the springs are not made.
+
+        It is the one where they press the modules most unlike they do in the nominal bore.
+        """
         forces = {bore: self.spring_force(bore / 2) for bore in bores}
         narrowest, widest = min(forces), max(forces)
         # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
