@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
+from shape import interval, markdown, random_gravity, run_tasks
 
 from driving.by_sensors import SENSES
 from omnitrack_sim import Scenario, override, random_network, run_batch, shortest_route
-from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import validate
 
 ROBOTS = {
@@ -55,6 +54,11 @@ class Drive:
     largest: float
     lost: int
 
+    @property
+    def arrived(self) -> bool:
+        """It reached its goal."""
+        return self.outcome == "reached_goal"
+
 
 def _ways(network: Network) -> list[tuple[str, str]]:
     """Return pairs of open ends between which a robot need not turn into or out of a branch.
@@ -82,8 +86,7 @@ def mission(robot: str, number: int) -> Scenario:
             break
     rng = np.random.default_rng([seed, 1])
     start, goal = ways[int(rng.integers(len(ways)))]
-    gravity = rng.normal(size=3)
-    gravity *= 9.81 / np.linalg.norm(gravity)
+    gravity = random_gravity(rng)
     friction, theta5_deg = float(rng.uniform(*FRICTION)), float(rng.uniform(-180, 180))
     scenario = validate(
         {
@@ -91,7 +94,7 @@ def mission(robot: str, number: int) -> Scenario:
             "network": network.model_dump(mode="json"),
             "mission": {"start": start, "goals": [goal]},
             "robot": {"kind": robot},
-            "world": {"gravity": gravity.tolist(), "friction": friction},
+            "world": {"gravity": gravity, "friction": friction},
             "start": {"theta5_deg": theta5_deg},
             "seed": number,
         }
@@ -123,40 +126,41 @@ def runs(senses: Sequence[str], trials: int, seed: int, workers: int) -> list[Dr
     """Return all runs: each robot through ``trials`` networks by each of some senses."""
     first = 1000 * seed
     numbers = range(first, first + trials)
-    with LocalPool(workers) as pool:
-        return list(pool.map(drive, [(r, s, n) for r in ROBOTS for s in senses for n in numbers]))
+    return run_tasks(drive, [(r, s, n) for r in ROBOTS for s in senses for n in numbers], workers)
+
+
+HEADS = (
+    "robot",
+    "sensing",
+    "arrived",
+    "95 % interval",
+    "of those that arrive by truth",
+    "localisation error: median, 95 %",
+    "largest error: median, 95 %",
+    "lost on the way",
+)
 
 
 def table(drives: Sequence[Drive]) -> str:
     """Return one row for each robot and sense."""
-    rows = [
-        "| robot | sensing | arrived | 95 % interval | of those that arrive by truth | "
-        "localisation error: median, 95 % | largest error: median, 95 % | lost on the way |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    arrived = {
-        (run.robot, run.number)
-        for run in drives
-        if run.sense == "truth" and run.outcome == "reached_goal"
-    }
+    able = {(run.robot, run.number) for run in drives if run.sense == "truth" and run.arrived}
+    rows = []
     for robot, sense in dict.fromkeys((run.robot, run.sense) for run in drives):
         own = [run for run in drives if (run.robot, run.sense) == (robot, sense)]
-        good = [run for run in own if run.outcome == "reached_goal"]
-        able = [run for run in own if (robot, run.number) in arrived]
-        low, high = wilson_interval(len(good), len(own))
-        cells = [robot, sense, f"{len(good)} of {len(own)}"]
-        cells.append(f"{100 * low:.1f} to {100 * high:.1f} %")
+        good = [run for run in own if run.arrived]
+        cells = [robot, sense, f"{len(good)} of {len(own)}", interval(run.arrived for run in own)]
         if sense == "truth":
             cells += ["-"] * 4
         else:
+            taken = [run.arrived for run in own if (robot, run.number) in able]
             cells += [
-                f"{sum(run in good for run in able)} of {len(able)}",
+                f"{sum(taken)} of {len(taken)}",
                 _two([1000 * run.error for run in own]),
                 _two([1000 * run.largest for run in own]),
                 f"{sum(run.lost > 0 for run in own)} runs",
             ]
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
+        rows.append(cells)
+    return markdown(HEADS, rows)
 
 
 def _two(values: Sequence[float]) -> str:
@@ -170,5 +174,5 @@ def failures(drives: Sequence[Drive]) -> str:
     return "\n".join(
         f"* {run.robot} {run.number}, {run.sense}: {run.outcome}; {run.reason}"
         for run in drives
-        if run.outcome != "reached_goal"
+        if not run.arrived
     )
