@@ -448,7 +448,7 @@ class Omnitrack(Robot):
         ``steps`` times 2 ms, the latter for scale 1.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
-        (``benchmarks/timestep.py``).
+        (``benchmarks/tee_turns.py steps``).
         """
         return 0.1 * steps**2.6
 
