@@ -1,5 +1,4 @@
-"""Runs scenarios to their ends. One run is a batch of one; those that share a model share a
-batch."""
+"""Runs scenarios to their ends: one run is a batch of one."""
 
 from __future__ import annotations
 
@@ -122,8 +121,7 @@ def run_batch(
 
 
 def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()) -> list[float]:
-    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
-    gravity.
+    """Measure the mean slip speed, m/s, of robots in a straight pipe without gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
     run, one for each robot, physics, friction and speed; not a number where that run ends early, as
@@ -157,8 +155,10 @@ sixth of the time of a turn."""
 
 
 def _says_all(scenario: Scenario) -> bool:
-    """Return whether nothing decides a scenario's run that stands in a file or in a user's code,
-    which may change while a process lasts."""
+    """Return whether a scenario says all that decides its run.
+
+    What stands in a file or in a user's code may change while a process lasts.
+    """
     return scenario.robot.kind == DEFAULT and scenario.control.kind in ("jacobian", "paper")
 
 
