@@ -21,7 +21,7 @@ from omnitrack_sim.trials import dispatch
 from omnitrack_sim.trials.bench import Bench
 from omnitrack_sim.trials.bench_table import page, rows_of
 from omnitrack_sim.trials.entries import Changes, robot_of
-from omnitrack_sim.trials.suite import Course, least_friction, load_suite
+from omnitrack_sim.trials.suite import Course, load_suite, min_friction
 
 CONTROL = load_suite("control")
 TABLES = (f"{name}.{end}" for name in ("trials", "results") for end in ("parquet", "csv"))
@@ -42,7 +42,7 @@ SHORT = Course("short", "up the run for a moment", 4, 2, _short)
 
 
 def _status(monkeypatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "--suite", "control", *arguments])
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "control", *arguments])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
@@ -164,7 +164,6 @@ def test_intervals():
     ("arguments", "told"),
     [
         (["--course", "trun"], "did you mean 'turn'"),
-        (["--suite", "contrl"], "did you mean 'control'"),
         (["--controller", "feedbck"], "did you mean 'feedback'"),
         (["--controller", "xyz"], "jacobian, paper, driven, policy, module:Object"),
         (["--controller", "no_such:Thing"], "module 'no_such' cannot be imported"),
@@ -181,6 +180,17 @@ def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, tol
     assert _status(monkeypatch, "--quick", "--out", str(out), *arguments) == 2
     assert told in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
+
+
+def test_an_unknown_suite_is_refused(tmp_path, monkeypatch, capsys):
+    """With those there are."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "contrl"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    assert "did you mean 'control'" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys):
@@ -306,7 +316,7 @@ def test_an_outside_robot_has_its_row_by_one_command(outside, monkeypatch, capsy
     (row,) = rows
     assert (row["course"], row["entry"]) == ("straight_level", "slug.push_control.Push")
     assert (row["passed"], row["trials"]) == (2, 2)
-    assert row["least_friction"] == 0.5
+    assert row["min_friction"] == 0.5
     assert row["mean_speed_m_s"] > 0.01
     out = outside / "out" / "bench_mobility_quick"
     assert (out / "bench.png").is_file()
@@ -392,15 +402,15 @@ def test_what_can_be_passed_counts_for_all_courses():
     assert rows["all"]["others"] == "4 timed_out"
 
 
-def test_least_friction():
+def test_min_friction():
     """At it and at all higher ones half of the trials pass, wherever those without one stand."""
     friction = [None, 0.3, 1.0, None, 0.5, 0.8, 0.8, 0.3]
     ends = ["stuck", "reached_goal", "reached_goal", "stuck", "stuck"]
     outcomes = [*ends, "reached_goal", "stuck", "reached_goal"]
     columns = {"world.friction": friction, "outcome": outcomes}
     columns["success"] = [outcome == "reached_goal" for outcome in outcomes]
-    assert least_friction(pa.table(columns)) == 0.8
-    assert math.isnan(least_friction(pa.table({**columns, "success": [False] * 8})))
+    assert min_friction(pa.table(columns)) == 0.8
+    assert math.isnan(min_friction(pa.table({**columns, "success": [False] * 8})))
 
 
 def test_a_wrong_change_is_no_misfit():

@@ -140,10 +140,11 @@ def optimise(
 def bench(
     suite: Annotated[
         str,
-        typer.Option(
+        typer.Argument(
             metavar="SUITE",
             help="A suite file, or a shipped one by name: mobility, of robots; or control, of "
             "controllers and policies of the default robot.",
+            autocompletion=complete.suites,
         ),
     ] = "mobility",
     robots: Annotated[
@@ -177,8 +178,10 @@ def bench(
     dask: DaskOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put robots or controllers through the same courses; the same command resumes after an
-    interruption."""
+    """Put robots or controllers through the same courses.
+
+    The same command resumes after an interruption.
+    """
     from omnitrack_sim.trials.suite import load_suite
 
     shipped = [] if alone else [*load_suite(suite).entries]
@@ -210,8 +213,7 @@ def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
 
 
 def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
-    """Return the workers, processes of this machine or a Dask cluster, as keyword arguments of
-    ``run_trials``.
+    """Return the workers as keyword arguments of ``run_trials``: processes, or a Dask cluster.
 
     Raises:
         InputError: both are asked for.
@@ -229,8 +231,9 @@ def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
 
 @contextmanager
 def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
-    """Show the progress of trials on standard error: a bar, or a line now and then where that is no
-    terminal; yields the function that is called with the status.
+    """Show the progress of trials on standard error, and yield the function that takes it.
+
+    It is a bar, or a line now and then where standard error is no terminal.
 
     Raises:
         typer.Exit: with status 130, when Ctrl-C has been pressed.

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.control import Controller
-from omnitrack_sim.robots.kinds import DEFAULT
+from omnitrack_sim.robots.control import Controller, parameters_model
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.loading import autopilot_of
@@ -155,11 +155,14 @@ sixth of the time of a turn."""
 
 
 def _says_all(scenario: Scenario) -> bool:
-    """Return whether a scenario says all that decides its run.
+    """Return whether a scenario's data decide its run, and no file or code of a user's.
 
-    What stands in a file or in a user's code may change while a process lasts.
+    Those may change while a process lasts.
     """
-    return scenario.robot.kind == DEFAULT and scenario.control.kind in ("jacobian", "paper")
+    controller = scenario.controller_class
+    tables = (type(scenario.robot), parameters_model(controller))
+    own = all(one.__module__.startswith("omnitrack_sim.") for one in (tables[0], controller))
+    return own and not any(marks_of(table, FileName) for table in tables)
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:

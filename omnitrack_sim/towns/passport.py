@@ -60,7 +60,8 @@ class Passport:
         """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``.
 
         Args:
-            kind: of the passages. points: features.
+            kind: of the passages.
+            points: (q, features).
             lengths: (q,) m, of the ways; when not given, ``ModelSettings.way``.
         """
         points = np.asarray(points, float).reshape(-1, len(FEATURES))

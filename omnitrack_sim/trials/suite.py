@@ -68,23 +68,25 @@ class BenchMeasure(Table):
         return self.words if self.unit == "1" else f"{self.words}, {self.unit}"
 
 
-def least_friction(table: Any) -> float:
-    """Return the lowest friction of the ladder at which, and at all higher ones, at least half of
-    the trials passed; not a number where there is none."""
+def min_friction(table: Any) -> float:
+    """Return the lowest friction from which on half of the trials or more passed at each.
+
+    It is not a number where there is none.
+    """
     passed = passed_of(table)
     if "world.friction" not in table.column_names:
         return math.nan
-    friction, least = numbers_of(table, "world.friction"), math.nan
+    friction, lowest = numbers_of(table, "world.friction"), math.nan
     # Trials in networks are not on the ladder: each has its friction in its own scenario.
     for rung in sorted({*friction[np.isfinite(friction)].tolist()}, reverse=True):
         own = passed[(friction == rung) & np.isfinite(passed)]
         if not len(own) or own.mean() < 0.5:
             break
-        least = rung
-    return least
+        lowest = rung
+    return lowest
 
 
-SCORES: Mapping[str, Callable[[pa.Table], float]] = {"least_friction": least_friction}
+SCORES: Mapping[str, Callable[[pa.Table], float]] = {"min_friction": min_friction}
 """Figures of all trials of an entry on a course, by the names of their columns."""
 
 
@@ -249,7 +251,7 @@ class SuiteFile(Table):
     compares: Literal["robots", "controllers"] = "robots"
     default: str = ""
     measures: tuple[BenchMeasure, ...] = ()
-    scores: tuple[Literal["least_friction"], ...] = ()
+    scores: tuple[Literal["min_friction"], ...] = ()
     entries: tuple[EntryTable, ...] = ()
     courses: Annotated[tuple[CourseTable, ...], Field(min_length=1)]
 
