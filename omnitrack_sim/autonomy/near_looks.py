@@ -26,7 +26,7 @@ from omnitrack_sim.autonomy.looks import (
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Elbow, Reducer, Route, Straight, Wye
-from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS, MIN_LENGTH
 
 
 class Confirmation(LookTask):
@@ -134,7 +134,7 @@ class CloseLooks(LookTask):
         radii = self._radii() or [0.0]
         begin, std = self.begin_of(*self._looks[-1])
         more = (
-            max(radii) - min(radii) > LEAST_LENGTH / 2
+            max(radii) - min(radii) > MIN_LENGTH / 2
             or doubtful_sizes(Straight(max(begin - before, BELIEF.min_length)), {"length": std})
             or doubtful_sizes(self.mean(), self.stds())
         )
@@ -177,7 +177,7 @@ class CloseLooks(LookTask):
         if least > LOOKS.max_reducer_std:
             return "its ends hardly show"
         mean = np.average(sizes, axis=0, weights=weights_of(self._stds()))
-        if np.any(np.ptp(sizes, axis=0) > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
+        if np.any(np.ptp(sizes, axis=0) > [2 * MIN_LENGTH, *(LENGTHS * mean[1:])]):
             return "looks at it differ in its sizes"
         return "its length was seen from one side only" if least > LOOKS.max_size_std else ""
 

@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.looks import (
 from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.pipes import Elbow, Reducer, Route, Wye
-from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH
+from omnitrack_sim.pipes.map_difference import ANGLES, MIN_LENGTH
 
 
 class Placement(NamedTuple):
@@ -135,7 +135,7 @@ class RearLooks(LookTask):
             return None
         looks = np.array(self._sizes.pop(part))
         sizes, stds = looks[without_extremes(looks[:, 0])].T
-        if np.ptp(sizes) > 2 * LEAST_LENGTH:
+        if np.ptp(sizes) > 2 * MIN_LENGTH:
             return None
         size = float(np.average(sizes, weights=weights_of(stds)))
         fitting = self._belief.fitting(part)

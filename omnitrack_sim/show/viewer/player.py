@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.bounds import MAX_ORDERS
 from omnitrack_sim.base.rotations import (
     Array,
     heading,
@@ -543,7 +543,7 @@ class Driver(Player):
                 self.window.close()
             return
         # The last order that there is room for ends the run.
-        full = len(self._controller.orders()) >= MOST_ORDERS - 1
+        full = len(self._controller.orders()) >= MAX_ORDERS - 1
         order = self._wheel.press(Do.FINISH if full else do, self._pose())
         if order is not None:
             self._controller.give(order)
