@@ -5,8 +5,9 @@ python benchmarks/autonomy.py [--only STUDY ...] [--quick] [--trials N] [--sense
 
 `turns`: tee turns from any orientation, with friction 0.8 to 1.0, any gravity and any preload of 15
 to 35 N, of robots that do not know how they are turned about their axis: by truth, depth and
-headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `unknown`: such
-networks explored without one.
+headlight. `missions`: random networks of 6 to 12 fittings with a map, likewise. `robots`: the
+presser and the climber through random networks that they can take. `unknown`: random networks
+explored without a map.
 `recognition`: random approaches to fittings, seen by both cameras in one picture and in five over
 100 mm: how often the kind is right, how sure it was said to be, the errors of direction and
 distance. The default seed is not the one that anything was tuned on.
@@ -20,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from driving import by_sensors, unknown
+from driving import by_sensors, other_robots, unknown
 from recognising.approaches import BORE, approach
 from recognising.report import Found, by_case, by_distance, failures, summary
 from shape import Arguments, run_tasks
@@ -30,7 +31,7 @@ from omnitrack_sim.senses.cameras import DepthCamera, DepthTable, HeadlightCamer
 from omnitrack_sim.senses.optics import Camera
 from omnitrack_sim.walls.rays import RayWalls
 
-TRIALS = {"turns": 200, "missions": 100, "unknown": 50, "recognition": 2000}
+TRIALS = {"turns": 200, "missions": 100, "robots": 30, "unknown": 50, "recognition": 2000}
 QUICK_TRIALS, SEED = 10, 2
 CAMERAS: dict[str, Callable[[], Any]] = {
     "depth": lambda: DepthCamera(DepthTable()),
@@ -136,6 +137,9 @@ def main() -> None:
             name = " ".join([study, *given.senses])
             tours = unknown.runs(*every, given.keep)
             table, failures = unknown.table(tours), unknown.failures(tours)
+        elif study == "robots":
+            others = other_robots.runs(*every[1:])
+            table, failures = other_robots.table(others), other_robots.failures(others)
         else:
             drives = by_sensors.runs(*every)
             table, failures = by_sensors.table(drives), by_sensors.failures(drives)

@@ -10,7 +10,6 @@ means of each entry, and its paired differences to the default one, a table a co
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,11 +17,12 @@ from textwrap import fill
 from typing import Any
 
 from mobility_lessons import lessons, plus_minus
+from shape import Arguments, markdown
 
 import omnitrack_sim as ot
-from omnitrack_sim.trials.bench import BenchMeasure
-from omnitrack_sim.trials.bench_table import ALL, markdown_table, rate_of
-from omnitrack_sim.trials.mobility import robot_of
+from omnitrack_sim.trials.bench_table import ALL, rate_of
+from omnitrack_sim.trials.entries import robot_of
+from omnitrack_sim.trials.suite import BenchMeasure
 
 Row = dict[str, Any]
 FIGURES = ("mean_speed_m_s", "energy_per_metre", "contact_force_max_n")
@@ -32,35 +32,30 @@ POSE = "pose_error"
 PULL = "pull"
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of Markdown."""
-    return "\n".join(markdown_table(heads, rows)[:-1])
-
-
 def rate_and_interval(row: Row) -> str:
-    """Trials passed with the interval of their rate."""
+    """Return the trials passed with the interval of their rate."""
     interval = f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f} %"
     return f"{rate_of(row)} ({interval})" if row["trials"] else rate_of(row)
 
 
 def passed(rows: Sequence[Row]) -> str:
-    """Trials passed with the interval of their rate: a row an entry, a column a course."""
+    """Return the trials passed with intervals: a row an entry, a column a course."""
     courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
     cells = {(row["course"], row["entry"]): rate_and_interval(row) for row in rows}
     body = [[f"`{one}`", *(cells.get((course, one), "-") for course in courses)] for one in entries]
-    return table(["entry", *(f"`{course}`" for course in courses)], body)
+    return markdown(["entry", *(f"`{course}`" for course in courses)], body)
 
 
 def by_course(rows: Sequence[Row], text: Any) -> str:
-    """A text of each row: a row a course, a column an entry."""
+    """Return a table of a text of each row: a row a course, a column an entry."""
     courses, entries = ([*dict.fromkeys(row[key] for row in rows)] for key in ("course", "entry"))
     cells = {(row["course"], row["entry"]): text(row) for row in rows}
     body = [[f"`{one}`", *(cells.get((one, entry), "-") for entry in entries)] for one in courses]
-    return table(["course", *(f"`{entry}`" for entry in entries)], body)
+    return markdown(["course", *(f"`{entry}`" for entry in entries)], body)
 
 
 def stops(rows: Sequence[Row]) -> str:
-    """Trials passed, and how the others ended: a row a course, a column an entry."""
+    """Return the trials passed, and how the others ended: a row a course, a column an entry."""
     most = max((row["trials"] for row in rows), default=0)
 
     def text(row: Row) -> str:
@@ -71,7 +66,7 @@ def stops(rows: Sequence[Row]) -> str:
 
 
 def spread(row: Row, name: str, sign: str = "") -> str:
-    """A mean with half the width of its interval, which is Student's and so symmetric."""
+    """Return a mean with half the width of its interval, which is Student's and so symmetric."""
     if row.get(f"{name}_low") is None:
         return "-"
     return plus_minus(row[name], (row[f"{name}_high"] - row[f"{name}_low"]) / 2, sign)
@@ -80,12 +75,12 @@ def spread(row: Row, name: str, sign: str = "") -> str:
 def measures(
     rows: Sequence[Row], figures: Sequence[BenchMeasure], ending: str, sign: str = ""
 ) -> str:
-    """The measures of some rows, or with ``_more`` their differences to the default."""
+    """Return the measures of some rows, or with ``_more`` their differences to the default."""
     cells = [
         [f"`{row['entry']}`", *(spread(row, f"{m.name}{ending}", sign) for m in figures)]
         for row in rows
     ]
-    return table(["entry", *(measure.head for measure in figures)], cells)
+    return markdown(["entry", *(measure.head for measure in figures)], cells)
 
 
 def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
@@ -112,11 +107,11 @@ def of_robots(bench: ot.Bench, rows: Sequence[Row]) -> None:
         for row in rows
         if row["course"] == ALL and row.get(f"{POSE}_low") is not None
     ]
-    print(f"## all\n\n{table(heads, body)}\n\n{' '.join(errors)}\n")
+    print(f"## all\n\n{markdown(heads, body)}\n\n{' '.join(errors)}\n")
 
 
 def robots(bench: ot.Bench) -> str:
-    """What each entry is: bore, range of bores, length, mass and speed."""
+    """Return what each entry is: bore, range of bores, length, mass and speed."""
     body = []
     for entry in bench.entries:
         robot = robot_of(entry.changes)
@@ -127,7 +122,7 @@ def robots(bench: ot.Bench) -> str:
         speed = f"{1000 * robot.nominal_speed:.0f}"
         body.append([f"`{entry.name}`", *figures, speed])
     heads = ["entry", "bore, mm", "fits, mm", "length, bores", "mass, kg", "speed, mm/s"]
-    return table(heads, body)
+    return markdown(heads, body)
 
 
 def of_controllers(bench: ot.Bench, rows: Sequence[Row]) -> None:
@@ -143,23 +138,21 @@ def of_controllers(bench: ot.Bench, rows: Sequence[Row]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Compare, and print the tables."""
+    parser = Arguments(__doc__, workers=True)
     parser.add_argument("suite")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--course", nargs="+", dest="courses")
     parser.add_argument("--entry", nargs="+", dest="entries")
     parser.add_argument("--trials", type=int)
-    parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
+    given = parser.read()
     bench = ot.Bench.of(given.suite, given.courses, given.entries, trials=given.trials)
     result = ot.run_trials(bench, out=given.out, workers=given.workers)
-    if bench.suite.of_controllers:
+    if bench.suite.compares == "controllers":
         of_controllers(bench, result.summary["rows"])
     else:
         of_robots(bench, result.summary["rows"])
-    if not bench.suite.of_controllers and not given.entries:
+    if bench.suite.compares != "controllers" and not given.entries:
         print(f"## lessons\n\n{lessons(result.table.to_pylist())}\n")
 
 

@@ -108,12 +108,12 @@ def patches(shape: str, size: list[float], triangles: np.ndarray) -> list[Patch]
 
     if shape in ("sphere", "ellipsoid"):
         return balls([0, 0, 0], [a, a, a] if shape == "sphere" else [a, b, c])
-    mantle = lathe(lambda u, v: a + 0 * v, lambda u, v: b * (2 * v - 1), (1, 1, 1))
+    mantle = lathe(lambda _, v: a + 0 * v, lambda _, v: b * (2 * v - 1), (1, 1, 1))
     ends = [(1, 1, 1), (1, 1, -1)]
     if shape == "capsule":
         return [mantle, *balls([0, 0, b], [a, a, a]), *balls([0, 0, -b], [a, a, a])]
     if shape in ("wheel", "roller"):
-        return [mantle, *(lathe(lambda u, v: a * v, lambda u, v: b + 0 * v, end) for end in ends)]
+        return [mantle, *(lathe(lambda _, v: a * v, lambda _, v: b + 0 * v, end) for end in ends)]
 
     def triangle(corners: np.ndarray) -> Patch:
         # The square's side u = 0 is the triangle's first corner.
@@ -164,8 +164,10 @@ class Body:
         return best, where
 
     def from_circle(self, pose: Pose, radius: float) -> tuple[float, np.ndarray]:
-        """Least distance, m, of a circle about the z axis of a pose in the geom's frame from the
-        geom, and the circle's place (3,) that has it."""
+        """Return the least distance, m, of a circle from the geom, and the place (3,) that has it.
+
+        The circle lies about the z axis of a pose in the geom's frame.
+        """
         angle, width = np.linspace(0, 2 * np.pi, 721), np.pi / 360
         while True:
             circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
@@ -228,8 +230,10 @@ def from_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def from_walls(network: Assembly, points: np.ndarray) -> np.ndarray:
-    """Distances (n,) m of points (n, 3), world frame, from all walls between their port planes;
-    negative in the walls, infinite beyond open ends."""
+    """Return distances (n,) m of points (n, 3), world frame, from all walls between port planes.
+
+    They are negative in the walls, and infinite beyond open ends.
+    """
     away, inside = np.full(len(points), np.inf), np.zeros(len(points), bool)
     value = np.full(len(points), -np.inf)
     for part in network.parts:
@@ -266,8 +270,10 @@ def place_at(network: Assembly, column: str, number: int, rng: np.random.Generat
 def least_distance(
     network: Assembly, body: Body, pose: Pose
 ) -> tuple[float, np.ndarray, tuple[int, str] | None]:
-    """Least distance of a body in a pose from walls and edges, m; the place (3,) of the wall, world
-    frame; and the port whose edge it is, if it is one's."""
+    """Return the least distance, m, of a body in a pose from walls and edges.
+
+    Beside it are the place (3,) of the wall, world frame, and the port whose edge it is, if any.
+    """
     least, where = body.least(lambda points: from_walls(network, pose.apply(points)))
     away, place, port = from_edges(network, body, pose)
     if away < least:
@@ -279,8 +285,10 @@ def least_distance(
 def from_edges(
     network: Assembly, body: Body, pose: Pose
 ) -> tuple[float, np.ndarray, tuple[int, str] | None]:
-    """Least distance, m, of a body from the circles at ports, that circle's place (3,), world
-    frame, and the port."""
+    """Return the least distance, m, of a body from the circles at ports.
+
+    Beside it are that circle's place (3,), world frame, and the port.
+    """
     least, nearest, at = np.inf, pose.position, None
     for index, part in enumerate(network.parts):
         for name in part.fitting.ports:
@@ -295,8 +303,7 @@ def from_edges(
 def poses(
     network: Assembly, column: str, body: Body, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[Pose, float]]:
-    """Poses of a body up to ``GAP`` off the walls, each then pressed in, and its least distances,
-    m."""
+    """Yield poses of a body up to ``GAP`` off the walls, then pressed in, with distances, m."""
     while count:
         pose = pose_near(network, column, body, count, rng)
         if pose is None:
@@ -327,8 +334,10 @@ def slope(distance: Callable[[np.ndarray], np.ndarray], point: np.ndarray) -> np
 def pose_near(
     network: Assembly, column: str, body: Body, number: int, rng: np.random.Generator
 ) -> Pose | None:
-    """A pose in which samples of a body's surface are up to about ``GAP`` off the walls; None where
-    the search for it fails."""
+    """Return a pose in which samples of a body's surface are up to about ``GAP`` off the walls.
+
+    It is None where the search for it fails.
+    """
     centre, rotation = place_at(network, column, number, rng), turned(rng)
     if from_walls(network, centre[None])[0] < 0:
         return None

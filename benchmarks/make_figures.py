@@ -194,8 +194,10 @@ def run(line: str) -> tuple[bytes, float]:
 
 
 def commit() -> str:
-    """Return the commit of the checkout, with ``+changes`` where its code is another; pages and
-    pictures, which are being made, do not count."""
+    """Return the commit of the checkout, with ``+changes`` where its code is another.
+
+    Pages and pictures, which are being made, do not count.
+    """
     code = ["omnitrack_sim", "scenarios", "benchmarks"]
     git = ["git", "-C", str(ROOT)]
     head = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
@@ -213,6 +215,7 @@ def copied(docs: Path, target: Path) -> Path:
 
 
 def main() -> None:
+    """Make the parts that are asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

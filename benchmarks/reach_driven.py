@@ -18,7 +18,6 @@ which errs alike on all routes.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from shape import Arguments, random_gravity
 
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import Port
@@ -39,12 +39,11 @@ SEED = 74_000
 """Of the first network; nothing else uses these."""
 LENGTHS = (5.0, 40.0)
 """Shortest and longest route through a town, m."""
-LEAST_FITTINGS = 3
+MIN_FITTINGS = 3
 """Fittings other than straights on a route through a town."""
 THROUGH = ("elbow", "mitre", "tee", "wye", "cross")
 """Kinds of which a route through a town passes one, drawn as often as each other: most fittings of
 a town are slight bends."""
-QUICK = 3
 
 
 class Walk(NamedTuple):
@@ -74,8 +73,7 @@ def through_random_network(
         inner_diameter=bore,
     )
     start, goal = generator.choice(network.open_ends, 2, replace=False)
-    tilt = generator.normal(size=3)
-    return network, str(start), str(goal), (9.81 * tilt / np.linalg.norm(tilt)).tolist()
+    return network, str(start), str(goal), random_gravity(generator)
 
 
 class Town:
@@ -96,7 +94,7 @@ class Town:
             part = int(generator.choice(parts))
             walk = self._walk(part, float(generator.uniform(*LENGTHS)), generator)
             kinds = [self.fittings[i].kind for i in walk.parts] if walk else []
-            if walk and len(kinds) - kinds.count("straight") >= LEAST_FITTINGS:
+            if walk and len(kinds) - kinds.count("straight") >= MIN_FITTINGS:
                 return self._cut_out(walk)
 
     def _may_pass(self, part: int) -> bool:
@@ -128,8 +126,11 @@ class Town:
     def _onward(
         self, leave: Port, room: float, generator: np.random.Generator
     ) -> tuple[list[int], float, Port] | None:
-        """Walk on from a port by ``room`` m, and end inside a straight: the parts, how long a piece
-        of the last is walked, m, and its far port."""
+        """Walk on from a port by ``room`` m, and end inside a straight.
+
+        Returns:
+            The parts, how long a piece of the last is walked, m, and its far port.
+        """
         parts: list[int] = []
         least = self.robot.length + self.robot.nominal_bore
         while (enter := self.joined.get(leave)) is not None and self._may_pass(enter[0]):
@@ -225,17 +226,12 @@ def driven_before(file: Path | None) -> dict[int, dict[str, Any]]:
 
 def main() -> None:
     """Predict and drive."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Arguments(__doc__, trials=40, quick=3, of="routes", seed=SEED)
     parser.add_argument("passport")
     parser.add_argument("--town", metavar="FILE")
-    parser.add_argument("--routes", type=int, default=40)
     parser.add_argument("--friction", default="0.6:0.9")
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON, a line a route")
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} routes")
-    options = parser.parse_args()
+    options = parser.read()
     low, high = map(float, options.friction.split(":"))
     passport, town = ot.load_passport(options.passport), None
     if options.town:
@@ -243,10 +239,9 @@ def main() -> None:
         town = ot.load_network(options.town) if is_ours else ot.import_network(options.town).network
     out: Path | None = options.out
     driven = driven_before(out)
-    wanted = QUICK if options.quick else options.routes
     sure, spread, doubt, passes, within, known, unknown = 0.0, 0.0, 0.0, 0, 0, 0, 0
     for number, scenario in routes(passport, town, (low, high), options.seed):
-        if known == wanted:
+        if known == options.routes:
             break
         row = predict(passport, scenario)
         if not row.launch:

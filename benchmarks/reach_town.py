@@ -8,11 +8,11 @@ README do, and writes the picture. Prints what is reached and what stops the rob
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from pathlib import Path
 from textwrap import fill
 
+from shape import Arguments
 from wntr.library import ModelLibrary
 
 import omnitrack_sim as ot
@@ -25,9 +25,9 @@ BATTERY = 60.0
 
 def main() -> None:
     """Write the picture and print what stands beside it."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = Arguments(__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    arguments = parser.parse_args()
+    arguments = parser.read()
     network = ot.import_network(ModelLibrary().get_filepath("ky10")).network
     passport = ot.load_passport("omnitrack")
     reach = ot.map_reach(network, passport, OPENINGS, supply=ot.Supply(BATTERY))

@@ -2,16 +2,17 @@
 
 python benchmarks/screenshot_replay.py [--time S] [--camera NAME] [--out FILE]
 
-Runs the mission fig14, writes its page, opens it at a time, and saves what
-is seen. Needs chromium and the Python package playwright.
+Runs the mission fig14, writes its page, opens it at a time, and saves what is seen. Needs
+chromium and the Python package playwright.
 """
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import tempfile
 from pathlib import Path
+
+from shape import Arguments
 
 import omnitrack_sim as ot
 
@@ -22,11 +23,11 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 
 def main() -> None:
     """Run, write the page, photograph it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=_Plain)
+    parser = Arguments(__doc__)
     parser.add_argument("--time", type=float, default=5.1, help="s of the run")
     parser.add_argument("--camera", default="follow", choices=("orbit", "follow", "onboard"))
     parser.add_argument("--out", type=Path, default=Path("docs/figures/replay.png"))
-    asked = parser.parse_args()
+    asked = parser.read()
     result = ot.run(ot.load_scenario("missions/fig14"))
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "replay.html"
@@ -48,10 +49,6 @@ def photograph(address: str, out: Path) -> None:
         page.wait_for_timeout(500)  # until the last size of the page is drawn
         page.screenshot(path=out)
         browser.close()
-
-
-class _Plain(argparse.RawDescriptionHelpFormatter):
-    """Help as it is written above."""
 
 
 if __name__ == "__main__":

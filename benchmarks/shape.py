@@ -1,20 +1,29 @@
-"""The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables."""
+"""The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables.
+
+Where the tables of trials say all that a benchmark shows, what it draws is a plan of trials
+(``Trials``), and what it shows is made of their rows; where it needs trajectories, it runs tasks of
+its own (``run_tasks``).
+"""
 
 from __future__ import annotations
 
 import argparse
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
-from omnitrack_sim import Result
+from omnitrack_sim import Conclusion, Plan, Round, Scenario, run_trials
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
 from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.trials.batches import Trial, batched, sha256_of
+from omnitrack_sim.trials.plan import Rounds
 
+Row = Mapping[str, Any]
+"""A trial: a row of ``trials.parquet``, see docs/how-to/sweeps.md."""
 _Task, _Answer = TypeVar("_Task"), TypeVar("_Answer")
 
 
@@ -63,6 +72,53 @@ class Arguments(argparse.ArgumentParser):
         return given
 
 
+class Trials(Plan):
+    """Trials that a benchmark draws.
+
+    Args:
+        name: of the benchmark.
+        groups: scenarios by what they are trials of, such as a variant or a cell of a table.
+        columns: what of a scenario stands in its row as well, by name.
+        batch: trials that run together, at most.
+    """
+
+    noun = "benchmark"
+
+    def __init__(
+        self,
+        name: str,
+        groups: Mapping[Hashable, Sequence[Scenario]],
+        columns: Mapping[str, Callable[[Scenario], Any]] | None = None,
+        batch: int = 32,
+    ) -> None:
+        self.name, self.groups = name, groups
+        scenarios = [scenario for group in groups.values() for scenario in group]
+        labels = [str(key) for key, group in groups.items() for _ in group]
+        drawn = {name: [read(one) for one in scenarios] for name, read in (columns or {}).items()}
+        self._columns = {"group": labels, **drawn}
+        bases = {str(i): one.model_dump(mode="json") for i, one in enumerate(scenarios)}
+        self._batches = batched(bases, (Trial(i, str(i), {}) for i in range(len(bases))), batch)
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of everything that its trials depend on, hexadecimal."""
+        return sha256_of([batch.hash for batch in self._batches])
+
+    def data(self) -> dict[str, Any]:
+        """Return the plan as plain data, for its record."""
+        return {"name": self.name, "groups": {str(k): len(v) for k, v in self.groups.items()}}
+
+    def rounds(self) -> Rounds:
+        """Yield all trials at once."""
+        table = yield Round(self._batches, self._columns)
+        return Conclusion({"trials": table.num_rows})
+
+    def run(self, workers: int = 1) -> dict[Any, list[Row]]:
+        """Run all trials, and return the rows of each group."""
+        rows = iter(run_trials(self, workers=workers).table.to_pylist())
+        return {key: [next(rows) for _ in group] for key, group in self.groups.items()}
+
+
 def random_gravity(rng: np.random.Generator) -> list[float]:
     """Draw gravity (3,), m/s², in any direction."""
     # Normal components have no preferred direction.
@@ -105,9 +161,9 @@ def interval(passed: Iterable[bool], digits: int = 0) -> str:
     return f"{low:.{digits}f} to {high:.{digits}f} %"
 
 
-def rate(results: Sequence[Result]) -> str:
-    """Return how many runs passed, with the interval of their rate."""
-    return rate_text(sum(result.success for result in results), len(results))
+def rate(rows: Sequence[Row]) -> str:
+    """Return how many trials passed, with the interval of their rate."""
+    return rate_text(sum(row["success"] for row in rows), len(rows))
 
 
 def endings(failed: Iterable[str]) -> str:
@@ -116,20 +172,23 @@ def endings(failed: Iterable[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts) or "-"
 
 
-def mean_of(results: Sequence[Result], metric: str) -> str:
-    """Return the mean of a metric over runs that passed and modules, to three digits."""
-    values = [np.mean(result.metrics[metric]) for result in results if result.success]
+def modules_of(row: Row, metric: str) -> list[float]:
+    """Return the values of a metric of a trial: of the modules, or the one of the robot."""
+    return [row[name] for name in (metric, *(f"{metric}_{i}" for i in (1, 2, 3))) if name in row]
+
+
+def mean_of(rows: Sequence[Row], metric: str) -> str:
+    """Return the mean of a metric over trials that passed and modules, to three digits."""
+    values = [np.mean(modules_of(row, metric)) for row in rows if row["success"]]
     return f"{np.mean(values):.3g}" if values else "-"
 
 
 def compare(
     title: str,
-    variants: Mapping[str, Sequence[Result]],
-    columns: Mapping[str, Callable[[Sequence[Result]], str]],
+    variants: Mapping[str, Sequence[Row]],
+    columns: Mapping[str, Callable[[Sequence[Row]], str]],
     head: str = "variant",
 ) -> None:
-    """Print a table of variants: the results of each, by its name, in the columns."""
-    rows = (
-        [name, *(text(results) for text in columns.values())] for name, results in variants.items()
-    )
+    """Print a table of variants: the trials of each, by its name, in the columns."""
+    rows = ([name, *(text(own) for text in columns.values())] for name, own in variants.items())
     table(title, [head, *columns], rows)

@@ -8,17 +8,17 @@ side_by_side.mp4 with --film: all of it. The course is that of the benchmark.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
+from shape import Arguments
 
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.overlay import font
 from omnitrack_sim.show.film.render import film, render_frames
-from omnitrack_sim.trials.bench import suite_of
+from omnitrack_sim.trials.entries import robot_entry
 from omnitrack_sim.trials.mobility import load_course
 
 ROBOTS = ("omnitrack", "climber", "presser")
@@ -33,8 +33,8 @@ HEAD, GAP = 30, 6
 
 def run_of(robot: str) -> ot.Result:
     """The run of a robot into the branch, friction 0.8."""
-    changes = {**suite_of("mobility").entry_of(robot, "").changes, "world.friction": 0.8}
-    return ot.run(load_course("tee_into").scenario(0, changes), no_load=False)
+    changes = {**robot_entry(robot).changes, "world.friction": 0.8}
+    return ot.run(load_course("tee_into").scenario(changes), no_load=False)
 
 
 def panels_of(name: str, run: ot.Result, times: Sequence[float]) -> list[np.ndarray]:
@@ -61,10 +61,10 @@ def rows_of(runs: Sequence[ot.Result], times: Sequence[float]) -> list[np.ndarra
 
 def main() -> None:
     """Run the robots; write the picture, and the film if it is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Arguments(__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--film", action="store_true")
-    given = parser.parse_args()
+    given = parser.read()
     given.out.mkdir(parents=True, exist_ok=True)
     runs = [run_of(robot) for robot in ROBOTS]
     for name, run in zip(ROBOTS, runs, strict=True):

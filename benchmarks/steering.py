@@ -11,17 +11,18 @@ and how much the motor torque changes, recorded every 10 ms. The trials are the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from shape import Arguments, run_tasks, table
+from shape import Arguments, Row, Trials, modules_of, table
 from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
-from omnitrack_sim import Scenario, load_scenario, override, run_batch
+from omnitrack_sim import Scenario, load_scenario, override
 from omnitrack_sim.record.channels import MODULE_COLOURS
 from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
@@ -72,26 +73,17 @@ def loop_of(scenario: Scenario) -> SteeringLoop:
     )
 
 
-def cell(asked: tuple[float, float, int]) -> Cell:
-    """Measure one cell of a bandwidth, a rate gain and a number of trials."""
-    bandwidth, rate_gain, trials = asked
-    changes = changes_of(bandwidth, rate_gain)
-    scenarios = random_tee_turns(
-        trials, seed=31, friction=(0.5, 0.8), preload=(20.0, 35.0), changes=changes
-    )
-    results = run_batch(scenarios)
-    margin = loop_of(scenarios[0]).rate_margin()
-    changes_of_torque = np.array(
-        [result.metrics["torque_change_nm_s"] for result in results], float
-    )
+def cell(bandwidth: float, rate_gain: float, loop: SteeringLoop, turns: Sequence[Row]) -> Cell:
+    """Return what the model says of a cell, and what came of its turns."""
+    margin = loop.rate_margin()
     return Cell(
         bandwidth,
         rate_gain,
         margin.crossover,
         float(np.degrees(margin.phase)),
-        sum(result.success for result in results),
-        trials,
-        float(np.mean(changes_of_torque)),
+        sum(turn["success"] for turn in turns),
+        len(turns),
+        float(np.mean([modules_of(turn, "torque_change_nm_s") for turn in turns])),
     )
 
 
@@ -161,8 +153,18 @@ def main() -> None:
     arguments.add_argument("--figure", type=Path, metavar="FILE.svg")
     given = arguments.read()
     bandwidths = BANDWIDTHS[1::3] if given.quick else BANDWIDTHS
-    asked = [(b, k, given.trials) for k, b in product(RATE_GAINS, bandwidths)]
-    cells = run_tasks(cell, asked, given.workers)
+    drawn = {
+        (bandwidth, gain): random_tee_turns(
+            given.trials,
+            seed=31,
+            friction=(0.5, 0.8),
+            preload=(20.0, 35.0),
+            changes=changes_of(bandwidth, gain),
+        )
+        for gain, bandwidth in product(RATE_GAINS, bandwidths)
+    }
+    runs = Trials("steering", drawn).run(given.workers)
+    cells = [cell(*key, loop_of(drawn[key][0]), turns) for key, turns in runs.items()]
     heads = ["bandwidth, rad/s", *(f"k = {gain:g}" for gain in RATE_GAINS)]
     table("cells", heads, (row(bandwidth, cells) for bandwidth in bandwidths))
     if given.figure is not None:

@@ -1,5 +1,6 @@
-"""A linear model of steering: speed loop, rate loop and heading loop of a robot between walls that
-do not hold it, as in the opening of a tee.
+"""A linear model of steering: speed loop, rate loop and heading loop.
+
+The robot is between walls that do not hold it, as in the opening of a tee.
 
 Most of the inertia against a change of heading is that of the three rotors, which the gears
 multiply: 11.5 kg at each belt of a robot of 1 kg. So the modules turn as fast as their belts do,

@@ -8,10 +8,10 @@ its cameras, and one that explores).
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from PIL import Image
+from shape import Arguments
 
 import omnitrack_sim as ot
 
@@ -59,12 +59,11 @@ def still(result: ot.Result, time: float, camera: str, size: tuple[int, int], pa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Draw the series that are asked for."""
+    parser = Arguments(__doc__)
     parser.add_argument("series", nargs="+", choices=tuple(SERIES), metavar="SERIES")
     parser.add_argument("--out", type=Path, required=True)
-    given = parser.parse_args()
+    given = parser.read()
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.series:
         SERIES[name](given.out)

@@ -8,7 +8,6 @@ of the random axes instead of the sweep's own number; --over draws the rates ove
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from shape import Arguments, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.record.statistics import rate_text
@@ -37,7 +37,6 @@ class Cut(NamedTuple):
 
 
 FRICTION = Cut("world.friction", "friction", (0.6, 0.7, 0.8, 1.0))
-GRAVITY = Cut("world.gravity", "gravity")
 TABLES: dict[str, dict[str, tuple[Cut, ...]]] = {
     "tee_monte_carlo": {
         "reliability": (Cut("robot.preload", "preload, N", (15.0, 20.0, 35.0)),),
@@ -45,15 +44,12 @@ TABLES: dict[str, dict[str, tuple[Cut, ...]]] = {
             Cut("robot.preload", "preload, N", (15.0, 17.0, 19.0, 21.0, 25.0, 35.0)),
             FRICTION,
         ),
-        "gravity": (GRAVITY, FRICTION),
-        "orientation": (
-            Cut(
-                "start.theta5_deg", "theta5, degrees", (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)
-            ),
-        ),
     },
     "tee_merge": {
-        "gravity": (Cut("world.friction", "friction", (0.5, 0.6, 0.7, 1.0)), GRAVITY),
+        "gravity": (
+            Cut("world.friction", "friction", (0.5, 0.6, 0.7, 1.0)),
+            Cut("world.gravity", "gravity"),
+        ),
     },
     "tee_springs": {
         "springs": (
@@ -62,30 +58,16 @@ TABLES: dict[str, dict[str, tuple[Cut, ...]]] = {
         )
     },
     "tee_factors": {
-        "design": (
-            Cut("control.kind", "controller"),
-            Cut("robot.contact_length", "contact, mm", factor=1e3),
-        ),
         "alignment": (Cut("control.kind", "controller"), Cut("control.align", "aligned")),
-        "reach": (Cut("robot.reach", "reach, mm", factor=1e3),),
     },
-    "tee_lugs": {"lugs": (Cut("robot.lugs_per_track", "lugs a track"),)},
     "elbow_orientation": {"controllers": (Cut("control.kind", "controller"),)},
     "tee_orientation": {},
     "preload_friction": {},
-    "fig14_pairs": {},
     "design_reach_length": {
-        "reach": (Cut("robot.reach", "reach, mm", factor=1e3), Cut("base", "pipes")),
         "length": (Cut("robot.contact_length", "contact, mm", factor=1e3), Cut("base", "pipes")),
     },
-    "elbow_drives": {
-        "drives": (
-            Cut("robot.drive", "drive"),
-            Cut("world.friction", "friction"),
-        )
-    },
 }
-"""Tables of each sweep: rows, and columns where there are two cuts."""
+"""Tables of each sweep that pages show: rows, and columns where there are two cuts."""
 
 
 def groups(result: ot.TrialsResult, cut: Cut) -> dict[str, NDArray[np.bool_]]:
@@ -113,56 +95,52 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
     return rate_text(count, total) if interval else f"{count} of {total}"
 
 
-def table(result: ot.TrialsResult, cuts: Sequence[Cut]) -> str:
-    """Return one table of Markdown; its last column is of all trials of a row."""
-    passed = np.array(result.table["success"].to_pylist(), bool)
-    ran = np.array([one not in ("invalid", "error") for one in result.table["outcome"].to_pylist()])
-    rows = groups(result, cuts[0])
+def ran(result: ot.TrialsResult) -> NDArray[np.bool_]:
+    """Return the trials that came to an end of their own."""
+    return np.array(
+        [one not in ("invalid", "error") for one in result.table["outcome"].to_pylist()]
+    )
+
+
+def rows_of(result: ot.TrialsResult, cuts: Sequence[Cut]) -> tuple[list[str], list[list[str]]]:
+    """Return heads and rows of a table; its last column is of all trials of a row."""
+    passed, valid = np.array(result.table["success"].to_pylist(), bool), ran(result)
     columns = groups(result, cuts[1]) if len(cuts) > 1 else {}
     heads = [cuts[0].words, *(f"{cuts[1].words} {label}" for label in columns), "passed"]
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for label, row in rows.items():
-        cells = [rate(passed, ran & row & column, False) for column in columns.values()]
-        lines.append(f"| {' | '.join([label, *cells, rate(passed, ran & row, True)])} |")
-    return "\n".join(lines)
+    rows = []
+    for label, row in groups(result, cuts[0]).items():
+        cells = [rate(passed, valid & row & column, False) for column in columns.values()]
+        rows.append([label, *cells, rate(passed, valid & row, True)])
+    return heads, rows
 
 
-def summary(result: ot.TrialsResult) -> str:
+def summary(result: ot.TrialsResult) -> list[str]:
     """Return the row of the whole sweep: passed, at the first attempt, and how the others ended."""
     columns = result.table
     passed = np.array(columns["success"].to_pylist(), bool)
     outcomes = columns["outcome"].to_pylist()
-    ran = np.array([one not in ("invalid", "error") for one in outcomes])
     attempts = np.array(columns["attempts"].to_pylist(), float)
     first = int((passed & (attempts == 1)).sum())
     others = sorted({one for one, good in zip(outcomes, passed, strict=True) if not good})
     ends = ", ".join(f"{outcomes.count(one)} `{one}`" for one in others) or "-"
-    return "\n".join(
-        [
-            "| passed | at the first attempt | others |",
-            "|---|---|---|",
-            f"| {rate(passed, ran, True)} | {first} | {ends} |",
-        ]
-    )
+    return [rate(passed, ran(result), True), str(first), ends]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Run the sweep and print its tables."""
+    parser = Arguments(__doc__, workers=True)
     parser.add_argument("name", choices=tuple(TABLES), metavar="NAME")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--samples", type=int)
-    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--over", nargs=2, metavar=("AXIS", "FILE"))
-    given = parser.parse_args()
+    given = parser.read()
     sweep = ot.load_sweep(given.name)
     if given.samples:
         sweep = sweep.model_copy(update={"samples": given.samples})
     result = ot.run_trials(sweep, out=given.out, workers=given.workers)
-    print(f"## summary\n\n{summary(result)}\n")
+    table("summary", ("passed", "at the first attempt", "others"), [summary(result)])
     for name, cuts in TABLES[given.name].items():
-        print(f"## {name}\n\n{table(result, cuts)}\n")
+        table(name, *rows_of(result, cuts))
     if given.over:
         ot.plot_sweep(result, given.over[1], over=given.over[0])
 

@@ -1,6 +1,6 @@
 """Random tee turns: what laws, sizes of the robot and the time step are worth, on the same trials.
 
-python benchmarks/tee_turns.py STUDY ... [--trials N] [--quick] [--seed S]
+python benchmarks/tee_turns.py STUDY ... [--trials N] [--quick] [--seed S] [--workers N]
 
 Trials have any gravity, and theta5 within 11 degrees of the best if a study does not say otherwise.
 
@@ -18,10 +18,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from shape import Arguments, compare, endings, mean_of, random_gravity, rate, table
+from shape import (
+    Arguments,
+    Row,
+    Trials,
+    compare,
+    endings,
+    mean_of,
+    modules_of,
+    random_gravity,
+    rate,
+    table,
+)
 
-from omnitrack_sim import Result, Scenario, load_scenario, override, run_batch
-from omnitrack_sim.record.events import BackedOff
+from omnitrack_sim import Scenario, load_scenario, override
 
 
 def random_tee_turns(
@@ -56,24 +66,24 @@ def random_tee_turns(
     return scenarios
 
 
-def ends(results: Sequence[Result]) -> str:
+def ends(rows: Sequence[Row]) -> str:
     """Return how the turns ended that did not pass."""
-    return endings(result.outcome.value for result in results if not result.success)
+    return endings(row["outcome"] for row in rows if not row["success"])
 
 
-def rate_after_backing_off(results: Sequence[Result]) -> str:
+def rate_after_backing_off(rows: Sequence[Row]) -> str:
     """Return how many of the turns passed in which the robot backed off."""
-    return rate([r for r in results if any(isinstance(e, BackedOff) for e in r.events)])
+    return rate([row for row in rows if row["attempts"] > 1])
 
 
-def mean_time(results: Sequence[Result]) -> str:
+def mean_time(rows: Sequence[Row]) -> str:
     """Return the mean time of the turns that passed."""
-    times = [result.duration_s for result in results if result.success]
+    times = [row["duration_s"] for row in rows if row["success"]]
     return f"{np.mean(times):.2f} s" if times else "-"
 
 
 SIZES = {
-    "passed": lambda results: f"{sum(r.success for r in results)} of {len(results)}",
+    "passed": lambda rows: f"{sum(row['success'] for row in rows)} of {len(rows)}",
     "mean time": mean_time,
     "others": ends,
 }
@@ -90,7 +100,7 @@ class Study:
         trials: by default.
         seed: by default.
         turns: arguments of ``random_tee_turns`` of all variants.
-        columns: texts of the results of a variant, by their heads.
+        columns: texts of the trials of a variant, by their heads.
         head: of the column of variants.
     """
 
@@ -99,14 +109,14 @@ class Study:
     trials: int = 96
     seed: int = 1
     turns: Mapping[str, Any] = field(default_factory=dict)
-    columns: Mapping[str, Callable[[Sequence[Result]], str]] = field(default_factory=lambda: SIZES)
+    columns: Mapping[str, Callable[[Sequence[Row]], str]] = field(default_factory=lambda: SIZES)
     head: str = "variant"
 
-    def run(self, trials: int, seed: int) -> dict[str, list[Result]]:
-        """Return the results of each variant."""
+    def draw(self, trials: int, seed: int) -> dict[str, list[Scenario]]:
+        """Draw the turns of each variant."""
         arguments = {name: {"changes": changes} for name, changes in self.variants.items()}
         return {
-            name: run_batch(random_tee_turns(trials, seed=seed, **self.turns, **own), no_load=False)
+            name: random_tee_turns(trials, seed=seed, **self.turns, **own)
             for name, own in (arguments | dict(self.draws)).items()
         }
 
@@ -129,9 +139,9 @@ STUDIES = {
         turns={"friction": (0.5, 0.8), "preload": (20.0, 35.0)},
         columns={
             "passed": rate,
-            "torque change, N m/s": lambda results: mean_of(results, "torque_change_nm_s"),
-            "energy, J": lambda results: mean_of(results, "energy_j"),
-            "largest tilt, deg": lambda results: mean_of(results, "tilt_max_deg"),
+            "torque change, N m/s": lambda rows: mean_of(rows, "torque_change_nm_s"),
+            "energy, J": lambda rows: mean_of(rows, "energy_j"),
+            "largest tilt, deg": lambda rows: mean_of(rows, "tilt_max_deg"),
         },
     ),
     "weak": Study(
@@ -176,29 +186,28 @@ STEP_FIGURES = {"slip": "slip_distance_m", "energy": "energy_j", "largest tilt":
 """Metrics that are compared between time steps."""
 
 
-def print_steps(runs: Mapping[str, Sequence[Result]]) -> None:
+def print_steps(runs: Mapping[str, Sequence[Row]]) -> None:
     """Print the metrics of each time step against those of the finest."""
-    whole = np.all([[result.success for result in results] for results in runs.values()], axis=0)
-    finest = next(iter(runs.values()))
-    rows = []
-    for step, results in runs.items():
-        cells = [step, sum(result.success for result in results)]
+    whole = np.all([[row["success"] for row in rows] for rows in runs.values()], axis=0)
+    finest, lines = next(iter(runs.values())), []
+    for step, rows in runs.items():
+        cells = [step, sum(row["success"] for row in rows)]
         for metric in STEP_FIGURES.values():
             own, best = (
-                np.array([np.sum(result.metrics[metric]) for result in turns])[whole]
-                for turns in (results, finest)
+                np.array([np.sum(modules_of(row, metric)) for row in turns])[whole]
+                for turns in (rows, finest)
             )
             ratios = (own.sum() / best.sum(), np.median(own / best))
             cells += [f"{100 * (ratio - 1):+.1f} %" for ratio in ratios]
-        rows.append(cells)
+        lines.append(cells)
     heads = [f"{name}: {what}" for name in STEP_FIGURES for what in ("means", "median of pairs")]
     text = f"{whole.sum()} of {len(finest)} turns pass at all steps; of these:"
-    table("steps", ["step, ms", "passed", *heads], rows, text)
+    table("steps", ["step, ms", "passed", *heads], lines, text)
 
 
 def main() -> None:
     """Run the studies that are asked for, and print their tables."""
-    arguments = Arguments(__doc__)
+    arguments = Arguments(__doc__, workers=True)
     arguments.add_argument("studies", nargs="+", choices=tuple(STUDIES), metavar="STUDY")
     arguments.add_argument("--trials", type=int, help="of a variant; default of the study")
     arguments.add_argument("--seed", type=int, help="of the trials; default of the study")
@@ -207,7 +216,8 @@ def main() -> None:
     for name in given.studies:
         study = STUDIES[name]
         trials = given.trials or (8 if given.quick else study.trials)
-        runs = study.run(trials, study.seed if given.seed is None else given.seed)
+        turns = study.draw(trials, study.seed if given.seed is None else given.seed)
+        runs = Trials(name, turns).run(given.workers)
         if name == "steps":
             print_steps(runs)
         else:

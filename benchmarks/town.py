@@ -10,7 +10,6 @@ each pipe, and counts those that get out.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from importlib.util import find_spec
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from shape import Arguments
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import length
@@ -104,13 +104,11 @@ def throw(
 
 def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = Arguments(__doc__, trials=200, of="nodes", seed=1)
     parser.add_argument("--file", type=Path)
-    parser.add_argument("--nodes", type=int, default=200)
     parser.add_argument("--balls", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=0.5)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = parser.read()
     begin = time.process_time()
     if asked.file is not None and asked.file.suffix == ".toml":
         network = ot.load_network(asked.file)

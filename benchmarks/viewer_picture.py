@@ -1,12 +1,12 @@
-"""The picture of docs/how-to/viewer.md: the window of `omnitrack drive` in the middle of a tee
-turn, on a virtual screen (Xvfb), by the keys that a driver would press.
+"""The window of `omnitrack drive` in the middle of a tee turn, as docs/how-to/viewer.md shows it.
+
+It is driven on a virtual screen (Xvfb) by the keys that a driver would press.
 
     python benchmarks/viewer_picture.py docs/viewer.png
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import time
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PIL import ImageGrab
+from shape import Arguments
 
 import omnitrack_sim as ot
 
@@ -27,9 +28,9 @@ SETTINGS = {"start.theta5_deg": -20.0, "start.distance": 0.24}
 
 def main() -> None:
     """Drive to the tee, and take the picture there."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__)
     parser.add_argument("picture", type=Path)
-    picture = parser.parse_args().picture
+    picture = parser.read().picture
     read, write = os.pipe()
     size = "x".join(map(str, (*SCREEN, 24)))
     server = subprocess.Popen(
@@ -51,8 +52,8 @@ def main() -> None:
 
 
 def _drive(scenario: ot.Scenario, window: Window) -> None:
+    from omnitrack_sim.show.viewer.driver import Driver
     from omnitrack_sim.show.viewer.keys import Do
-    from omnitrack_sim.show.viewer.player import Driver
 
     driver = Driver(scenario, window)
     stage = driver.run

@@ -31,12 +31,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from shape import Arguments, endings, interval, random_gravity, run_tasks, table
+from shape import Arguments, Row, Trials, endings, interval, random_gravity, table
 
-from omnitrack_sim import Result, Scenario, override, run_batch
+from omnitrack_sim import Scenario, override
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
+from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
@@ -89,24 +90,6 @@ class Cell(NamedTuple):
         if self.way in ("over", "across"):
             return 0.0
         return 180.0 - self.angle_deg if self.way.startswith("sharp") else self.angle_deg
-
-
-class Ended(NamedTuple):
-    """What came of one trial.
-
-    Attributes:
-        wall: it ran on. friction: its coefficient. downward: gravity's component along the way into
-            the wye, in g.
-        outcome, passed: how it ended. retries: how often it backed off. duration: s.
-    """
-
-    wall: str
-    friction: float
-    downward: float
-    outcome: str
-    passed: bool
-    retries: int
-    duration: float
 
 
 def cells(fitting: str = "wye") -> list[Cell]:
@@ -163,64 +146,49 @@ def trial(cell: Cell, index: int, changes: Mapping[str, Any] | None = None) -> S
     return override(scenario, dict(changes)) if changes else scenario
 
 
-def drive(task: tuple[Cell, Sequence[int], Mapping[str, Any]]) -> list[Ended]:
-    """Run trials of a cell, with changes, as one batch."""
-    cell, indices, changes = task
-    results = run_batch([trial(cell, i, changes) for i in indices], threads=1, no_load=False)
-    return [ended(index, result) for index, result in zip(indices, results, strict=True)]
+DRAWN = {
+    "friction": lambda scenario: scenario.world.friction,
+    # The first pipe leads along z.
+    "downward": lambda scenario: scenario.world.gravity[2] / GRAVITY,
+}
+"""What of a trial the tables need beside what came of it."""
 
 
-def ended(index: int, result: Result) -> Ended:
-    """What came of trial ``index``."""
-    retries = sum(passage.retries for passage in result.timeline())
-    scenario = result.scenario
-    forward = scenario.route.centreline.frame(np.zeros(1))[0, :, 2]
-    return Ended(
-        wall=wall_of(index),
-        friction=scenario.world.friction,
-        downward=float(np.dot(scenario.world.gravity, forward)) / 9.81,
-        outcome=result.outcome.value,
-        passed=result.success,
-        retries=retries,
-        duration=result.duration_s,
-    )
-
-
-def row(cell: Cell, trials: Sequence[Ended]) -> list[str]:
+def row(cell: Cell, trials: Sequence[Row]) -> list[str]:
     """Return a row of the table of ways."""
-    passed = [t for t in trials if t.passed]
+    passed = [one for one in trials if one["success"]]
     return [
         cell.way,
         f"{cell.angle_deg:.0f}" + ("" if cell.branch == BORE else f", {1000 * cell.branch:.0f} mm"),
-        *(str(sum(t.wall == wall for t in passed)) for wall in WALLS),
-        interval(t.passed for t in trials),
-        str(sum(t.retries > 0 for t in passed)),
-        f"{np.mean([t.duration for t in passed]):.1f}" if passed else "-",
-        endings(t.outcome for t in trials if not t.passed),
+        *(str(sum(low <= t["friction"] < high for t in passed)) for low, high in WALLS.values()),
+        interval(one["success"] for one in trials),
+        str(sum(one["attempts"] > 1 for one in passed)),
+        f"{np.mean([one['duration_s'] for one in passed]):.1f}" if passed else "-",
+        endings(one["outcome"] for one in trials if not one["success"]),
     ]
 
 
-def gravity_row(way: str, trials: Sequence[Ended]) -> list[str]:
+def gravity_row(way: str, trials: Sequence[Row]) -> list[str]:
     """Return a row of the table over the direction of gravity."""
     cells = [way]
     for low, high in DOWNWARD.values():
-        passed = [t.passed for t in trials if low <= t.downward < high]
+        passed = [one["success"] for one in trials if low <= one["downward"] < high]
         cells.append(f"{sum(passed)} of {len(passed)} ({interval(passed)})")
     return cells
 
 
 @style()
-def figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
+def figure(found: Mapping[Cell, Sequence[Row]]) -> Figure:
     """The wye with its ways, and the sharp turns over gravity, in a row for each angle."""
     page = new_figure((8.0, 3.6), layout="constrained")
     left, right = page.subplots(1, 2, width_ratios=(1, 1.2))
     _draw_wye(left)
     for passed, colour, marker in ((True, "tab:blue", "o"), (False, "tab:red", "x")):
         dots = [
-            (t.downward, cell.turn_deg + SPREAD_DEG * (t.friction - 0.8))
+            (one["downward"], cell.turn_deg + SPREAD_DEG * (one["friction"] - 0.8))
             for cell, trials in found.items()
-            for t in trials
-            if cell.way == "sharp turn" and t.passed == passed
+            for one in trials
+            if cell.way == "sharp turn" and one["success"] == passed
         ]
         label = f"{'passed' if passed else 'failed'} ({len(dots)})"
         right.scatter(
@@ -286,11 +254,11 @@ def main() -> None:
     margin = given.margin_deg
     changes = {} if margin is None else {"control.safe_margin_deg": margin}
     asked = cells("cross" if given.cross else "wye")
-    tasks = [(cell, range(given.trials), changes) for cell in asked]
-    found = dict(zip(asked, run_tasks(drive, tasks, given.workers), strict=True))
+    drawn = {cell: [trial(cell, i, changes) for i in range(given.trials)] for cell in asked}
+    found = Trials("wye", drawn, DRAWN).run(given.workers)
     walls = (f"{wall}, of {given.trials // len(WALLS)}" for wall in WALLS)
     table("ways", ["way", "branch, deg", *walls, *HEADS], (row(*one) for one in found.items()))
-    equal: dict[str, list[Ended]] = {}
+    equal: dict[str, list[Row]] = {}
     for cell, trials in found.items():
         if cell.branch == BORE:
             equal.setdefault(cell.way, []).extend(trials)

@@ -20,6 +20,8 @@ STEP = 0.005
 """Travel between two moments, m."""
 START = 0.1
 """From the open end where it begins to its centre, m."""
+MAX_DECISIONS = 100
+"""Most decisions of an explorer at one place."""
 SHARP = np.radians(100)
 """Turn from which on ``PointRobot.sharp`` names a part, rad."""
 
@@ -195,7 +197,11 @@ class PointRobot:
         explorer, entered = self.explorer, self.part
         # By a plate, or by what a test has put in the place of plates.
         hangs = bool(self.hidden) or "_blocked" in vars(self)
+        stands, decisions = 0.0, 0
         while self.travel < most:
+            decisions = decisions + 1 if self.travel == stands else 0
+            stands = self.travel
+            assert decisions < MAX_DECISIONS, f"it decides without end: {self.events[-5:]}"
             if self.told >= self.slip[0]:
                 self.told, self.slip = self.told + self.slip[1], (np.inf, 0.0)
             time, told, decision = self.travel, self.told, None

@@ -25,7 +25,7 @@ needs_screen = pytest.mark.skipif(
 PATIENCE = 120.0
 """Longest wait for one thing that a test waits for, s: a machine may be busy."""
 TOOLS = f'''
-import os, subprocess, sys, threading, time
+import os, subprocess, sys, threading, time, traceback
 
 def wait(holds, what):
     """Until a condition holds; a test that waits in vain ends here and says for what."""
@@ -42,18 +42,25 @@ def press(*keys):
 
 def focus():
     """Give the window the keyboard, which no window manager does here."""
-    find = ["xdotool", "search", "--onlyvisible", "--name", "omnitrack_scene"]
+    find = ["xdotool", "search", "--onlyvisible", "--name", "omnitrack_sim"]
     found = lambda: subprocess.run(find, capture_output=True, text=True).stdout.split()
     wait(found, "the window")
     subprocess.run(["xdotool", "windowfocus", "--sync", found()[0]], check=True)
 
 def user(kind):
     """Let ``act`` sit before the window of a class of the viewer, in a thread of its own."""
-    from omnitrack_sim.show.viewer import player
+    from omnitrack_sim.show.viewer import driver, player
+    player = driver if kind == "Driver" else player
     class Watched(getattr(player, kind)):
         def play(self):
-            threading.Thread(target=lambda: (focus(), act(self)), daemon=True).start()
+            threading.Thread(target=self.sit, daemon=True).start()
             super().play()
+        def sit(self):
+            try:
+                focus(), act(self)
+            except Exception:  # a script with a mistake ends the test, and not its patience
+                traceback.print_exc()
+                os._exit(4)
     setattr(player, kind, Watched)
 '''
 """What the script of a user in front of a window has at hand; see ``at_window``."""

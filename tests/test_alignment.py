@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.robots.omnitrack.control.alignment import (
+from omnitrack_sim.robots.omnitrack.control.orientation import (
+    OrientationRange as Range,
+)
+from omnitrack_sim.robots.omnitrack.control.orientation import (
+    intersect,
+    orientation_error,
+    preferred_theta5,
+)
+from omnitrack_sim.robots.omnitrack.control.roll_plan import (
     NO_MOTION_MARGIN,
     Obstacle,
-    Wish,
-    agreed,
     no_motion_distance,
-    orientation_error,
     plan_roll,
-    preferred_theta5,
 )
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.singularity import is_singular, safe_margin, sector_angle
@@ -178,14 +182,18 @@ def test_wishes_agree_on_what_they_have_in_common():
     """The common range of two wishes, the first one's where they have none, modulo the period of
     the modules."""
     margin = np.radians([10.0])
-    best, width = agreed([Wish(0.0, margin), Wish(np.radians(12.0), margin)])
+    best, width = intersect([Range(0.0, margin), Range(np.radians(12.0), margin)])
     assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
-    best, width = agreed([Wish(0.0, margin), Wish(np.radians(132.0), margin)])
+    best, width = intersect([Range(0.0, margin), Range(np.radians(132.0), margin)])
     assert np.degrees([best[0], width[0]]) == pytest.approx([6.0, 4.0])
-    best, width = agreed(
-        [Wish(0.0, margin), Wish(np.radians(60.0), margin), Wish(np.radians(-8.0), margin)]
+    best, width = intersect(
+        [
+            Range(0.0, margin),
+            Range(np.radians(60.0), margin),
+            Range(np.radians(-8.0), margin),
+        ]
     )
     assert np.degrees([best[0], width[0]]) == pytest.approx([-4.0, 6.0])
-    best, width = agreed([Wish(0.3, np.array([0.1, 0.2])), Wish(0.5, np.array([0.05, 0.1]))])
+    best, width = intersect([Range(0.3, np.array([0.1, 0.2])), Range(0.5, np.array([0.05, 0.1]))])
     assert best == pytest.approx([0.3, 0.45])
     assert width == pytest.approx([0.1, 0.05])

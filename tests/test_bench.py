@@ -11,30 +11,31 @@ import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
 
-from omnitrack_sim import run_trials
+from omnitrack_sim import run_trials, shipped_files
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
+from omnitrack_sim.robots.kinds import ROBOTS
 from omnitrack_sim.robots.omnitrack.control import open_loop
 from omnitrack_sim.trials import dispatch
-from omnitrack_sim.trials.bench import Bench, Changes, Course, suite_of
+from omnitrack_sim.trials.bench import Bench
 from omnitrack_sim.trials.bench_table import page, rows_of
-from omnitrack_sim.trials.controllers import DRY, _drawn
-from omnitrack_sim.trials.mobility import least_friction, robot_of
+from omnitrack_sim.trials.entries import Changes, robot_of
+from omnitrack_sim.trials.suite import Course, load_suite, min_friction
 
-CONTROL = suite_of("control")
+CONTROL = load_suite("control")
 TABLES = (f"{name}.{end}" for name in ("trials", "results") for end in ("parquet", "csv"))
 FILES = ("bench.json", "summary.json", "results.md", "bench.png", *TABLES)
 
 
 def driven_by(source: str):
     """The entry of a controller."""
-    return CONTROL.entry_of("", source)
+    return CONTROL.entry("", source)
 
 
 def _short(trials: int, changes: Changes):
     """Begins of turns in the tee, of 0.3 s."""
-    return _drawn("tee_turn", 1, DRY, trials, {**changes, "run.time_limit": 0.3})
+    return CONTROL.courses["turn"].sweep(trials, {**changes, "run.time_limit": 0.3})
 
 
 SHORT = Course("short", "up the run for a moment", 4, 2, _short)
@@ -170,7 +171,7 @@ def test_intervals():
         (["--controller", "missing.npz"], "no such file, nor a shipped policy"),
         (["--controller", "a/b=equal"], "has no name for a folder"),
         (["--controller", "equal=paper"], "is the name of two"),
-        (["--robot", "presser"], "is for the suite mobility"),
+        (["--robot", "presser"], "is for suites of robots"),
         (["--robot", "a", "--robot", "b", "--controller", "c"], "give one for each --robot"),
         (["--trials", "12"], "is the number of trials; leave out --quick"),
     ],
@@ -192,6 +193,83 @@ def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys)
 def test_an_entry_that_cannot_drive_is_refused_before_any_trial():
     with pytest.raises(InputError, match="one of each at least"):
         Bench(CONTROL, [SHORT], [])
+
+
+OWN = """
+title = "Short pipes"
+[[measures]]
+name = "duration_s"
+unit = "s"
+words = "time"
+[[entries]]
+name = "gentle"
+words = "slowly"
+changes = { "control.cruise_speed" = 0.05 }
+[[courses]]
+course = "mine.toml"
+trials = 2
+quick = 1
+seed = 5
+[[courses]]
+name = "climb"
+words = "up a pipe"
+trials = 3
+quick = 1
+seed = 6
+base = "straight"
+[[courses.axes]]
+path = "world.friction"
+kind = "uniform"
+low = 0.5
+high = 0.9
+"""
+COURSE = 'words = "along"\nclimb_deg = 0\n[[pipes]]\nkind = "straight"\nlength = 1.0\n'
+
+
+@pytest.fixture
+def own_suite(tmp_path):
+    """A suite file of a user's, beside a course file that it names."""
+    (tmp_path / "mine.toml").write_text(COURSE)
+    (tmp_path / "own.toml").write_text(OWN)
+    return tmp_path / "own.toml"
+
+
+def test_a_suite_of_a_user_is_a_file(own_suite):
+    """Courses in bores and random trials of a scenario, its entries and others."""
+    bench = Bench.of(own_suite, trials=1, changes={"run.time_limit": 0.05})
+    assert (bench.name, [course.words for course in bench.courses]) == (
+        "own",
+        ["along", "up a pipe"],
+    )
+    rows = run_trials(bench).summary["rows"]
+    assert [(row["course"], row["entry"]) for row in rows] == [
+        ("mine", "gentle"),
+        ("climb", "gentle"),
+        ("all", "gentle"),
+    ]
+    assert [row["others"] for row in rows] == ["1 timed_out", "1 timed_out", "2 timed_out"]
+    bases = [base for sweep in bench.sweeps().values() for base in sweep.bases.values()]
+    assert {base.control.cruise_speed for base in bases} == {0.05}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('base = "straight"', "", "needs one of base, course and missions"),
+        ('words = "up a pipe"', "", "needs name and words"),
+        ('name = "climb"', 'name = "mine"', "is the name of an earlier one"),
+        ('course = "mine.toml"', 'course = "none.toml"', "none.toml"),
+        ("seed = 5", "sed = 5", "sed"),
+    ],
+)
+def test_faults_of_a_suite_file_are_told(own_suite, old, new, told):
+    own_suite.write_text(OWN.replace(old, new))
+    with pytest.raises(InputError, match=told):
+        load_suite(own_suite)
+
+
+def test_all_shipped_policies_are_entries():
+    assert {*shipped_files("policies")} <= {*CONTROL.entries}
 
 
 # Robots
@@ -228,7 +306,7 @@ def test_an_outside_robot_has_its_row_by_one_command(outside, monkeypatch, capsy
     (row,) = rows
     assert (row["course"], row["entry"]) == ("straight_level", "slug.push_control.Push")
     assert (row["passed"], row["trials"]) == (2, 2)
-    assert row["least_friction"] == 0.5
+    assert row["min_friction"] == 0.5
     assert row["mean_speed_m_s"] > 0.01
     out = outside / "out" / "bench_mobility_quick"
     assert (out / "bench.png").is_file()
@@ -272,6 +350,7 @@ def test_fixed_sizes_do_not_scale(outside):
 
 def test_every_shipped_robot_has_every_course():
     """Or a reason why it does not fit; not one of them is an abort."""
+    assert {*ROBOTS} - {"mjcf"} <= {*load_suite("mobility").entries}
     sweeps = Bench.of("mobility", quick=True).sweeps()
     assert all(sweep.size in (1, 2) for sweep in sweeps.values() if not isinstance(sweep, str))
     assert [key for key, sweep in sweeps.items() if isinstance(sweep, str)] == []
@@ -313,15 +392,15 @@ def test_what_can_be_passed_counts_for_all_courses():
     assert rows["all"]["others"] == "4 timed_out"
 
 
-def test_least_friction():
+def test_min_friction():
     """At it and at all higher ones half of the trials pass, wherever those without one stand."""
     friction = [None, 0.3, 1.0, None, 0.5, 0.8, 0.8, 0.3]
     ends = ["stuck", "reached_goal", "reached_goal", "stuck", "stuck"]
     outcomes = [*ends, "reached_goal", "stuck", "reached_goal"]
     columns = {"world.friction": friction, "outcome": outcomes}
     columns["success"] = [outcome == "reached_goal" for outcome in outcomes]
-    assert least_friction(pa.table(columns)) == 0.8
-    assert math.isnan(least_friction(pa.table({**columns, "success": [False] * 8})))
+    assert min_friction(pa.table(columns)) == 0.8
+    assert math.isnan(min_friction(pa.table({**columns, "success": [False] * 8})))
 
 
 def test_a_wrong_change_is_no_misfit():

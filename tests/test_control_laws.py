@@ -14,9 +14,10 @@ from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import AIMS, Aligner, orientation_error
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
+from omnitrack_sim.robots.omnitrack.control.orientation import AIMS, orientation_error
 from omnitrack_sim.robots.omnitrack.control.tracking import Lean, Tracking
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
@@ -448,14 +449,14 @@ def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> 
     pipes = [WAYS["elbow"], WAYS["elbow"] | {"turn_deg": turn_deg}]
     bench = Bench(scenario_of(*pipes, **{"control.align": True}))
     aligner = Aligner(bench.setup, "alignment")
-    best, margin = aligner.best[:, 0, 0, 0], aligner.aim[:, 0, 0, 0]
+    best, margin = aligner.ranges.best[:, 0, 0, 0], aligner.ranges.half_width[:, 0, 0, 0]
     assert best.shape == margin.shape == (AIMS,)
     start, frame = bench.routes.start[:2], bench.scenario.route.centreline.frame
     # Without twist: a direction keeps its coordinates in the frame of the centreline.
     towards = [bench.routes.directions[i] @ frame(start[i : i + 1])[0] for i in (0, 1)]
     later = np.arctan2(towards[0][1], towards[0][0]) - np.arctan2(towards[1][1], towards[1][0])
     single = Bench(scenario_of("elbow", **{"control.align": True}))
-    asked = Aligner(single.setup, "alignment").aim[:, 0, 0, 0]
+    asked = Aligner(single.setup, "alignment").ranges.half_width[:, 0, 0, 0]
     assert (np.abs(orientation_error(best, 0.0)) <= asked + 1e-9).all()
     assert (np.abs(orientation_error(best + later, 0.0)) <= asked + 1e-9).all()
     assert (margin < asked).all()
@@ -495,7 +496,7 @@ def test_tracks_roll_to_the_wall_before_a_robot_backs_off(
     controller = bench.controller
     assert isinstance(controller, JacobianController)
     aligner, roll = controller.aligner, np.full((1, 3), np.radians(roll_deg))
-    aligner.roll[:] = aligner.roll_target[:] = roll
+    aligner.rolls.now[:] = aligner.rolls.target[:] = roll
     aligner.aligned[:] = 1
     observation = bench.observe(bench.inside())
     out = -cross(observation.location.tangent, observation.location.normal)[0]
@@ -527,7 +528,7 @@ def test_a_robot_that_is_about_to_slide_past_backs_off_as_it_is() -> None:
     bench = Bench(scenario_of("tee_turn", **changes))
     controller, roll = bench.controller, np.full((1, 3), 0.5)
     assert isinstance(controller, JacobianController)
-    controller.aligner.roll[:] = controller.aligner.roll_target[:] = roll
+    controller.aligner.rolls.now[:] = controller.aligner.rolls.target[:] = roll
     controller.aligner.aligned[:] = 1
     controller.sway.slides = np.ones(1, bool)
     command = bench.step(bench.inside(), roll=roll[0])
@@ -575,7 +576,7 @@ def test_the_state_of_a_controller_turns_round_with_the_robot() -> None:
         controller, rate = bench.controller, np.array([0.3, -0.2, 0.5])
         assert isinstance(controller, JacobianController)
         aligner = controller.aligner
-        aligner.roll[0] = aligner.roll_target[0] = [0.1, 0.2, 0.3]
+        aligner.rolls.now[0] = aligner.rolls.target[0] = [0.1, 0.2, 0.3]
         for _ in range(20):
             bench.step(0.2, angular_velocity=rate)
         seen = rate * [1.0, gear, gear]

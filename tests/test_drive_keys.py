@@ -11,8 +11,8 @@ import pytest
 from documents import page
 
 from omnitrack_sim.robots.driving import Order
+from omnitrack_sim.show.viewer.driver import KeyContext, Teleoperation
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Do, action_of, help_lines
-from omnitrack_sim.show.viewer.player import KeyContext, Teleoperation
 
 UP, TOWARDS = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 """A nose that points up the picture, and the viewer in front of it: x is to the right."""

@@ -275,7 +275,7 @@ def test_arms_of_a_robot_off_the_middle_measure_no_bore():
     }
     bores = {}
     for name, slide in slides.items():
-        senses.readings = {**senses.readings, "slide": np.array([slide])}
+        senses.body = senses.body._replace(arm=np.array([slide]))
         bores[name] = senses.look(0, back=False).bore
     assert bores["centred"] == pytest.approx(0.16)
     assert bores["wider"] == pytest.approx(0.17)

@@ -9,6 +9,7 @@ import pytest
 from film_samples import PIPES, SIZE, chain_result, elbow_result
 from samples import two_legs, two_legs_result
 
+import omnitrack_sim as ot
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
@@ -199,3 +200,22 @@ def test_overlay_names_fitting_and_gear():
     channels = dict(trajectory.channels) | {"gear": np.ones(last + 1)}
     nose_first = Trajectory(trajectory.time, channels, trajectory.phases, trajectory.qpos)
     assert (written(nose_first, "drop") != named).any()
+
+
+def test_a_robot_of_half_the_size_looks_the_same_in_half_the_pipe():
+    """Its pictures are sized by its bore; in those of a whole pipe's size it would be a speck."""
+    whole = {"pipes.0.length": 0.6, "start.distance": 0.2, "run.time_limit": 0.02}
+    half = {
+        "robot.scale": 0.5,
+        "pipes.0.inner_diameter": 0.08,
+        "pipes.0.length": 0.3,
+        "start.distance": 0.1,
+        "run.time_limit": 0.02,
+        "control.cruise_speed": 0.07,
+    }
+    look = {"camera": "follow", "overlay": False, "width": 320, "height": 180}
+    one, other = (
+        ot.render_frame(ot.run(ot.load_scenario("straight", c)), time=0.0, **look).astype(int)
+        for c in (whole, half)
+    )
+    assert np.abs(one - other).mean() < 3

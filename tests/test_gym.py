@@ -19,6 +19,7 @@ from screens import needs_screen, screen
 
 import omnitrack_sim as ot
 from omnitrack_sim.gym import IDS, TERMS
+from omnitrack_sim.gym.env import EpisodeStage, _along_the_route
 from omnitrack_sim.gym.episodes import EpisodeSampler, with_values
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
@@ -246,3 +247,16 @@ def test_without_gymnasium_the_import_says_what_to_install():
     code = "import sys; sys.modules['gymnasium'] = None; import omnitrack_sim.gym"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "needs Gymnasium: pip install 'omnitrack_sim[gym]'" in done.stderr
+
+
+def test_the_camera_goes_along_with_the_robot():
+    """In a straight pipe a robot 6 cm further on gives nearly the same picture from the side."""
+    scenario = ot.load_scenario("straight")
+    stage = EpisodeStage(_along_the_route(scenario), (160, 96), "side")
+    qpos = ot.Simulation([scenario]).plant.qpos[0].copy()
+    pictures = []
+    for distance in (0.2, 0.26):
+        qpos[:3] = scenario.route.centreline.at(np.array([distance]))[0][0]
+        pictures.append(stage.frame(qpos, np.zeros(3)).astype(float))
+    stage.__exit__()
+    assert 0.5 < np.abs(pictures[1] - pictures[0]).mean() < 8.0

@@ -213,8 +213,8 @@ def test_tables_of_a_sweep_count_each_trial_once():
             assert sum(
                 which.astype(int) for which in sweep_tables.groups(result, cut).values()
             ) == (pytest.approx(1))
-        rows = sweep_tables.table(result, cuts).splitlines()[2:]
-        assert sum(int(row.split("|")[-2].split()[2]) for row in rows) == 16
+        _, rows = sweep_tables.rows_of(result, cuts)
+        assert sum(int(row[-1].split()[2]) for row in rows) == 16
 
 
 TOY = """

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from samples import LUG_RADIUS, TORQUE_LIMIT, sample_trajectory
 
-from omnitrack_sim.record.metrics import Metrics, summarise
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS, ESTIMATES, Metrics, Run, summarise
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.drive import DRIVES, Drive
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
@@ -232,3 +234,37 @@ def test_per_module_figures_are_three_plain_numbers(name):
     values = figures(sample_trajectory(T))[name]
     assert isinstance(values, list)
     assert [type(value) for value in values] == [float] * 3
+
+
+def localisation(**channels: np.ndarray) -> Metrics:
+    """Figures of a robot's own estimates along a way of 2 m, by channels (T, ...)."""
+    position = np.zeros((T, 3))
+    position[:, 2] = np.linspace(0.0, 2.0, T)
+    trajectory, schema = sample_trajectory(), {one.name: one for one in ESTIMATES}
+    whole = {name: np.zeros((T, *channel.shape)) for name, channel in schema.items()}
+    whole |= {**trajectory.channels, "theta5": np.zeros(T)}
+    whole |= {"position": position, "position_estimate": position} | channels
+    record = replace(trajectory, channels=whole, schema={**trajectory.schema, **schema})
+    return summarise(Run(record), ESTIMATE_METRICS)
+
+
+def test_errors_of_the_estimated_place_are_largest_mean_and_95_percent():
+    """Of an error that grows evenly from 0 to 0.4 m on a way of 2 m."""
+    error = np.linspace(0.0, 0.4, T)
+    estimate = np.stack([error, np.zeros(T), np.linspace(0.0, 2.0, T)], axis=-1)
+    found = localisation(position_estimate=estimate)
+    assert found["localisation_error_max_m"] == pytest.approx(0.4)
+    assert found["localisation_error_mean_m"] == pytest.approx(0.2, rel=0.01)
+    assert found["localisation_error_rel"] == pytest.approx(0.95 * 0.4 / 2.0, rel=0.01)
+
+
+def test_the_error_of_theta5_counts_where_the_robot_claims_to_know_it():
+    """To 20 degrees; it is the angle between both, whole turns apart or not."""
+    early = np.arange(T) < T // 2
+    estimate = np.where(early, 2.0, 2 * np.pi + np.radians(3.0))
+    for std, expected in ((19.0, np.degrees(2.0)), (21.0, 3.0)):
+        doubt = np.where(early, np.radians(std), 0.0)
+        found = localisation(theta5_estimate=estimate, theta5_std=doubt)
+        assert found["theta5_error_p95_deg"] == pytest.approx(expected)
+    nothing = localisation(theta5_std=np.full(T, np.pi))
+    assert np.isnan(nothing["theta5_error_p95_deg"])

@@ -10,7 +10,7 @@ import pytest
 from runs import there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.feature import Feature, bounds
+from omnitrack_sim.robots.feature import DECISION_PERIOD, Feature, bounds, steps_of_decision
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS, FEATURE_SETS, features_of
 from omnitrack_sim.robots.omnitrack.policy.file import DIRECT, RESIDUAL
@@ -231,3 +231,11 @@ def test_what_is_not_observed_is_told():
     scenario = _tee(**{"sensing.kind": "onboard", "run.time_limit": 0.3})
     _run(scenario, controller)
     assert len(controller.seen) > 4
+
+
+@pytest.mark.parametrize("steps", range(1, 26))
+def test_a_decision_takes_a_whole_number_of_control_periods(steps):
+    """A period that is the quotient of both takes so many steps; one 1 % longer is refused."""
+    assert steps_of_decision(DECISION_PERIOD / steps) == steps
+    with pytest.raises(ot.InputError, match="no whole number makes a decision period"):
+        steps_of_decision(1.01 * DECISION_PERIOD / steps)

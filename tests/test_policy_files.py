@@ -14,7 +14,7 @@ import pytest
 from policy_samples import driver, random_network, random_policy
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.bounds import MAX_POLICY_BYTES
+from omnitrack_sim.base.bounds import MAX_LAYERS, MAX_POLICY_BYTES, MAX_WIDTH
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.cli import main
 from omnitrack_sim.robots.feature import Feature
@@ -261,6 +261,24 @@ def test_a_policy_and_its_network_have_to_fit():
     for features in (FEATURES["tilt"], FEATURE_SETS["onboard"]):
         with pytest.raises(TypeError, match=r"the feature '\w+' itself; a name belongs here"):
             Policy(random_network(32), features)
+
+
+def test_networks_that_are_too_deep_or_too_wide_are_refused():
+    """Those at the bounds of layers and widths are taken."""
+    for layers in (MAX_LAYERS, MAX_LAYERS + 1):
+        weights, biases = [np.zeros((1, 1))] * layers, [np.zeros(1)] * layers
+        if layers > MAX_LAYERS:
+            with pytest.raises(ValueError, match="as many of each, 1 to 8"):
+                Mlp(weights, biases)
+        else:
+            assert Mlp(weights, biases).widths == (1,) * (layers + 1)
+    for width in (MAX_WIDTH, MAX_WIDTH + 1):
+        weights, biases = [np.zeros((1, width)), np.zeros((width, 1))], [np.zeros(width), [0.0]]
+        if width > MAX_WIDTH:
+            with pytest.raises(ValueError, match="widths go from 1 to 2048"):
+                Mlp(weights, biases)
+        else:
+            assert Mlp(weights, biases).widths == (1, width, 1)
 
 
 def test_a_policy_has_the_names_of_single_features(tmp_path):

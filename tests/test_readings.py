@@ -161,7 +161,13 @@ def test_moments_read_together_have_the_bits_of_one_after_the_other() -> None:
         assert {name: state[name].tobytes() for name in READ} == {
             name: alone[name].tobytes() for name in READ
         }
-    assert moments_together(1) * 2 < MOST_UNREAD
+
+
+def test_moments_are_read_together_where_that_is_faster() -> None:
+    """Of few robots, and no longer than earlier moments are kept anyway where every second one is
+    recorded; of hundreds one by one."""
+    assert 8 < moments_together(1) == moments_together(64) < MOST_UNREAD / 2
+    assert moments_together(128) == 1
 
 
 def test_the_speed_of_a_module_is_that_at_the_wall() -> None:

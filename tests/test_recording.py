@@ -261,6 +261,20 @@ def test_figures_show_the_way_and_what_was_measured(rolling, tmp_path):
     assert drawn == pytest.approx(np.sort(np.abs(rolling.qpos[:, :2]), axis=None))
 
 
+def test_what_cannot_be_drawn_has_its_figure(tmp_path):
+    """A robot of hidden geoms has no picture, which the error says, but its curves."""
+    spec = mujoco.MjSpec()
+    pipes = ot.add_pipes(spec, bend())
+    body = spec.worldbody.add_body(name="ball", pos=[0.0, 0.1, BALL - 0.08])
+    body.add_freejoint()
+    body.add_geom(size=[BALL, 0, 0], group=3)
+    recording = recorded(spec.compile(), pipes, 0.1)
+    assert len(ot.plot_summary(recording).axes) > 6
+    with pytest.raises(ot.InputError, match="no visible geom"):
+        ot.render_strip(recording, path=tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
+
+
 def test_pipes_can_be_seen_by_mujocos_own_renderer(monkeypatch):
     """From within the bore, and from outside through the nearer wall; nothing else changes, and a
     recording shows the same."""

@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+import mujoco
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -31,8 +32,21 @@ def test_a_field_that_says_nothing_of_its_source_is_unstated():
         bore: Annotated[float, Unit("m")] = 0.1
         """Of its pipe."""
 
+        def spec(self) -> mujoco.MjSpec:
+            return mujoco.MjSpec()
+
     (row,) = Cart().parameters()
     assert (row.unit, row.provenance, row.source) == ("m", "unstated", "Of its pipe.")
+
+
+def test_a_robot_without_a_model_cannot_be_made():
+    """``spec`` is what every robot has to bring; Python says so when one is made."""
+
+    class Bare(Robot):
+        bore: float = 0.1
+
+    with pytest.raises(TypeError, match="abstract method spec"):
+        Bare()  # type: ignore[abstract]
 
 
 def test_every_parameter_has_a_unit_and_a_provenance():

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import omnitrack
+from pages import chromium, needs_browser, opened
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
@@ -350,6 +351,19 @@ def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):
     page = ot.render_replay(run)
     assert "wall_force" in page.html
     assert "chassis" in page.html
+
+
+@needs_browser
+def test_titles_of_plots_stand_on_one_line(tmp_path):
+    """Also of a robot with a curve for each of its thirteen bodies, whose values are not told."""
+    changes = {"robot": "snake", "start.distance": 0.3, "run.time_limit": 0.1}
+    path = tmp_path / "snake.html"
+    ot.render_replay(ot.run(ot.load_scenario("straight", changes)), path=path)
+    with chromium() as browser, opened(browser, path) as page:
+        code = "[...document.querySelectorAll('figure:not([hidden]) figcaption')]"
+        heights = page.evaluate(f"{code}.map(title => title.offsetHeight)")
+    assert len(heights) == 4
+    assert max(heights) < 30
 
 
 def test_the_command_tells_figures_of_the_robots_own(tmp_path):

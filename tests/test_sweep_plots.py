@@ -16,7 +16,7 @@ from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
 from omnitrack_sim.trials.run import Status, TrialsResult
 from omnitrack_sim.trials.sweep_file import load_sweep, resolve
-from omnitrack_sim.trials.sweep_plot import CLASSES, draw_map, singular_range, spreads, turn_case
+from omnitrack_sim.trials.sweep_plot import CLASSES, draw_map, singular_range, spreads
 
 RNG = np.random.default_rng(0)
 N = 400
@@ -52,7 +52,7 @@ def test_every_form_is_drawn_and_repeats(form, left_out):
         {"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED
     )
     times = 2 if left_out == "some" else 1
-    singular = singular_range(TurnCase())
+    singular = TurnCase().singular_range
     files = [figure_bytes(sweep_figure(FORMS[form], passed, singular)) for _ in range(times)]
     assert files[0] == files[-1]
     assert len(files[0]) > 5_000
@@ -63,7 +63,7 @@ def test_rates_near_one_are_seen_apart(failed, lowest):
     """Where nearly all have passed the scale begins little below the lowest interval, at a whole
     5 %; otherwise at 0. No interval is cut."""
     passed = (np.arange(N) >= failed).astype(float)
-    for panel in sweep_figure(FORMS["effects"], passed, singular_range(TurnCase())).axes[:3]:
+    for panel in sweep_figure(FORMS["effects"], passed, TurnCase().singular_range).axes[:3]:
         low, high = panel.get_ylim()
         assert (low > 50) == lowest
         assert high > 100
@@ -75,7 +75,7 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
     """The singular range is that of the robot; without a tee there is none."""
 
     def shades(case):
-        axis = sweep_figure([ORIENTATION], PASSED, case and singular_range(case)).axes[0]
+        axis = sweep_figure([ORIENTATION], PASSED, case and case.singular_range).axes[0]
         return [patch for patch in axis.patches if patch.get_label() == "singular by the formula"]
 
     case = TurnCase()
@@ -250,10 +250,9 @@ def test_the_case_is_that_of_the_base():
             "axes": [{"path": THETA5, "kind": "list", "values": [0]}],
         }
     )
-    case = turn_case(sweep)
-    assert case is not None
-    assert (case.reach, case.pipe_radius, case.bend_radius) == (0.098, 0.08, 0.09)
-    assert turn_case(load_sweep("elbow_orientation")) is None
+    case = TurnCase(reach=0.098, pipe_radius=0.08, bend_radius=0.09)
+    assert singular_range(sweep) == case.singular_range != TurnCase().singular_range
+    assert singular_range(load_sweep("elbow_orientation")) is None
     (angle, kind) = spreads(load_sweep("elbow_orientation"))
     assert angle.unit == "deg"
     assert kind.order == ("feedback", "as written (Eq. 20)")

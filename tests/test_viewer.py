@@ -16,17 +16,11 @@ from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack.track_display import region_of
+from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.viewer.keys import DRIVE, help_lines
-from omnitrack_sim.show.viewer.player import (
-    FRAME,
-    LATE_FRAME,
-    MOST_OVERDUE,
-    LiveRun,
-    Pace,
-    SavedRun,
-)
-from omnitrack_sim.show.viewer.window import covers_robot
-from omnitrack_sim.walls.pipe_looks import add_pipe_insides
+from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MAX_OVERDUE, Pace
+from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
+from omnitrack_sim.show.viewer.window import covers_robot, window_spec
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 
@@ -106,7 +100,7 @@ def test_slow_physics_falls_behind_and_does_not_hurry():
     assert pictures < 1.2 * 10 / LATE_FRAME
     before, stage.cost = stage.time, 0.0
     played(pace, stage, clock, 1.0)
-    assert stage.time - before < 1.0 + MOST_OVERDUE + 0.2
+    assert stage.time - before < 1.0 + MAX_OVERDUE + 0.2
 
 
 def test_pause_and_other_speeds_leap_over_nothing():
@@ -131,17 +125,11 @@ def test_pause_and_other_speeds_leap_over_nothing():
     assert pace.speed == 1 / 16
 
 
-def looks(scenario: ot.Scenario):
-    spec = scenario.to_spec(looks=True)
-    add_pipe_insides(spec, scenario.route.network)
-    return spec.compile()
-
-
 def test_viewed_run_is_the_run():
     """A stage that is stepped, posed and read at every step leaves the same bytes as ``run``, and
     what it shows are the joints of the simulation, less the travel of the belts."""
     scenario = rolling_tee()
-    model = looks(scenario)
+    model = window_spec(scenario).compile()
     stage = LiveRun(ot.Simulation([scenario]), model)
     belts = [model.joint(f"belt_{t}_{i}").qposadr[0] for t in ("upper", "lower") for i in (1, 2, 3)]
     while stage.next_time is not None:
@@ -149,7 +137,7 @@ def test_viewed_run_is_the_run():
         shown, joints = stage.qpos(), stage.simulation.plant.qpos[0]
         assert np.array_equal(np.delete(shown, belts), np.delete(joints, belts))
         assert dict(stage.status())["time"] == f"{stage.time:.2f} s"
-        stage.figures()
+        stage.measurements()
     assert dict(stage.status())["outcome"] == "timed_out"
     assert same_result(stage.simulation.results()[0], ot.run(scenario))
 
@@ -158,7 +146,7 @@ def test_replayed_run_is_the_record():
     """Every sample can be gone to, on and back, and past neither end; place and phase are those of
     the record."""
     result = ot.run(rolling_tee())
-    stage = SavedRun(result, looks(result.scenario))
+    stage = SavedRun(RunPlayback(result), result)
     stage.leap(10**6)
     assert stage.next_time is None
     assert stage.time == result.duration_s
@@ -172,7 +160,22 @@ def test_replayed_run_is_the_record():
     assert told["phase"] == trajectory.phases[int(trajectory["phase"][stage.row])]
     assert told["travelled"].startswith(f"{trajectory['distance'][stage.row]:.3f} ")
     theta5 = np.degrees(trajectory["theta5"][stage.row])
-    assert dict(stage.figures())["theta5"] == f"{theta5:.1f} deg"
+    assert dict(stage.measurements())["theta5"] == f"{theta5:.1f} deg"
+
+
+@pytest.mark.parametrize("robot", ["snake", "presser"])
+def test_any_robot_is_viewed(robot):
+    """What the window shows of a robot of another kind are its joints in its pipe, with what it
+    measures; one step goes on as in a run."""
+    changes = {"robot": robot, "start.distance": 0.3, "run.time_limit": 0.1}
+    scenario = ot.load_scenario("straight", changes)
+    model = window_spec(scenario).compile()
+    stage = LiveRun(ot.Simulation([scenario]), model)
+    stage.step()
+    assert np.array_equal(stage.qpos(), stage.simulation.plant.qpos[0])
+    assert model.nq == len(stage.qpos())
+    assert dict(stage.measurements()).keys() >= {"wall force, N", "power, W"}
+    assert dict(stage.status())["in"] == scenario.route.network.parts[0].name
 
 
 @pytest.mark.parametrize(
@@ -333,7 +336,7 @@ wait(lambda: run.next_time is None, "the end")
 press("Left", "Left", "Left", "Right")
 wait(lambda: run.row == run.count - 3, "two samples before the end")
 press("Next")
-wait(lambda: abs(run.time - (run._trajectory.time[-3] - 1)) < 0.03, "a second before")
+wait(lambda: abs(run.time - (run._playback.time[-3] - 1)) < 0.03, "a second before")
 press("Home")
 wait(lambda: run.row == 0, "the start")
 press("equal", "minus", "minus", "period", "Prior", "Insert", "Delete", "BackSpace", "Return")

@@ -13,9 +13,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import wye
 
 
-def ended(**changes: object) -> wye.Ended:
-    first = wye.Ended("dry", 0.9, -0.5, "reached_goal", True, 0, 9.0)
-    return first._replace(**changes)
+def ended(**changes: object) -> dict[str, object]:
+    first = {"friction": 0.9, "downward": -0.5, "outcome": "reached_goal", "success": True}
+    return first | {"attempts": 1, "duration_s": 9.0} | changes
 
 
 @pytest.mark.parametrize("cell", [*wye.cells(), *wye.cells("cross")], ids=str)
@@ -44,8 +44,8 @@ def test_the_tables_count_what_passed():
     """Rates stand by wall and by gravity's component along the way; failures by their outcome."""
     trials = [
         ended(),
-        ended(wall="wet", retries=2),
-        ended(wall="wet", outcome="stuck", passed=False),
+        ended(friction=0.7, attempts=3),
+        ended(friction=0.7, outcome="stuck", success=False),
     ]
     cells = wye.row(wye.Cell("turn", 45.0), trials)
     assert cells[2:] == ["1", "1", "21 to 94 %", "1", "9.0", "1 stuck"]

@@ -387,7 +387,7 @@ def _push(length: float, free: float) -> float:
 def make_bullet_plant(settings: BulletSettings) -> MakePlant:
     """A plant maker for ``Simulation``: Bullet in the place of MuJoCo."""
 
-    def make(scenario: Scenario, start: Start, threads: int) -> Plant:
+    def make(scenario: Scenario, start: Start, _threads: int) -> Plant:
         return BulletPlant(scenario, start, settings)  # type: ignore[return-value]
 
     return make

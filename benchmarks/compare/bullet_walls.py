@@ -73,8 +73,10 @@ SETTINGS: dict[str, BulletSettings] = {
 
 
 def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
-    """Inner surface of a fitting, m, fitting frame; the exact surface lies amid each facet around
-    the bore."""
+    """Return the inner surface of a fitting, m, in its frame.
+
+    The exact surface lies amid each facet around the bore.
+    """
     n = settings.sections
     if len(fitting.axes) == 1:
         mesh = _swept(fitting, n, settings.along)
@@ -94,8 +96,10 @@ def inner_mesh(fitting: Fitting, settings: BulletSettings) -> trimesh.Trimesh:
 
 
 def _swept(fitting: Fitting, sections: int, along: int) -> trimesh.Trimesh:
-    """Rings along the one axis of a fitting, ``along`` in a right angle, joined by triangles;
-    corners on the exact surface."""
+    """Return rings along the one axis of a fitting, joined by triangles.
+
+    There are ``along`` of them in a right angle, and their corners lie on the exact surface.
+    """
     line, first, last = Part("part", fitting, Pose()).axes[0]
     ends = line.at(np.array([0.0, line.length]))
     bend = line.length * float(ends[3].max())
@@ -174,8 +178,7 @@ def bullet_wall_error(
 
 
 def probe_centres(network: Assembly, parts: list, radius: float, number: int, seed: int) -> Array:
-    """Centres (number, 3) m of spheres that stand ``PROBE_GAP`` off the exact surface, at random
-    over ``parts``."""
+    """Draw centres (number, 3) m of spheres ``PROBE_GAP`` off the exact surface of ``parts``."""
     rng = np.random.default_rng(seed)
     samples = np.concatenate([part.bore_samples() for part in parts])
     chosen = []

@@ -66,6 +66,7 @@ def _run(source: Path, target: Path, settings: dict[str, Any], limit_s: float) -
 
 
 def main() -> None:
+    """Decompose the mesh of the command line."""
     import coacd
 
     source, target, settings = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3])

@@ -131,8 +131,10 @@ class Built:
 
 
 def probe_places(part: Part, radius: float, count: int, seed: int = 0) -> Array:
-    """Centres (count, 3) m, world frame, of spheres that touch a part's exact inner surface, away
-    from its ports."""
+    """Draw centres (count, 3) m of spheres that touch a part's exact inner surface.
+
+    They are in the world frame, and away from the ports.
+    """
     rng = np.random.default_rng(seed)
     samples = part.bore_samples()
     low, high = samples.min(axis=0), samples.max(axis=0)
@@ -150,8 +152,7 @@ def probe_places(part: Part, radius: float, count: int, seed: int = 0) -> Array:
 
 
 def probe_walls(entry: Entry, scenario: Scenario, part: Part, count: int) -> tuple[float, float]:
-    """Largest error and that which 99 % of the probes keep, mm, of an entry's collision surface in
-    one part.
+    """Return the largest error of an entry's collision surface in a part, and 99 % of them, mm.
 
     A lug is pressed into the exact surface at ``count`` places; its deepest contact is that deep,
     or off by the error. The compiled collider is probed with its own kind of geom, a line of no
@@ -361,7 +362,7 @@ def _bullet_built(entry: Entry, scenario: Scenario) -> Built:
     settings = bullet.SETTINGS[entry.settings["name"]]
     return Built(
         make_plant=bullet.make_bullet_plant(settings),
-        wall_error=lambda part, probes: bullet.bullet_wall_error(scenario, settings),
+        wall_error=lambda *_: bullet.bullet_wall_error(scenario, settings),
         build_s=float("nan"),
         elements=None,
     )

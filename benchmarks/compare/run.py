@@ -148,6 +148,7 @@ def options_of() -> argparse.Namespace:
 
 
 def main() -> None:
+    """Compare, and write the results."""
     options = options_of()
     options.out.mkdir(parents=True, exist_ok=True)
     found = compare(options)

@@ -42,8 +42,7 @@ kind = "direction"
 def kill_trials(
     name: str, place: Path, kills: int, seed: int, trials: int, workers: int
 ) -> list[str]:
-    """Kill a ``sweep``, ``bench`` or ``passport`` on its way, let it end, and compare it with an
-    undisturbed one; what was wrong.
+    """Kill a sweep, bench or passport, let it end, and return what differs from an undisturbed one.
 
     After each kill the workers must have died with their parent, and no finished batch may be lost
     or changed.

@@ -39,8 +39,13 @@ class Batch:
         self.num_envs, self.observation_space, self.action_space = self.answer()
 
     def ask(self, task: str, *given: Any) -> None:
-        """Let the process begin: "reset" with a seed, "step" with actions, or "drive" with a policy
-        and the seed of the first episode."""
+        """Let the process begin a task.
+
+        Args:
+            task: "reset" with a seed, "step" with actions, or "drive" with a policy and the seed of
+                the first episode.
+            given: what belongs to it.
+        """
         self._pipe.send((task, given))
 
     def answer(self) -> Any:
@@ -96,8 +101,10 @@ def _serve(pipe: Connection, id: str, options: dict[str, Any]) -> None:
 
 
 def _driven(envs: gymnasium.vector.VectorEnv, policy: ot.Policy, seed: int) -> Episodes:
-    """Drive to the ends of the episodes of some seeds; robots that are through drive on and do not
-    count."""
+    """Drive to the ends of the episodes of some seeds.
+
+    Robots that are through drive on and do not count.
+    """
     n, period = envs.num_envs, 1 / envs.metadata["render_fps"]
     entries, _ = envs.reset(seed=seed)
     seen: list[FloatRows] = []

@@ -51,8 +51,11 @@ def _learned(model: PPO | SAC) -> str:
 
 
 def cleanrl(steps: int) -> str:
-    """PPO in one loop over the native vector environment, as CleanRL writes it. In the mode
-    NextStep the decision after an episode's end only begins the next one, and is left out."""
+    """Train by PPO in one loop over the native vector environment, as CleanRL writes it.
+
+    In the mode NextStep the decision after an episode's end only begins the next one, and is left
+    out.
+    """
     torch.manual_seed(1)
     envs = RecordEpisodeStatistics(gymnasium.make_vec(ID, num_envs=ROBOTS, **BRIEF))
     size = envs.single_observation_space.shape[0]
@@ -134,6 +137,7 @@ ENTRIES: Mapping[str, Callable[[int], str]] = {
 
 
 def main() -> None:
+    """Try all learners."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--steps", type=int, default=256, help="decisions of each robot")
     steps = parser.parse_args().steps

@@ -207,6 +207,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def main() -> None:
+    """Train."""
     given = arguments().parse_args()
     torch.set_num_threads(1)  # the network is small; a second thread would only wait
     training = Training(VARIANTS[given.task, given.residual], given)

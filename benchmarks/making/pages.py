@@ -1,4 +1,6 @@
-"""Pages of Markdown whose tables and sentences a program fills, between marks that are no text:
+"""Pages of Markdown whose tables and sentences a program fills, between marks.
+
+The marks are no text::
 
     <!-- made by: PART PIECE -->
     | a | table |

@@ -171,8 +171,10 @@ def measured(name: str, changes: Mapping[str, Any] | None = None) -> Values:
 
 
 def difference(one: Values, other: Values) -> float:
-    """Return the largest relative difference of two measurements of a probe; 1 where the quantities
-    themselves differ."""
+    """Return the largest relative difference of two measurements of a probe.
+
+    It is 1 where the quantities themselves differ.
+    """
     shapes = [{key: len(value) for key, value in values.items()} for values in (one, other)]
     if shapes[0] != shapes[1]:
         return 1.0

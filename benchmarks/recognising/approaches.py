@@ -98,8 +98,13 @@ class Approach:
 
 
 def approach(seed: int, index: int, close: float = 0.0) -> Approach:
-    """Approach ``index`` of a seed; ``close``: share of the ports beyond the fitting on which
-    another one follows directly."""
+    """Draw approach ``index`` of a seed.
+
+    Args:
+        seed: of all approaches.
+        index: of this one.
+        close: share of the ports beyond the fitting on which another one follows directly.
+    """
     rng = np.random.default_rng([seed, index])
     case = tuple(CASES)[index % len(CASES)]
     distance, turn = rng.uniform(NEAR, FAR), rng.uniform(-math.pi, math.pi)
@@ -187,8 +192,11 @@ def _continue(
     joints: list[Joint],
     close: float,
 ) -> None:
-    """Go on beyond a port of part ``before``: a straight, and at its end an elbow, a plate, a tee
-    or nothing; or another fitting directly."""
+    """Go on beyond a port of part ``before``.
+
+    There follows a straight, with an elbow, a plate, a tee or nothing at its end, or another
+    fitting directly.
+    """
     part = parts[before]
     bore = 2 * part.fitting.port_radius(port)
     if close and bore == BORE and rng.random() < close:

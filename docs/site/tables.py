@@ -43,11 +43,10 @@ from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.senses.settings import SensingTable
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key
-from omnitrack_sim.trials import controllers, mobility
-from omnitrack_sim.trials.bench import Suite
 from omnitrack_sim.trials.search_plan import Objective, Variable
 from omnitrack_sim.trials.study import Final
 from omnitrack_sim.trials.study_file import StudyFile
+from omnitrack_sim.trials.suite import Suite, load_suite
 from omnitrack_sim.trials.sweep_file import SweepFile
 
 ROOT = Path(__file__).parents[2]
@@ -191,14 +190,14 @@ TABLES: dict[str, Callable[[], str]] = {
     "studies": lambda: table(("study", "what it answers"), rows_of_files("study")),
     "pipes": lambda: table(("key", "of", *KEYS[1:]), rows_of_pipes()),
     "bench.mobility": lambda: table(
-        ("course", "what the robot does"), rows_of_courses(mobility.SUITE)
+        ("course", "what the robot does"), rows_of_courses(load_suite("mobility"))
     ),
     "bench.control": lambda: table(
-        ("course", "what the robot does"), rows_of_courses(controllers.SUITE)
+        ("course", "what the robot does"), rows_of_courses(load_suite("control"))
     ),
     "bench.controllers": lambda: table(
         ("entry", "what drives"),
-        ((f"`{entry.name}`", entry.words) for entry in controllers.shipped_entries().values()),
+        ((f"`{entry.name}`", entry.words) for entry in load_suite("control").entries.values()),
     ),
     "plots": lambda: table(("function", "draws", "takes `ax`"), rows_of_plots()),
     "outcomes": lambda: table(

@@ -169,14 +169,18 @@ class Belief:
         return next((ports for ports in joints if ports[1][0] == part), None)
 
     def joint(self, end: Port) -> tuple[Port, Port] | None:
-        """Return the ports of the joint at a port, the one that was there first; None without
-        one."""
+        """Return the ports of the joint at a port, the one that was there first.
+
+        None without one.
+        """
         joints = ((one, other) for one, other, _ in self._joints)
         return next((ports for ports in joints if end in ports), None)
 
     def parts_beyond(self, end: Port) -> set[int]:
-        """Return the parts that a port leads to, on any way but back through its own part; with
-        that part where a loop leads to it."""
+        """Return the parts that a port leads to, on any way but back through its own part.
+
+        With that part where a loop leads to it.
+        """
         joined, found, new = self.joined, set[int](), [end]
         while new:
             other = joined.get(new.pop())
@@ -196,8 +200,7 @@ class Belief:
         return part > 0 and part == len(self._fittings) - 1 and self.is_leaf(part)
 
     def doubtful_sizes(self) -> dict[str, str]:
-        """Return why sizes may be off by more than those of two equal maps, by the names of their
-        parts."""
+        """Return why sizes may be off by more than those of two equal maps, by names of parts."""
         found, joined = dict[str, str](), self.joined
         for i, (name, fitting) in enumerate(zip(self._names, self._fittings, strict=True)):
             stds = self.stds.get(name, {})
@@ -223,8 +226,10 @@ class Belief:
         return length
 
     def resize(self, part: int, **sizes: float) -> None:
-        """Change sizes of a fitting, by keys of its constructor in SI units; what they were
-        measured to holds no more."""
+        """Change sizes of a fitting, by keys of its constructor in SI units.
+
+        What they were measured to holds no more.
+        """
         self._fittings[part] = replace(self._fittings[part], **sizes)  # type: ignore[type-var]
         self._network = None
         for key in sizes:
@@ -237,8 +242,10 @@ class Belief:
         )
 
     def replace_part(self, part: int, fitting: Fitting) -> str:
-        """Put another fitting in the place of a part, with the same ports; return its name, which
-        is another one where the kind is."""
+        """Put another fitting with the same ports in the place of a part.
+
+        Returns its name, which is another one where the kind is.
+        """
         name = self._names[part]
         if fitting.kind != self._fittings[part].kind:
             new = self._names[part] = self._new_name(fitting)
@@ -247,8 +254,10 @@ class Belief:
         return self._names[part]
 
     def rotate_joint(self, end: Port, more: float) -> None:
-        """Turn what was attached to a port, and all that hangs on it, by ``more`` rad about the
-        port's axis."""
+        """Turn what was attached to a port, and all that hangs on it, about the port's axis.
+
+        By ``more`` rad.
+        """
         (number,) = (i for i, joint in enumerate(self._joints) if end in joint[:2])
         one, other, turn_deg = self._joints[number]
         self._joints[number] = one, other, _rounded_turn(turn_deg + math.degrees(more))
@@ -296,8 +305,10 @@ class Belief:
             self.provisional, self._network = part, None
 
     def remove_provisional(self) -> list[int]:
-        """Remove the parts and the state observed at the provisional end, which is so no more;
-        return the parts, the latest first."""
+        """Remove the parts and the state observed at the provisional end.
+
+        That is provisional no more. Returns the parts, the latest first.
+        """
         assert self.provisional is not None
         end = self.provisional, "end"
         beyond, _ = self.joined.get(end, (len(self._fittings), ""))

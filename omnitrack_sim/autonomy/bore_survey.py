@@ -16,7 +16,7 @@ from omnitrack_sim.autonomy.looks import (
     HARDLY_SHOWS,
     LOOKS,
     SHALLOW,
-    LookTask,
+    LookRecord,
     reducer_std,
     without_extremes,
 )
@@ -25,7 +25,7 @@ from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.rear_looks import RearLooks
 from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.base.errors import GeometryError
-from omnitrack_sim.pipes import BORE_TOLERANCE, Fitting, Passage, Reducer, Route, Straight
+from omnitrack_sim.pipes import BORE_TOLERANCE, Fitting, Passage, Reducer, Straight
 from omnitrack_sim.pipes.fittings.base import Bores
 from omnitrack_sim.pipes.map_difference import LENGTHS
 from omnitrack_sim.pipes.routes import Edge
@@ -74,8 +74,10 @@ class ReducerSearch:
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether looks back have shown the fitting before the straight twice, and more often than
-        a reducer: that is not behind it."""
+        """Whether the reducer is not behind the fitting before the straight.
+
+        Looks back have shown that fitting twice, and more often than a reducer.
+        """
         return self.other_looks > max(len(self.lengths), 1)
 
     def shows_other(self, behind: Sighting | None, passed: str, half: float) -> bool:
@@ -126,7 +128,7 @@ class ReducerSearch:
         return replace(behind, distance=behind.distance + distance - at)
 
 
-class BoreSurvey(LookTask):
+class BoreSurvey(LookRecord):
     """Keeps the bores of a robot's map as its arms measure them.
 
     Where they find another bore than the map has, the pipe around the robot is in doubt. As soon as
@@ -158,12 +160,13 @@ class BoreSurvey(LookTask):
         """Whether the robot looks back for a missed reducer."""
         return self._search is not None
 
-    def next_look(self, route: Route) -> float:
-        """See ``LookTask``."""
+    @property
+    def next_look(self) -> float:
+        """Arc length on the leg, m, of the next look for a missed reducer; infinite for none."""
         return math.inf if self._search is None else self._search.next_look
 
     def begin_leg(self) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._give_up_search()
 
     def _give_up_search(self) -> None:
@@ -225,8 +228,7 @@ class BoreSurvey(LookTask):
         pilot.leg = replace(pilot.leg, note=f"{pilot.leg.note}: {why}")
 
     def _correct_passed(self, passed: Passage, corrected: Fitting, pipe: int) -> None:
-        """Put a reducer that leads to another bore in the place of the one before ``pipe``, or a
-        straight where there is none."""
+        """Correct what was passed before ``pipe``: a reducer to another bore, or a straight."""
         if isinstance(corrected, Straight):
             self._pilot.doubts.pop(passed.part.name, None)
             self._rear.forget_part(passed.index)
@@ -239,8 +241,10 @@ class BoreSurvey(LookTask):
     # Search for a missed reducer
 
     def look_for_reducer(self, look: Look) -> Decision | None:
-        """Decide after a look back for a missed reducer; None where it has not been measured
-        yet."""
+        """Decide after a look back for a missed reducer.
+
+        None where it has not been measured yet.
+        """
         pilot, search = self._pilot, self._search
         assert search is not None
         passed = pilot.passed(look.distance)
@@ -271,8 +275,11 @@ class BoreSurvey(LookTask):
     def _insert_reducer(
         self, reducer: Reducer, near: str, search: ReducerSearch, look: Look
     ) -> Decision | None:
-        """Insert a missed reducer, entered by its port ``near``, into the straight around the
-        robot; give up the search and return None where it has no room there."""
+        """Insert a missed reducer into the straight around the robot.
+
+        It is entered by its port ``near``. Gives up the search and returns None where it has no
+        room there.
+        """
         pilot, belief, behind = self._pilot, self._belief, look.behind
         assert behind is not None
         here = pilot.route().passages[-1]
@@ -310,8 +317,9 @@ class BoreSurvey(LookTask):
         return Decision(pilot.leg, True, [event], shift)
 
     def _infer_reducer(self, search: ReducerSearch, look: Look) -> Decision | None:
-        """Put a reducer in the place of a pipe of which the arms have not read the bore, where they
-        find another one behind the fittings that follow it.
+        """Put a reducer in the place of a pipe of which the arms have not read the bore.
+
+        They have found another one behind the fittings that follow it.
 
         By a lamp, a fitting behind a reducer looks like one that is as much smaller and nearer.
 
@@ -345,8 +353,11 @@ class BoreSurvey(LookTask):
         return Decision(pilot.leg, True, [event], shift)
 
     def _with_reducer(self, pipe: Edge, before: float, behind: float) -> dict[int, Fitting] | None:
-        """Return a reducer in the place of a pipe, between two bores, m, and what is beyond it in
-        the latter, by the numbers of the parts; None where there is no such reducer."""
+        """Return what is on the map with a reducer in the place of a pipe, by numbers of parts.
+
+        The reducer is between two bores, m, and what is beyond it is of the latter. None where
+        there is no such reducer.
+        """
         belief, (part, enter, leave) = self._belief, pipe
         bores, length = {enter: before, leave: behind}, belief.fitting(part).length_of_axes
         try:
@@ -360,8 +371,11 @@ class BoreSurvey(LookTask):
         return {part: reducer, **beyond}
 
     def _unread_pipe(self, part: int) -> Edge | None:
-        """Return the pipe on the way from the start to ``part`` from which only fittings lead there
-        and on, if it is too short for the arms to have read its bore; None where there is none."""
+        """Return the pipe before ``part`` that is too short for the arms to have read its bore.
+
+        It is on the way from the start, and only fittings lead from it there and on. None where
+        there is none.
+        """
         belief, joint = self._belief, self._belief.attached_to(part)
         while joint is not None and not _sets_bore(belief.fitting(joint[0][0])):
             joint = belief.attached_to(joint[0][0])
@@ -400,8 +414,11 @@ def _between_fittings(
 
 
 def _leading_to(passed: Passage, bore: float) -> Reducer | Straight | None:
-    """Return the reducer that was passed as one that leads to a bore, m; a straight where that is
-    the bore from which it comes, None where it is no reducer or none may be so."""
+    """Return the reducer that was passed as one that leads to a bore, m.
+
+    A straight where that is the bore from which it comes, None where it is no reducer or none may
+    be so.
+    """
     reducer = passed.part.fitting
     if not isinstance(reducer, Reducer):
         return None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
 from omnitrack_sim.autonomy.mission import Mission
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose, length
@@ -14,6 +14,9 @@ from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.autonomy.explorer import Explorer
 
 
 class Exploration:
@@ -54,8 +57,11 @@ class Exploration:
         )
 
     def in_sight(self) -> tuple[list[Part], list[Port]]:
-        """Return the parts that are visible from any position that the robot can reach, and those
-        of their ports that a plate closes: numbers are those of the parts returned."""
+        """Return what is visible from any position that the robot can reach.
+
+        The parts, and those of their ports that a plate closes: numbers are those of the parts
+        returned.
+        """
         # A plate closes both ports of its joint, and hides all that lies behind it.
         parts, joined = self.network.pipes.parts, both_ways(self.network.pipes.joints)
         plates = {*self.plates, *(joined[end] for end in self.plates if end in joined)}
@@ -73,8 +79,7 @@ class Exploration:
         )
 
     def explorer(self, number: int, falls: int) -> Explorer:
-        """Return the pilot of one robot, which knows its pose and the pipe around it up to its
-        nose.
+        """Return the pilot of one robot, which knows its pose and the pipe up to its nose.
 
         Args:
             number: of the robot in its batch.
@@ -84,6 +89,9 @@ class Exploration:
         fitting = self.network.pipes.parts[self.ends[0][0]].fitting
         # Ports point outward; the robot's map begins with the z axis into the pipe.
         into = Pose(port.rotation * [1, -1, -1], port.position)
+        # Recognising fittings takes as long to import as running a scenario, and few explore.
+        from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
+
         free = self._distance + self.robot.length / 2 + EXPLORER.assumed_step
         belief = Belief(into, fitting.inner_diameter, free)
         goals = list(self.mission.goals)
@@ -99,16 +107,21 @@ class Exploration:
         return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
 
     def is_home(self, position: Array, axis: Array) -> bool:
-        """Return whether a robot with its centre at ``position`` (3,) m, world frame, stands at the
-        start, with either end; ``axis`` (3,) is a unit vector to its nose."""
+        """Return whether a robot stands at the start, with either end.
+
+        Its centre is at ``position`` (3,) m, world frame, and ``axis`` (3,) is a unit vector to its
+        nose.
+        """
         half = self.robot.length / 2 * axis
         return any(self._is_at(self.ends[0], position + side * half) for side in (1.0, -1.0))
 
     def difference(
         self, believed: Network, stds: Mapping[str, Mapping[str, float]] | None = None
     ) -> MapDifference:
-        """Return the differences of a map from the reachable part of the network; ``stds``: see
-        ``compare_maps``."""
+        """Return the differences of a map from the reachable part of the network.
+
+        For ``stds`` see ``compare_maps``.
+        """
         plates = [self.network.port_name(end) for end in self.plates]
         start = self.network.port_name(self.ends[0])
         return compare_maps(believed, self.network, start, plates, stds)

@@ -112,7 +112,7 @@ class Explorer(MappingPilot):
         self._mapper = Mapper(self, self._rear, self._check)
         self._bores = BoreSurvey(self, self._rear, robot.length + LOOKS.step)
         looks_ahead = (self._check.near, self._check.confirmation, self._check.close)
-        self.tasks = (*looks_ahead, self._bores, self._rear, self._mapper)
+        self.records = (*looks_ahead, self._bores, self._rear, self._mapper)
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -142,8 +142,9 @@ class Explorer(MappingPilot):
     def looks_at(self) -> float:
         """See ``Pilot``."""
         # While the robot looks back for a missed reducer, other looks back wait.
-        rear = self._bores if self._bores.searching else self._rear
-        return min(self.look_at, rear.next_look(self.route()))
+        searching, route = self._bores.searching, self.route()
+        rear = self._bores.next_look if searching else self._rear.next_look(route)
+        return min(self.look_at, rear)
 
     def looks_back(self, distance: float) -> bool:
         """See ``Pilot``."""
@@ -202,8 +203,11 @@ class Explorer(MappingPilot):
         return Decision(self.leg, True)
 
     def _keep_provisional(self) -> None:
-        """Keep on the map, in doubt, what was observed only from afar, as looks from close by are
-        ambiguous: a cross, which no form explains there, may look like a tee from afar."""
+        """Keep on the map, in doubt, what was observed only from afar.
+
+        Looks from close by are ambiguous: a cross, which no form explains there, may look like a
+        tee from afar.
+        """
         belief, straight = self.belief, self.belief.provisional
         assert straight is not None
         end = straight, "end"
@@ -215,8 +219,10 @@ class Explorer(MappingPilot):
         self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
 
     def _map_sighting(self, ahead: Sighting, distance: float, look: Look) -> Decision:
-        """Put a sighting made at arc length ``distance`` m into the map, after the ``look`` that it
-        is of, or one that told nothing after it."""
+        """Put a sighting made at arc length ``distance`` m into the map.
+
+        It is that of the ``look``, or of one before it where that told nothing.
+        """
         if ahead.kind == ("", ""):
             self._check.close.clear()  # So there is no fitting where these looks have shown one.
         self.assumed = 0.0
@@ -320,8 +326,10 @@ class Explorer(MappingPilot):
     def _on_last_fall(
         self, time: float, events: Sequence[Event], location: PartLocation
     ) -> Decision:
-        """Give up the port that the robot was on its way to, and go on to another; on its way home
-        there is none, so it tries that once more before it gives up."""
+        """Give up the port that the robot was on its way to, and go on to another.
+
+        On its way home there is none, so it tries that once more before it gives up.
+        """
         port = end_of([self.leg, *self._to_come][-1].path)
         if port in self.frontier.ports:
             self._abandon(port, "has fallen too often on the way there")
@@ -353,8 +361,10 @@ class Explorer(MappingPilot):
         self.frontier.abandon(end, why)
 
     def _verdict(self, time: float) -> list[Event]:
-        """Return the robot's verdict on its map when it is home: before that, nothing has shown
-        that it can be driven by."""
+        """Return the robot's verdict on its map when it is home.
+
+        Before that, nothing has shown that it can be driven by.
+        """
         parts = self.belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
         ends = len(self.belief.explored) - len(self.frontier.abandoned)
@@ -365,9 +375,11 @@ class Explorer(MappingPilot):
     # Planning
 
     def _through_new(self, part: int, enter: str, distance: float) -> tuple[Edge, ...] | None:
-        """Return the path at hand, extended to the nearest unexplored port of a new fitting; None
-        where there is none but round a sharp turn, or where the robot has come too far to stand
-        before it: fittings that follow closely are prepared for together, before the first."""
+        """Return the path at hand, extended to the nearest unexplored port of a new fitting.
+
+        None where there is none but round a sharp turn, or where the robot has come too far to
+        stand before it: fittings that follow closely are prepared for together, before the first.
+        """
         leaves = [end[1] for end in self.frontier.ports if end[0] == part]
         fitting = self.belief.fitting(part)
         leaves = [port for port in leaves if not is_sharp(fitting, enter, port)]
@@ -427,8 +439,10 @@ class Explorer(MappingPilot):
         self.frontier.abandon_unreachable(self._closed)
 
     def _cheapest_legs(self, goals: Sequence[Port], plan: Replan) -> list[Leg] | None:
-        """Return legs to that of the ports ``goals`` which costs least; None where no path leads to
-        any."""
+        """Return legs to that of the ports ``goals`` which costs least.
+
+        None where no path leads to any.
+        """
         planner = self.planner_to(goals)
         for closed in self._obstacles():
             # Rounded, so that equal paths do not swap by the last bit of a length.
@@ -446,8 +460,8 @@ class Explorer(MappingPilot):
         before, decision = self.leg, super()._begin(time, events, legs)
         if decision.leg is None:
             return decision
-        for task in self.tasks:
-            task.begin_leg()
+        for record in self.records:
+            record.begin_leg()
         end = self.end
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
         self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before

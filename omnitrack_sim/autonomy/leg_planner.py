@@ -1,5 +1,6 @@
-"""Plan legs through a network: which path, in which gear, from where to where. Nothing here moves a
-robot.
+"""Plan legs through a network: which path, in which gear, from where to where.
+
+Nothing here moves a robot.
 
 A robot drives nose first from an open end to a goal. Where it has to turn back, at a goal with
 another one to follow or where its way is blocked, it backs out the way it came, tail first, until
@@ -136,8 +137,7 @@ class LegPlanner:
         return self._passages[edge]
 
     def obstacle(self, leg: Leg, distance: float) -> Port:
-        """Return the port (part index, port) that stops a robot at arc length ``distance`` m of a
-        leg."""
+        """Return the port that stops a robot at arc length ``distance`` m of a leg."""
         nose = distance + self.robot.length / 2 - float(self.robot.own_length(LEG_PLANNER.at_nose))
         part, _, leave = leg.path[self.route(leg.path).index_at(nose)]
         return part, leave
@@ -233,8 +233,9 @@ class LegPlanner:
         closed: Iterable[Port | Edge],
         driven: Collection[Edge] = (),
     ) -> list[Leg] | None:
-        """Plan the legs to a goal for a robot anywhere in the network, in the gear that asks for
-        less travel; None where there is no path.
+        """Plan the legs to a goal for a robot anywhere in the network.
+
+        In the gear that asks for less travel; None where there is no path.
 
         Args:
             location: of the robot.
@@ -261,8 +262,11 @@ class LegPlanner:
         return None if best is None else [*first, *best[1]]
 
     def _unprepared(self, leg: Leg, driven: Collection[Edge]) -> int:
-        """The number of turns on a leg that begins too close before them for the robot to stand and
-        roll; turns back through passages that it has ``driven`` do not count."""
+        """Return the number of turns on a leg that leave no room to stand and roll before them.
+
+        It begins too close to them. Turns back through passages that it has ``driven`` do not
+        count.
+        """
         route = self.route(leg.path)
         nose = leg.begin + self.robot.length / 2
         return sum(
@@ -281,8 +285,10 @@ class LegPlanner:
         return replace(leg, path=leg.path[: last + 1], end=distance)
 
     def _legs_up_to(self, location: PartLocation, closed: Closed) -> Iterator[Leg]:
-        """The legs, nose first and tail first, on which a robot that lies along its pipe may have
-        come to where it is."""
+        """Yield the legs on which a robot that lies along its pipe may have come to where it is.
+
+        Nose first and tail first.
+        """
         part, behind, ahead, to_behind, to_ahead, _ = location
         for gear, enter, leave, inside in (
             (1, behind, ahead, to_behind),
@@ -322,8 +328,10 @@ class LegPlanner:
         begin: float,
         note: str,
     ) -> Leg:
-        """Plan the leg that drives over a fitting from arc length ``begin`` m to where the robot
-        can stand beyond, or as far as its pipe is long."""
+        """Plan the leg that drives over a fitting to where the robot can stand beyond.
+
+        It begins at arc length ``begin`` m, and ends where the pipe does if that is too short.
+        """
         part, _, leave = edge
         beyond = self._path_up_to((part, leave), closed)
         path = (*before, edge, *((i, b, a) for i, a, b in beyond[::-1]))
@@ -332,9 +340,11 @@ class LegPlanner:
         return Leg(path, gear, begin, min(end, route.length - half), -1, note)
 
     def reverse_beyond(self, leg: Leg, index: int, closed: Closed) -> Leg | None:
-        """Plan the leg that drives past the turn that passage ``index`` of ``leg`` is, by the third
-        port of its fitting, to where the robot can reverse and take the turn from the other side;
-        None where there is no such port, or no room for the robot beyond it."""
+        """Plan the leg past a turn to where the robot can reverse and take it from there.
+
+        The turn is passage ``index`` of ``leg``; the robot drives on by the third port of its
+        fitting. None where there is no such port, or no room for the robot beyond it.
+        """
         part, enter, leave = leg.path[index]
         ports = self.network.pipes.parts[part].fitting.port_names
         if leg.begin > self.route(leg.path).passages[index].s_enter:
@@ -349,9 +359,11 @@ class LegPlanner:
         return None
 
     def once_more(self, leg: Leg, distance: float) -> list[Leg]:
-        """Plan the legs of a robot that makes no headway at arc length ``distance`` m of ``leg``,
-        where the way is known to be free: it backs off to where it stands clear before the fitting
-        that its nose is in, and comes again; none where it has begun too close to that."""
+        """Plan the legs of a robot that hangs at arc length ``distance`` where the way is free.
+
+        In m. It backs off to where it stands clear before the fitting that its nose is in, and
+        comes again; none where it has begun too close to that.
+        """
         route, half = self.route(leg.path), self.robot.length / 2
         index = route.index_at(distance + half)
         stand = min(self._stand(route, index, leg.path[index]), distance - half)
@@ -380,8 +392,11 @@ class LegPlanner:
     def _without_sharp_turns(
         self, location: PartLocation, goal: int, closed: Closed, reversals: int
     ) -> list[Leg] | None:
-        """Plan legs to a goal without sharp turns, with at most ``reversals`` legs on which the
-        robot drives past a fitting to reverse; None where there are none."""
+        """Plan legs to a goal without sharp turns.
+
+        With at most ``reversals`` legs on which the robot drives past a fitting to reverse; None
+        where there are none.
+        """
         legs = self.replan_from(location, goal, (*closed, *self._sharp_edges()))
         sharp = legs or self.replan_from(location, goal, closed)
         if legs or not sharp or not reversals:
@@ -405,8 +420,10 @@ class LegPlanner:
         ]
 
     def sharp_turns(self, legs: Sequence[Leg]) -> list[tuple[int, int]]:
-        """Return the sharp turns on legs, each by the numbers of its leg and of its passage on
-        that."""
+        """Return the sharp turns on legs.
+
+        Each by the numbers of its leg and of its passage on that.
+        """
         return [
             (number, index)
             for number, leg in enumerate(legs)
@@ -421,8 +438,10 @@ class LegPlanner:
         return travel(legs) + LEG_PLANNER.detour * len(self.sharp_turns(legs))
 
     def _path_up_to(self, enter: Port, closed: Closed) -> tuple[Edge, ...]:
-        """The path from the nearest open end up to a port by which a part is entered; empty where
-        the port is itself an open end, or where no path leads there from one."""
+        """Return the path from the nearest open end up to a port by which a part is entered.
+
+        Empty where the port is itself an open end, or where no path leads there from one.
+        """
         port = self.network.joined_to.get(self.network.port_name(enter))
         if port is None:
             return ()
@@ -432,9 +451,11 @@ class LegPlanner:
         return tuple((part, leave, enter) for part, enter, leave in out[::-1])
 
     def _turn_off(self, leg: Leg, goal: int, closed: Closed) -> tuple[float, list[Leg]] | None:
-        """The least travel, back and on, to a goal from the end of a leg, m, with its legs; None
-        where there is no path. The robot backs out no farther than to where the leg's path
-        begins."""
+        """Return the least travel, back and on, to a goal from the end of a leg, with its legs.
+
+        In m. None where there is no path. The robot backs out no farther than to where the leg's
+        path begins.
+        """
         route, paths = self.route(leg.path), self._paths_to(goal, closed)
         best: tuple[tuple[float, int], tuple[Edge, ...], float] | None = None
         for least, behind, index in self._turns(leg, route, paths):
@@ -457,9 +478,11 @@ class LegPlanner:
         return travel, [self._back_out(leg, stand), forward]
 
     def _turns(self, leg: Leg, route: Route, paths: PathsToGoals) -> list[tuple[float, int, int]]:
-        """The passages of a leg from which a path leads to a goal, those first that ask for little
-        travel: the least travel back and on, m, the number of passages behind the last one, and the
-        passage's number."""
+        """Return the passages of a leg from which a path leads to a goal, least travel first.
+
+        Each with the least travel back and on, m, the number of passages behind the last one, and
+        its number.
+        """
         turns = []
         for index, here in enumerate(route.passages):
             travels = [
@@ -474,8 +497,7 @@ class LegPlanner:
         return sorted(turns)
 
     def _around(self, edge: Edge, goal: int, closed: Closed) -> tuple[Edge, ...] | None:
-        """Shortest simple path to a goal from the port at which a part is entered, forbidding an
-        exit through it."""
+        """Return the shortest path to a goal from a port that does not lead out by that port."""
         enter = edge[:2]
         if enter == self.ends[goal + 1]:
             return None  # the goal is behind the robot; it comes there in the other gear
@@ -490,15 +512,19 @@ class LegPlanner:
         return self._paths[1]
 
     def latest_stand(self, path: Sequence[Edge], index: int) -> float:
-        """Return the greatest arc length, m, at which a robot can still stand before passage
-        ``index`` of a path; infinite where that asks for no orientation."""
+        """Return the greatest arc length, m, at which a robot can still stand before a passage.
+
+        Of passage ``index`` of a path; infinite where that asks for no orientation.
+        """
         if not self._passage(path[index]).asks_orientation:
             return math.inf
         return self._stand(self.route(path), index, path[index]) + LEG_PLANNER.rounding
 
     def _stand(self, route: Route, index: int, edge: Edge) -> float:
-        """Arc length, m, where a robot stands clear before it passes ``edge`` in place of passage
-        ``index`` of a route, and of what lies too close before that."""
+        """Return the arc length, m, where a robot stands clear before it passes ``edge``.
+
+        In place of passage ``index`` of a route, and of what lies too close before that.
+        """
         length, room = self.robot.length, self.robot.standing_room
         begin = self._passage(edge).at(route.passages[index].s_enter).s_prepared
         while index > 0 and begin - route.cleared(index - 1) < length + room:
@@ -513,8 +539,11 @@ class LegPlanner:
         return Leg(path, gear, begin, end, goal, f"to {self._names[goal]}{tail_first}")
 
     def _back_out(self, leg: Leg, stand: float, goal: int = -1) -> Leg:
-        """Plan the leg that backs out from the end of ``leg`` in the other gear, up to arc length
-        ``stand`` m; ``goal``: that is there, -1 if there is none."""
+        """Plan the leg that backs out from the end of ``leg`` in the other gear.
+
+        Up to arc length ``stand`` m; ``goal`` is the number of the goal that is there, -1 if there
+        is none.
+        """
         route = self.route(leg.path)
         path: tuple[Edge, ...] = tuple(
             (part, leave, enter) for part, enter, leave in leg.path[::-1]
@@ -544,8 +573,10 @@ def is_sharp(fitting: Fitting, enter: str, leave: str) -> bool:
 def _locations(
     index: int, part: Part, centre: Array, axis: Array, arcs: Arcs
 ) -> Iterator[tuple[float, PartLocation]]:
-    """The passages of a part that a robot with its centre (1, 3) m in it lies along, each with the
-    angle by which it turns, rad."""
+    """Yield the passages of a part that a robot with its centre (1, 3) m in it lies along.
+
+    Each with the angle by which it turns, rad.
+    """
     fitting = part.fitting
     # In a pipe without a branch nothing turns a robot that lies across.
     most = LEG_PLANNER.across if len(fitting.port_names) > 2 else LEG_PLANNER.along

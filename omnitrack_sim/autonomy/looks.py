@@ -1,8 +1,8 @@
 """What several looks of a robot that explores tell together, and when it looks again.
 
 One sighting may be wrong in kind, position and sizes, most of all from afar and out of a fitting.
-So a robot looks several times. Each reason to look again is a ``LookTask``: it keeps the looks that
-it has had, and says where the next one is due.
+So a robot looks several times. Each reason to look again is a ``LookRecord``: it keeps the looks
+that it has had, and hears of another leg and of parts that are removed from the map.
 """
 
 from __future__ import annotations
@@ -118,13 +118,8 @@ HARDLY_SHOWS = "its sizes hardly show"
 """Doubt about a fitting that was seen unsurely."""
 
 
-class LookTask:
-    """A reason of a robot to look again, with the looks that it has had: by default none."""
-
-    def next_look(self, route: Route) -> float:
-        """Return the arc length on a route, m, at which the next look is due; infinite where none
-        is."""
-        return math.inf
+class LookRecord:
+    """What a robot remembers of its looks, for one purpose."""
 
     def begin_leg(self) -> None:
         """Forget what was of the leg before."""
@@ -134,8 +129,10 @@ class LookTask:
 
 
 def has_slipped(shift: float, *stds: float) -> bool:
-    """Return whether belts have slipped where looks of standard deviations ``stds`` m place a robot
-    by ``shift`` m elsewhere."""
+    """Return whether belts have slipped where looks place a robot ``shift`` m elsewhere.
+
+    ``stds`` are the standard deviations of these looks, m.
+    """
     return abs(shift) > LOOKS.min_slip + LOOKS.slip_gate * math.hypot(*stds)
 
 
@@ -145,8 +142,11 @@ def weights_of(stds: Sequence[float]) -> Array:
 
 
 def without_extremes(values: Array) -> NDArray[np.intp]:
-    """Indices of values in ascending order, without the least and the greatest of more than
-    ``LOOKS.size_looks``: one look may be far off."""
+    """Return indices of values in ascending order, without the extremes of many.
+
+    The least and the greatest of more than ``LOOKS.size_looks`` are left out: one look may be far
+    off.
+    """
     order = np.argsort(values, kind="stable")
     return order[1:-1] if len(order) > LOOKS.size_looks else order
 
@@ -167,29 +167,38 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
 
 
 def reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
-    """Standard deviation, m, of the mean length of a reducer by looks from one side, as
-    ``common_std``. What blurs the ends of a shallow cone is the same in all of them: their mean is
-    known no better than by the best."""
+    """Return the standard deviation, m, of the mean length of a reducer by looks from one side.
+
+    As ``common_std``; but what blurs the ends of a shallow cone is the same in all of them: their
+    mean is known no better than by the best.
+    """
     return max(common_std(LOOKS.distance_floor, stds, lengths), min(stds))
 
 
 def provisional_passage(belief: Belief, route: Route) -> int | None:
-    """Return the number of the passage through the straight whose end is provisional; None where
-    the route has none."""
+    """Return the number of the passage through the straight whose end is provisional.
+
+    None where the route has none.
+    """
     parts = [passage.index for passage in route.passages]
     part = belief.provisional
     return None if part is None or part not in parts else parts.index(part)
 
 
 def is_along(ahead: Sighting, frame: Array, axis: Array) -> bool:
-    """Return whether a sighting in ``frame`` (3, 3) has the axis (3,) of the pipe, world frame,
-    where it is: a picture in which that is wrong has wrong sizes and distances too."""
+    """Return whether a sighting has the axis of the pipe where it is on the map.
+
+    A picture in which that is wrong has wrong sizes and distances too. ``frame`` (3, 3) is that of
+    the sighting, ``axis`` (3,) that of the pipe, world frame.
+    """
     return float(angle_between(frame @ ahead.axis, axis)) < LOOKS.max_axis_error
 
 
 def size_stds(looks: Sequence[Sighting], mean: Fitting) -> dict[str, float]:
-    """Return the standard deviations of the sizes of a fitting, m, that is the mean of looks from
-    before it. The angle of a bend is hidden there, and has none."""
+    """Return the standard deviations of sizes that are the mean of looks from before a fitting.
+
+    In m and rad, by their keys. The angle of a bend is hidden there, and has none.
+    """
     seen = [look.fitting for look in looks]
     stds: dict[str, float] = {}
     if isinstance(mean, Elbow):

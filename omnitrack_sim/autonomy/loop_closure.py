@@ -73,7 +73,8 @@ def known_port(belief: Belief, end: Port, fitting: Fitting, enter: str) -> Port 
     Args:
         belief: the map.
         end: port at which it is observed.
-        fitting: as observed, entered by its port ``enter``.
+        fitting: as observed.
+        enter: its port there.
 
     Returns:
         A free port that agrees in kind, position and direction; None where there is none.
@@ -113,8 +114,10 @@ def close_loop(belief: Belief, end: Port, other: Port) -> tuple[float, bool]:
 
 
 def _coinciding(belief: Belief, end: Port) -> Iterator[tuple[float, Port]]:
-    """Yield unexplored ports of other parts that may be the same as ``end``, with their distances,
-    m."""
+    """Yield unexplored ports of other parts that may be the same as ``end``.
+
+    With their distances, m.
+    """
     here = belief.port(end)
     for other in belief.unexplored:
         if other[0] == end[0]:
@@ -131,8 +134,10 @@ def _coinciding(belief: Belief, end: Port) -> Iterator[tuple[float, Port]]:
 
 
 def _loop(belief: Belief, end: Port, other: Port) -> list[tuple[int, str, str, float]]:
-    """Return the parts from one port to another, with the ports between which they are passed and
-    their lengths, m."""
+    """Return the parts from one port to another.
+
+    With the ports between which they are passed and their lengths, m.
+    """
     import networkx
 
     graph = port_graph(belief.network)
@@ -149,8 +154,10 @@ def _gap(belief: Belief, end: Port, other: Port) -> Array:
 
 
 def _adjust(belief: Belief, end: Port, other: Port) -> float:
-    """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet; return
-    the squared standard deviations by which they missed."""
+    """Adjust a loop by weighted least squares so that its ends ``end`` and ``other`` meet.
+
+    Returns the squared standard deviations by which they missed.
+    """
     total, surprise = np.zeros(len(_variables(belief, end, other))), 0.0
     for step in range(LOOP_CLOSURE.adjustments):
         variables = _variables(belief, end, other)

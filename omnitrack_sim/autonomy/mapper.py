@@ -1,5 +1,7 @@
-"""What a robot that explores puts into its map: free pipe, fittings, loops, and bends measured by
-coming through them."""
+"""What a robot that explores puts into its map.
+
+Free pipe, fittings, loops, and bends measured by coming through them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF
 from omnitrack_sim.autonomy.bore_survey import with_bore
 from omnitrack_sim.autonomy.leg_planner import is_sharp
-from omnitrack_sim.autonomy.looks import HARDLY_SHOWS, LOOKS, LookTask, size_stds
+from omnitrack_sim.autonomy.looks import HARDLY_SHOWS, LOOKS, LookRecord, size_stds
 from omnitrack_sim.autonomy.loop_closure import close_loop, known_port, meeting_ports
 from omnitrack_sim.autonomy.mapping_pilot import MappingPilot, end_of
 from omnitrack_sim.autonomy.rear_looks import RearLooks
@@ -49,7 +51,7 @@ class MapperSettings:
 MAPPER = MapperSettings()
 
 
-class Mapper(LookTask):
+class Mapper(LookRecord):
     """Puts what a robot sees into its map.
 
     Args:
@@ -64,7 +66,7 @@ class Mapper(LookTask):
         self._named: set[str] = set()  # fittings that an event has named
 
     def forget_part(self, part: int) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._unmeasured_bends.discard(part)
 
     # Pipe
@@ -119,8 +121,10 @@ class Mapper(LookTask):
         return share * more
 
     def measure_pipe(self, part: int, look: Look, end_std: float) -> None:
-        """Note to what the length of ``part`` is known if it is a straight: a look has placed its
-        end to ``end_std`` m."""
+        """Note to what the length of a straight is known whose end a look has placed.
+
+        ``part`` may be no straight; ``end_std`` is the standard deviation of its end, m.
+        """
         if not self._belief.fitting(part).is_plain:
             return
         placement, std = self._rear.placement, math.hypot(end_std, look.std)
@@ -130,8 +134,10 @@ class Mapper(LookTask):
         self._belief.set_stds(part, length=std)
 
     def doubt_moved_end(self, move: float) -> None:
-        """Doubt the length of the straight ahead if its end has moved by ``move`` m between looks
-        from afar and from close by."""
+        """Doubt the length of the straight ahead if its end has moved between looks.
+
+        By ``move`` m, from afar and from close by.
+        """
         if abs(move) > MAPPER.max_end_shift:
             part, _, _ = self._check.look_from(self._pilot.route())
             self._pilot.doubt(part, f"its end moved by {1000 * abs(move):.0f} mm between looks")
@@ -139,8 +145,10 @@ class Mapper(LookTask):
     # Fittings
 
     def correct_passed(self) -> float:
-        """Correct the size of a fitting that has been measured from behind; return by how much
-        longer it is now, m."""
+        """Correct the size of a fitting that has been measured from behind.
+
+        Returns by how much longer it is now, m.
+        """
         measured = self._rear.take_measured()
         if measured is None:
             return 0.0
@@ -188,8 +196,10 @@ class Mapper(LookTask):
         return part, [*self._found(part, ahead, look.time), *self._meet(part, look.time)]
 
     def _doubt_sizes(self, name: str, ahead: Sighting) -> None:
-        """Doubt the mean of looks from close by where they leave it open; they replace what was
-        seen from afar."""
+        """Doubt the mean of looks from close by where they leave it open.
+
+        They replace what was seen from afar.
+        """
         doubts, doubt = self._pilot.doubts, self._check.close.doubt()
         if ahead.confidence > LOOKS.sure:
             doubts.pop(name, None)
@@ -213,8 +223,11 @@ class Mapper(LookTask):
         ]
 
     def _close_loop(self, time: float, end: Port, other: Port) -> Event:
-        """Close a loop of the map; it is in doubt where its ends miss each other by more than what
-        was measured around it may be off by."""
+        """Close a loop of the map.
+
+        It is in doubt where its ends miss each other by more than what was measured around it may
+        be off by.
+        """
         belief = self._belief
         miss, doubtful = close_loop(belief, end, other)
         if doubtful:
@@ -222,8 +235,11 @@ class Mapper(LookTask):
         return LoopClosed(self._pilot.number, time, belief.name(end), belief.name(other), miss)
 
     def _measure_later(self, part: int, ahead: Sighting, weight: float) -> None:
-        """Have a new fitting measured when the robot has come through it: the angle of a bend, and
-        sizes that are in doubt; ``weight``: of those that the map has, see ``CloseLooks``."""
+        """Have a new fitting measured when the robot has come through it.
+
+        The angle of a bend, and sizes that are in doubt; ``weight`` is that of those that the map
+        has, see ``CloseLooks``.
+        """
         fitting, name = self._belief.fitting(part), self._belief.part_name(part)
         if isinstance(fitting, Elbow | Wye):
             self._unmeasured_bends.add(part)
@@ -240,8 +256,10 @@ class Mapper(LookTask):
     # Bends
 
     def measure_bend(self, ahead: Sighting, look: Look) -> None:
-        """Measure the elbow, or the branch of a wye, that the robot has come through into the pipe
-        that it sees; the map has its angle and direction then."""
+        """Measure the bend that the robot has come through into the pipe that it sees.
+
+        An elbow, or the branch of a wye; the map has its angle and direction then.
+        """
         # Before an elbow its far end is hidden, so a picture shows its angle badly, and now and
         # then one is off in direction. How the robot is turned it knows better, even where it has
         # come round by other fittings.
@@ -288,9 +306,11 @@ class Mapper(LookTask):
         return None if measured or self._pilot.end in belief.joined else path[last]
 
     def _shows_axis(self, ahead: Sighting, std: float) -> bool:
-        """Return whether a sighting shows how the pipe lies: where a bend begins nearer than a lens
-        sees the wall, no straight wall does. ``std``: m, of the robot's arc length, 0 where it
-        knows its pose."""
+        """Return whether a sighting shows how the pipe lies.
+
+        Where a bend begins nearer than a lens sees the wall, no straight wall does. ``std``: m, of
+        the robot's arc length, 0 where it knows its pose.
+        """
         near = ahead.distance - self._pilot.half < MAPPER.blind
         return std == 0.0 or not (near and isinstance(ahead.fitting, Elbow))
 
@@ -306,7 +326,9 @@ def _mean_direction(
 
 
 def _turn_to(axis: Array, one: Array, other: Array) -> float:
-    """Return the angle, rad, by which ``one`` (3,) has to turn about ``axis`` (3,) to lie in the
-    half-plane of ``other`` (3,)."""
+    """Return the angle, rad, by which one direction has to turn to lie beside another.
+
+    ``one`` (3,) turns about ``axis`` (3,) into the half-plane of ``other`` (3,).
+    """
     cross = np.cross(axis, one)
     return math.atan2(float(other @ cross), float(other @ np.cross(cross, axis)))

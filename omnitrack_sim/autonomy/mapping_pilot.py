@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
 from omnitrack_sim.autonomy.leg_planner import LegPlanner
-from omnitrack_sim.autonomy.looks import LookTask, provisional_passage
+from omnitrack_sim.autonomy.looks import LookRecord, provisional_passage
 from omnitrack_sim.autonomy.pilots import MapPilot
 from omnitrack_sim.pipes import Arcs, Passage, Port
 from omnitrack_sim.pipes.planning import Leg
@@ -31,7 +31,7 @@ class MappingPilot(MapPilot):
         half: m, from its centre to its ends.
         number: see above.
         doubts: why parts of the map may be wrong, by their names.
-        tasks: reasons to look again, which hear of other legs and of parts that are removed.
+        records: of looks, which hear of other legs and of parts that are removed.
         assumed: m, of free pipe at the end of the map that no look has shown.
         look_at: m, arc length on its leg where the robot looks ahead next.
     """
@@ -43,7 +43,7 @@ class MappingPilot(MapPilot):
         self.robot, self.half, self.number = robot, robot.length / 2, number
         self._arcs, self._belief = arcs, belief
         self.doubts: dict[str, str] = {}
-        self.tasks: tuple[LookTask, ...] = ()
+        self.records: tuple[LookRecord, ...] = ()
         self.assumed = 0.0
         self.planner = self.planner_to([])
         self.leg = self._to_path_end(Leg(((0, "start", "end"),), 1, distance, 0.0, 0, ""))
@@ -64,8 +64,10 @@ class MappingPilot(MapPilot):
         self.doubts[self.belief.part_name(part)] = why
 
     def passed(self, distance: float) -> Passage | None:
-        """Return the passage that the robot has left behind at arc length ``distance`` m; None in
-        the first of its leg."""
+        """Return the passage that the robot has left behind at arc length ``distance`` m.
+
+        None in the first of its leg.
+        """
         route = self.route()
         i = route.index_at(distance)
         return route.passages[i - 1] if i else None
@@ -91,26 +93,32 @@ class MappingPilot(MapPilot):
         return replace(leg, end=end, note=f"to {self.belief.name(end_of(leg.path))}")
 
     def lengthen_leg(self, more: float) -> None:
-        """Move the end of the leg, and the next look, by ``more`` m, as the map behind the robot
-        has."""
+        """Move the end of the leg, and the next look, by ``more`` m.
+
+        So the map behind the robot has changed.
+        """
         self.plan_anew()
         self.leg, self.look_at = replace(self.leg, end=self.leg.end + more), self.look_at + more
 
     def remove_provisional(self) -> None:
-        """Remove from the map what was observed only from afar at the end of the straight ahead, as
-        looks from close by replace it."""
+        """Remove from the map what was observed only from afar at the end of the straight ahead.
+
+        Looks from close by replace it.
+        """
         i = provisional_passage(self.belief, self.route())
         if i is None:
             return
         for part in self.belief.remove_provisional():
-            for task in self.tasks:
-                task.forget_part(part)
+            for record in self.records:
+                record.forget_part(part)
         self.plan_anew()
         self.leg = replace(self.leg, path=self.leg.path[: i + 1])
 
     def remove_assumed(self, here: int) -> None:
-        """Remove free pipe that the robot has only assumed, unless its part ``here`` is that: when
-        it comes again it is to look from where the fitting before that pipe ends."""
+        """Remove free pipe that the robot has only assumed, unless its part ``here`` is that.
+
+        When it comes again it is to look from where the fitting before that pipe ends.
+        """
         *path, (part, enter, _) = self.leg.path
         fitting, name = self.belief.fitting(part), self.belief.part_name(part)
         if self.assumed == 0.0 or not path or part == here or enter != "start":

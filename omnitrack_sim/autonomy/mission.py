@@ -1,5 +1,4 @@
-"""Missions: what a user asks for in a network, and the legs of a mission in a network that is
-known."""
+"""Missions: what a user asks for in a network, and its legs where that is known."""
 
 from __future__ import annotations
 
@@ -35,8 +34,7 @@ class Mission(Table):
     """Ports closed by a plate that the robot does not know of."""
 
     def ports_in(self, network: Network) -> tuple[list[Port], tuple[Port, ...]]:
-        """Return the ports of start and goals, and the ports closed by a plate, those of caps
-        among them.
+        """Return the ports of start and goals, and the ports closed by a plate or a cap.
 
         Raises:
             NetworkError: no such port or fitting, no open end, or map, task and goals that do not

@@ -15,7 +15,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF, Belief, doubtful_sizes
 from omnitrack_sim.autonomy.looks import (
     LOOKS,
-    LookTask,
+    LookRecord,
     common_std,
     has_slipped,
     provisional_passage,
@@ -29,7 +29,7 @@ from omnitrack_sim.pipes import Elbow, Reducer, Route, Straight, Wye
 from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS, MIN_LENGTH
 
 
-class Confirmation(LookTask):
+class Confirmation(LookRecord):
     """Confirms a fitting sighted out of another one by a second sighting of it in the same place.
 
     A bend that is not over looks like another one that begins at the lens.
@@ -49,13 +49,15 @@ class Confirmation(LookTask):
 
     @property
     def unconfirmed_kind(self) -> str:
-        """Kind of the fitting that has not been confirmed; "" for none and for an elbow, which
-        often is the rest of the bend before."""
+        """Kind of the fitting that has not been confirmed.
+
+        "" for none and for an elbow, which often is the rest of the bend before.
+        """
         kind = "" if self._first is None else self._first[0].kind[0]
         return "" if kind == Elbow.kind else kind
 
     def begin_leg(self) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._first, self.confirmed, self.side = None, False, None
 
     def add(self, ahead: Sighting, distance: float, side: Array) -> None:
@@ -88,17 +90,19 @@ class Confirmation(LookTask):
 
 
 def _may_be_one(first: Sighting, second: Sighting) -> bool:
-    """Return whether two sightings may show one fitting: of the same kind, and a reducer to the
-    same bore. By a lamp what no form explains looks like any cone."""
+    """Return whether two sightings may show one fitting.
+
+    They are of the same kind, and a reducer leads to the same bore. By a lamp what no form explains
+    looks like any cone.
+    """
     one, other = first.fitting, second.fitting
     if isinstance(one, Reducer) and isinstance(other, Reducer):
         return abs(one.end_diameter - other.end_diameter) < LENGTHS * one.end_diameter
     return first.kind == second.kind
 
 
-class CloseLooks(LookTask):
-    """Sightings of one reducer or elbow from close by, the mean of which gives its sizes and its
-    position."""
+class CloseLooks(LookRecord):
+    """Sightings of one reducer or elbow from close by, whose mean gives its sizes and position."""
 
     def __init__(self) -> None:
         # Each sighting, and the arc length of the robot then, m.
@@ -110,7 +114,7 @@ class CloseLooks(LookTask):
         return self._looks[-1] if self._looks else None
 
     def begin_leg(self) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self.clear()
 
     def clear(self) -> None:
@@ -126,9 +130,11 @@ class CloseLooks(LookTask):
         self._looks.append((ahead, distance))
 
     def are_few(self, before: float) -> bool:
-        """Return whether another look is needed for the sizes to be known, and the length of the
-        pipe before the fitting, as far as a map may not be wrong in them; ``before``: m, arc length
-        where that pipe begins."""
+        """Return whether another look is needed for sizes and position to be known.
+
+        As far as a map may not be wrong in them, and in the length of the pipe before the fitting,
+        which begins at arc length ``before`` m.
+        """
         if len(self._looks) < LOOKS.size_looks:
             return True
         radii = self._radii() or [0.0]
@@ -141,9 +147,12 @@ class CloseLooks(LookTask):
         return bool(more) and len(self._looks) < LOOKS.more_looks
 
     def begin_of(self, ahead: Sighting, distance: float) -> tuple[float, float]:
-        """Return the arc length, m, at which a fitting or an end begins that is sighted from arc
-        length ``distance`` m, and its standard deviation: the mean of all sightings of its kind,
-        weighted by their variances. The last of them sees the cone of a reducer from too near."""
+        """Return the arc length at which a fitting or an end begins, and its standard deviation.
+
+        Both in m. It is sighted from arc length ``distance`` m. The mean of all sightings of its
+        kind, weighted by their variances: the last of them sees the cone of a reducer from too
+        near.
+        """
         looks = [look for look in self._looks if look[0].kind == ahead.kind]
         looks += [] if any(look is ahead for look, _ in looks) else [(ahead, distance)]
         ends = [at + look.distance for look, at in looks]
@@ -168,8 +177,10 @@ class CloseLooks(LookTask):
         return size_stds([look for look, _ in self._looks], self.mean())
 
     def doubt(self) -> str:
-        """Return why the sizes of a reducer are in doubt, "" where they are not. Its cone is
-        shallow, and its far end may be hidden by what follows."""
+        """Return why the sizes of a reducer are in doubt, "" where they are not.
+
+        Its cone is shallow, and its far end may be hidden by what follows.
+        """
         sizes = self._reducer_sizes()
         if not len(sizes):
             return ""
@@ -182,8 +193,10 @@ class CloseLooks(LookTask):
         return "its length was seen from one side only" if least > LOOKS.max_size_std else ""
 
     def weight(self) -> float:
-        """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m²: the
-        inverse of its variance, 0 by error-free sight."""
+        """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m².
+
+        The inverse of its variance, 0 by error-free sight.
+        """
         stds = self.stds()
         std = stds["mean_radius" if "mean_radius" in stds else "length"]
         return std**-2 if std else 0.0
@@ -203,7 +216,7 @@ class CloseLooks(LookTask):
         return np.array([(one.length, one.end_diameter, one.inner_diameter) for one in reducers])
 
 
-class NearLooks(LookTask):
+class NearLooks(LookRecord):
     """Looks of one robot from close by at the end of a straight that it has observed from afar.
 
     From afar both cameras measure distances to centimetres, and may take one fitting for another.
@@ -243,7 +256,7 @@ class NearLooks(LookTask):
         return max(close - LOOKS.out_of_fitting, distance + LOOKS.retry_step)
 
     def begin_leg(self) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._belief.set_provisional(None)
 
     def shift_robot(self, shift: float) -> None:
@@ -276,8 +289,10 @@ class NearLooks(LookTask):
             self._kinds[ahead.kind] += 1
 
     def is_doubted(self, ahead: Sighting, route: Route) -> bool:
-        """Return whether looks from close by and from afar differ in kind, and this kind has not
-        been observed twice."""
+        """Return whether looks from close by and from afar differ in kind.
+
+        Until the kind of ``ahead`` has been observed twice.
+        """
         there = provisional_passage(self._belief, route) is not None
         return there and self._kinds[ahead.kind] < 2
 
@@ -288,9 +303,12 @@ class NearLooks(LookTask):
 
 
 def _is_alike(far: Sighting, near: Sighting) -> bool:
-    """Return whether a look from afar places an end as one from nearby does: it shows the same,
-    from the same port, and of a wye its angle. The distance goes with what a picture is taken for:
-    wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm off, 8 elbows up to 1."""
+    """Return whether a look from afar places an end as one from nearby does.
+
+    It shows the same, from the same port, and of a wye its angle. The distance goes with what a
+    picture is taken for: wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm
+    off, 8 elbows up to 1.
+    """
     placed = far.distance_std < LOOKS.max_std and far.kind == near.kind
     if not placed or far.fitting is None:
         return placed

@@ -12,7 +12,7 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.looks import (
     LOOKS,
-    LookTask,
+    LookRecord,
     common_std,
     has_slipped,
     is_along,
@@ -40,7 +40,7 @@ class Placement(NamedTuple):
     std: float
 
 
-class RearLooks(LookTask):
+class RearLooks(LookRecord):
     """Looks back of one robot at the fittings that it has passed.
 
     It looks back once in each straight behind a fitting, and again as soon as it sees the far end
@@ -77,12 +77,12 @@ class RearLooks(LookTask):
     # When
 
     def begin_leg(self) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._first_look, self._second_look, self._shift = 0.0, math.inf, math.inf
         self.placement = None
 
     def next_look(self, route: Route) -> float:
-        """See ``LookTask``."""
+        """Return the arc length on a route, m, of the next look back; infinite for none."""
         for before in route.passages[1:]:
             new = before.index not in self._looked_once
             if new and self._belief.fitting(before.index).is_plain:
@@ -92,8 +92,10 @@ class RearLooks(LookTask):
         return self._second_look
 
     def may_look_again(self, route: Route, distance: float) -> bool:
-        """Return whether the robot has looked back only once in the straight at arc length
-        ``distance`` m."""
+        """Return whether the robot has looked back only once in the straight it is in.
+
+        At arc length ``distance`` m.
+        """
         here = route.passages[route.index_at(distance)]
         return here.index in self._looked_once - self._looked_twice
 
@@ -103,15 +105,18 @@ class RearLooks(LookTask):
         self._second_look = distance
 
     def in_sight(self, route: Route, distance: float) -> bool:
-        """Return whether a robot at arc length ``distance`` m sees the fitting by which it has been
-        placed: down a pipe belts slip by up to a tenth of the way to its end."""
+        """Return whether a robot sees the fitting by which it has been placed.
+
+        It is at arc length ``distance`` m: down a pipe belts slip by up to a tenth of the way to
+        its end.
+        """
         here = route.passages[route.index_at(distance)]
         return here.index in self._looked_once and distance - here.s_enter < LOOKS.in_sight
 
     # Sizes
 
     def forget_part(self, part: int) -> None:
-        """See ``LookTask``."""
+        """See ``LookRecord``."""
         self._sizes.pop(part, None)
 
     def measure(self, part: int, weight: float = 0.0) -> None:
@@ -152,8 +157,10 @@ class RearLooks(LookTask):
         return part, key, size, std
 
     def _add_size(self, part: int, behind: Sighting, more: bool) -> None:
-        """Add what a look back tells of a size that is to be measured, if it is one; ``more``: the
-        pipe has room for more looks."""
+        """Add what a look back tells of a size that is to be measured, if it is one.
+
+        ``more``: the pipe has room for more looks.
+        """
         sizes, enough = self._sizes.get(part), LOOKS.size_looks
         if sizes is None:
             return
@@ -169,8 +176,10 @@ class RearLooks(LookTask):
     # Position
 
     def located(self, route: Route, look: Look) -> float:
-        """Return the arc length of a robot on a route, m, from a look back: that by its own
-        estimate where the look is ambiguous."""
+        """Return the arc length of a robot on a route, m, from a look back.
+
+        That by its own estimate where the look is ambiguous.
+        """
         distance, behind = look.distance, look.behind
         i = route.index_at(distance)
         part = route.passages[i].index
@@ -208,8 +217,10 @@ class RearLooks(LookTask):
     def _first_located(
         self, route: Route, i: int, distance: float, behind: Sighting, known: Sighting
     ) -> float:
-        """Return the arc length, m, by the first look back in passage ``i`` that tells something:
-        ``behind``, and that given the sizes that the map has."""
+        """Return the arc length, m, by the first look back in a passage that tells something.
+
+        ``behind`` is the look from passage ``i``, ``known`` that given the sizes that the map has.
+        """
         here = route.passages[i]
         located = here.s_enter + known.distance
         shift, before = located - distance, self._shift
@@ -234,15 +245,20 @@ class RearLooks(LookTask):
         return located
 
     def add_slip_uncertainty(self, shift: float) -> None:
-        """Take note that looks at one end of the pipe differ by ``shift`` m: belts have slipped by
-        that, or one of the looks is as wrong."""
+        """Take note that looks at one end of the pipe differ by ``shift`` m.
+
+        Belts have slipped by that, or one of the looks is as wrong.
+        """
         if self.placement is not None:
             std = math.hypot(self.placement.std, shift)
             self.placement = self.placement._replace(std=std)
 
     def _averaged(self, place: Placement, distance: float, shift: float) -> float:
-        """Return the arc length, m, of a robot by one more look that agrees with that before: the
-        mean of both. ``shift``: m, of the latter from ``distance`` m by its own estimate."""
+        """Return the arc length, m, of a robot by one more look that agrees with that before.
+
+        The mean of both; ``shift`` m is by what the latter differs from ``distance`` m by its own
+        estimate.
+        """
         if place.std == 0.0 or self.placement is None or self.placement.part != place.part:
             return distance
         _, at, before = self.placement
@@ -254,8 +270,10 @@ class RearLooks(LookTask):
         return located
 
     def _is_clear(self, route: Route, i: int, behind: Sighting, frame: Array) -> bool:
-        """Return whether a look back from passage ``i``, by a robot in ``frame`` (3, 3), clearly
-        shows a fitting."""
+        """Return whether a look back from passage ``i`` clearly shows a fitting.
+
+        ``frame`` (3, 3) is that of the robot.
+        """
         passed, seen = route.passages[i - 1], behind.fitting
         if seen is None or behind.confidence < self._confidence:
             return False
@@ -272,8 +290,10 @@ class RearLooks(LookTask):
         return plain and is_along(behind, frame * TURNED, into)
 
     def _with_known_sizes(self, behind: Sighting, route: Route, i: int) -> Sighting:
-        """Return a look back from passage ``i``, given the sizes that the map has of the fitting
-        before that."""
+        """Return a look back given the sizes that the map has of the fitting it shows.
+
+        That before passage ``i``.
+        """
         part = route.passages[i - 1].index
         stds = self._belief.stds.get(self._belief.part_name(part), {})
         return behind.conditioned_on(self._belief.fitting(part), stds)
@@ -294,7 +314,9 @@ def _placement(part: int, distance: float, sighting: Sighting) -> Placement:
 
 
 def _is_measured(looks: Sequence[tuple[float, float]], enough: int) -> bool:
-    """Return whether looks, each a size and its standard deviation, m, tell a size: as many as are
-    ``enough`` have been made, and their mean is known well enough."""
+    """Return whether looks, each a size and its standard deviation, m, tell a size.
+
+    As many as are ``enough`` have been made, and their mean is known well enough.
+    """
     std = float(weights_of([std for _, std in looks]).sum()) ** -0.5 if looks else math.inf
     return len(looks) >= enough and std < LOOKS.max_size_std

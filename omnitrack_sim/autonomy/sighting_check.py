@@ -54,8 +54,11 @@ class SightingCheck:
         self.near = NearLooks(pilot.belief, pilot.half)
 
     def look_from(self, route: Route) -> Edge:
-        """Return the passage that a look leads out of: the straight whose end is provisional, or
-        else the last one on the leg that is not assumed pipe."""
+        """Return the passage that a look leads out of.
+
+        The straight whose end is provisional, or else the last one on the leg that is not assumed
+        pipe.
+        """
         i, path = provisional_passage(self._belief, route), self._pilot.leg.path
         if i is not None:
             return path[i]
@@ -64,8 +67,10 @@ class SightingCheck:
         return before[-1] if assumed and before else last
 
     def shows_pipe(self, look: Look) -> bool:
-        """Return whether a look ahead has the axis of the pipe that it leads out of where the map
-        has it; see ``is_along``."""
+        """Return whether a look ahead has the axis of its pipe where the map has it.
+
+        Of the pipe that it leads out of; see ``is_along``.
+        """
         part, _, leave = self.look_from(self._pilot.route())
         axis = self._belief.port((part, leave)).rotation[:, 2]
         return look.ahead is not None and is_along(look.ahead, look.frame, axis)
@@ -87,8 +92,10 @@ class SightingCheck:
         return ahead is not None and ahead.end == "closed" and ahead.distance < near
 
     def next_look(self, ahead: Sighting, look: Look, route: Route) -> float | None:
-        """Return the arc length, m, of the look that is needed before a sighting is believed; None
-        where none is."""
+        """Return the arc length, m, of the look needed before a sighting is believed.
+
+        None where none is.
+        """
         distance, later = look.distance, look.distance + LOOKS.confirm_step
         self._keep_sizes(ahead, look, route)
         self.near.add(ahead, route)
@@ -113,8 +120,10 @@ class SightingCheck:
         return ahead.fitting is not None and not plain
 
     def _confirm(self, ahead: Sighting, look: Look, route: Route) -> None:
-        """Compare a sighting out of a fitting with the one before; others need no confirmation, and
-        one before them that was not confirmed is in doubt."""
+        """Compare a sighting out of a fitting with the one before.
+
+        Others need no confirmation, and one before them that was not confirmed is in doubt.
+        """
         if self._needs_confirmation(ahead, route):
             part, _, leave = self.look_from(route)
             axis = self._belief.port((part, leave)).rotation[:, 2]
@@ -158,8 +167,11 @@ class SightingCheck:
     # Sizes from close by
 
     def _keep_sizes(self, ahead: Sighting, look: Look, route: Route) -> None:
-        """Keep a sighting of a reducer or an elbow from close by, with those of the same kind just
-        before it; now and then one shows free pipe where there is a shallow cone."""
+        """Keep a sighting of a reducer or an elbow from close by.
+
+        With those of the same kind just before it; now and then one shows free pipe where there is
+        a shallow cone.
+        """
         sized, free = self._shows_sizes(ahead, route), ahead.kind == ("", "")
         if not (free or (sized and self.close.are_of(ahead))):
             self.close.clear()

@@ -178,7 +178,7 @@ def _scenario_folder() -> Path:
 
 
 ShippedKind = Literal[
-    "scenarios", "sweeps", "studies", "networks", "courses", "policies", "passports"
+    "scenarios", "sweeps", "studies", "networks", "suites", "courses", "policies", "passports"
 ]
 
 
@@ -189,7 +189,7 @@ def shipped_files(kind: ShippedKind) -> ByName[Path]:
 
     Args:
         kind: ``scenarios``, ``sweeps``, ``studies``, ``networks``, ``policies`` of networks,
-            ``courses`` of the benchmark of mobility, or ``passports`` of robots.
+            ``suites`` and ``courses`` of benches, or ``passports`` of robots.
 
     Example:
         >>> ot.shipped_files("scenarios")["tee_turn"].name

@@ -75,8 +75,9 @@ SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), "
 SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), "sweeps")
 NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), "networks")
 STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), "studies")
+SUITE = Kind("suite", "bench --suite", frozenset({"courses", "measures"}), "suites")
 COURSE = Kind("course", "bench --course", frozenset({"words"}), "courses")
-KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE)
+KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE, SUITE)
 _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",

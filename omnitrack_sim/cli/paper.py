@@ -109,7 +109,7 @@ def _case(
 
 def _orientation(case: ot.TurnCase, theta5_deg: float, roll_deg: float) -> dict[str, Any]:
     """Verdict on one orientation, and the shortest roll to a safe one."""
-    from omnitrack_sim.robots.omnitrack.control.alignment import Obstacle, plan_roll
+    from omnitrack_sim.robots.omnitrack.control.roll_plan import Obstacle, plan_roll
     from omnitrack_sim.robots.omnitrack.singularity import is_singular
 
     theta5, roll = math.radians(theta5_deg), math.radians(roll_deg)

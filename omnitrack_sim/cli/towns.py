@@ -60,8 +60,10 @@ def passport(
     dask: DaskOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure what a robot passes, how surely, and at what cost; the same command resumes after an
-    interruption."""
+    """Measure what a robot passes, how surely, and at what cost.
+
+    The same command resumes after an interruption.
+    """
     from omnitrack_sim.towns.passport import PASSPORT_FILE
     from omnitrack_sim.towns.passport_plan import FULL, QUICK
 
@@ -146,8 +148,7 @@ def reach(
     folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Map where a robot gets to in a network and back, how surely, at what cost, and what stops
-    it."""
+    """Map where a robot gets to in a network, at what cost, and what stops it."""
     from omnitrack_sim.robots.kinds import DEFAULT
     from omnitrack_sim.towns.reach_files import summary_of
 

@@ -142,8 +142,8 @@ def bench(
         str,
         typer.Option(
             metavar="SUITE",
-            help="mobility, of robots; or control, of controllers and policies of the package's "
-            "own robot.",
+            help="A suite file, or a shipped one by name: mobility, of robots; or control, of "
+            "controllers and policies of the default robot.",
         ),
     ] = "mobility",
     robots: Annotated[
@@ -177,11 +177,13 @@ def bench(
     dask: DaskOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Put robots or controllers through the same courses; the same command resumes after an
-    interruption."""
-    from omnitrack_sim.trials.bench import suite_of
+    """Put robots or controllers through the same courses.
 
-    shipped = [] if alone else [*suite_of(suite).entries()]
+    The same command resumes after an interruption.
+    """
+    from omnitrack_sim.trials.suite import load_suite
+
+    shipped = [] if alone else [*load_suite(suite).entries]
     entries = [*shipped, *_pairs(robots or [], controllers or [])]
     planned = with_changes(
         lambda changes: ot.Bench.of(
@@ -190,9 +192,9 @@ def bench(
         assignments,
     )
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
-    target = folder or Path("out") / f"bench_{suite}{kind}"
+    target = folder or Path("out") / f"bench_{Path(suite).stem}{kind}"
     options = worker_options(workers, dask)
-    with trials_bar(f"bench {suite}") as report:
+    with trials_bar(f"bench {planned.name}") as report:
         result = ot.run_trials(planned, out=target, progress=report, **options)
     if as_json:
         print_json(result.summary["rows"])
@@ -210,8 +212,7 @@ def _pairs(robots: list[str], controllers: list[str]) -> list[tuple[str, str]]:
 
 
 def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
-    """Return the workers, processes of this machine or a Dask cluster, as keyword arguments of
-    ``run_trials``.
+    """Return the workers as keyword arguments of ``run_trials``: processes, or a Dask cluster.
 
     Raises:
         InputError: both are asked for.
@@ -229,8 +230,9 @@ def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
 
 @contextmanager
 def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
-    """Show the progress of trials on standard error: a bar, or a line now and then where that is no
-    terminal; yields the function that is called with the status.
+    """Show the progress of trials on standard error, and yield the function that takes it.
+
+    It is a bar, or a line now and then where standard error is no terminal.
 
     Raises:
         typer.Exit: with status 130, when Ctrl-C has been pressed.

@@ -22,7 +22,7 @@ from omnitrack_sim.cli.runs import draw, print_result
 from omnitrack_sim.show.viewer.keys import DRIVE, REPLAY, VIEW, Key, help_lines
 
 if TYPE_CHECKING:
-    from omnitrack_sim.show.viewer.player import Driver
+    from omnitrack_sim.show.viewer.driver import Driver
 
 
 def _keys(keys: tuple[Key, ...]) -> str:
@@ -100,7 +100,7 @@ def drive(
     loaded = load(scenario, assignments)
     target = folder or Path("out") / driven_name(loaded.name)
     check_folder(target, RESULT_FILE)
-    from omnitrack_sim.show.viewer.player import Driver
+    from omnitrack_sim.show.viewer.driver import Driver
     from omnitrack_sim.show.viewer.window import Window, require_screen
 
     require_screen()

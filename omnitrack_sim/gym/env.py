@@ -32,7 +32,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.playback import FARTHEST
+from omnitrack_sim.show.playback import MAX_MAGNITUDE
 from omnitrack_sim.show.run_playback import RunPlayback
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class EpisodeStage(Stage):
 
 
 def _is_sound(qpos: Array) -> bool:
-    return bool(np.abs(qpos).max() < FARTHEST)  # NaN is not less either
+    return bool(np.abs(qpos).max() < MAX_MAGNITUDE)  # NaN is not less either
 
 
 def _along_the_route(scenario: Scenario) -> Result:

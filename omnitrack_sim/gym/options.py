@@ -133,7 +133,7 @@ def check_for(options: EnvOptions, robot: Robot) -> None:
     """
     decisions, onboard = robot.decisions, options.senses(robot) == "onboard"
     own = tuple(f"robot.{path}" for path in robot.own_values)
-    rolls = ("start.roll_deg",) if "start.roll_deg" in robot.understands else ()
+    rolls = ("start.roll_deg",) if robot.rolls else ()
     faults = _unknown("ranges", options.ranges, (*_DRAWN, *rolls, *own))
     if options.acting not in decisions.actings:
         choices = tuple(decisions.actings)

@@ -38,7 +38,6 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import attempt, figure_bytes, save_figure
 from omnitrack_sim.show.plots.success import success_figure
 from omnitrack_sim.sim.simulation import Progress
-from omnitrack_sim.trials.sweep_plot import singular_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -192,7 +191,7 @@ def _success_map(runs: Runs) -> Figure:
     theta5 = np.array([r.scenario.start.theta5_deg for r in runs["map_jacobian"]])
     kinds = ("jacobian", "paper")
     passed = {kind: np.array([r.success for r in runs[f"map_{kind}"]]) for kind in kinds}
-    return success_figure(theta5, passed, *singular_range(TurnCase()))
+    return success_figure(theta5, passed, *TurnCase().singular_range)
 
 
 def _success_rates(runs: Runs) -> Figure:

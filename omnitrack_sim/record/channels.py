@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 TRACKS = ("upper", "lower")
 """Order of the two tracks of a module in channels of shape (3, 2)."""
@@ -66,6 +66,19 @@ class Display:
         """Title, with the number of one module (1 to 3), and unit."""
         title = self.title if module is None else f"{self.title}, module {module}"
         return title if self.unit in ("", "1", "code") else f"{title} [{self.unit}]"
+
+
+class SingularRange(NamedTuple):
+    """Range of orientations in which a robot cannot turn.
+
+    Attributes:
+        sector_deg: its width by the theory, degrees.
+        margin_deg: from the best orientation to the range with the real length of the contact,
+            degrees; None where that leaves none.
+    """
+
+    sector_deg: float
+    margin_deg: float | None
 
 
 @dataclass(frozen=True)
@@ -325,7 +338,7 @@ _SHIPPED = (
     ),
 )
 CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _SHIPPED}
-"""Channels of the omnidirectional robot, in the order of the file."""
+"""Channels of a robot with three modules of two tracks each, in the order of the file."""
 
 _MM, _DEG = 1e3, 180.0 / math.pi
 DISPLAYS: Mapping[str, Display] = {

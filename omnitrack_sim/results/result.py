@@ -174,8 +174,9 @@ class Result:
         return self.scenario.route.network
 
     def map_difference(self) -> MapDifference | None:
-        """Return the differences of an explorer's map from the reachable part of its network, and
-        how sure the robot is of each size.
+        """Return the differences of an explorer's map from its network, and their doubt.
+
+        Only the reachable part of the network counts.
 
         None for other robots.
         """

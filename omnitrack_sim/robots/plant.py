@@ -88,7 +88,7 @@ class Start:
 
 
 def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
-    """Return a robot in exact pipes as one model, ready to compile; see ``Robot.to_spec``.
+    """Return a robot in exact pipes as one model, ready to compile; see ``Robot.scene``.
 
     Beside the robot's own sensors the model has one for each of its bodies that can touch the wall.
     """
@@ -132,6 +132,21 @@ def initial_state(robot: Robot) -> mujoco.MjData:
     data = mujoco.MjData(compiled(robot))  # type: ignore[arg-type]  # a frozen model is hashable
     mujoco.mj_kinematics(data.model, data)
     return data
+
+
+def is_similar(robot: Robot, other: Robot) -> bool:
+    """Return whether the parts of robots that touch the wall have the same form and density."""
+    own, its = compiled(robot), compiled(other)
+    factor = other.nominal_bore / robot.nominal_bore
+    touching = own.geom_contype | own.geom_conaffinity > 0
+    pairs = (
+        (own.geom_size[touching] * factor, its.geom_size[touching]),
+        (own.geom_pos[touching] * factor, its.geom_pos[touching]),
+        (own.body_pos * factor, its.body_pos),
+        (own.body_mass * factor**3, its.body_mass),
+    )
+    least = 1e-4 * min(factor, factor**3)
+    return all(np.allclose(a, b, rtol=0.01, atol=least) for a, b in pairs)
 
 
 def _add_touch(spec: mujoco.MjSpec, body: str) -> None:

@@ -114,8 +114,8 @@ def quantity(
     Example:
         >>> class Crawler(ot.Robot):
         ...     speed: float = ot.quantity(0.05, "m/s", "assumed", "of its wheels", (0.0, 1.0))
-        >>> Crawler().parameters()[0].provenance
-        'assumed'
+        >>> Crawler.model_fields["speed"].description
+        'of its wheels'
     """
     # pydantic carries these along: unit and source stand in one place with the value.
     extra: Any = {"unit": unit, "provenance": provenance, "within": within}

@@ -7,33 +7,27 @@ inherits from ``Robot`` and is named ``module:Class`` in the file, or an MJCF fi
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.pipes import Assembly, Port
-from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.pipes import Assembly, Passage, Port
+from omnitrack_sim.record.channels import COMMON, Channel, SingularRange
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller, OwnController
-from omnitrack_sim.robots.quantity import (
-    Parameter,
-    QuantityModel,
-    froude_exponent,
-    parameter_rows,
-    quantity,
-    similar,
-)
+from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity
+from omnitrack_sim.robots.size import Sized
 from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
@@ -45,17 +39,6 @@ if TYPE_CHECKING:
 
 GRAVITY = 9.81
 """Weight of a mass, N/kg, where a figure of a robot asks for it."""
-REFERENCE_BORE = 0.16
-"""Bore of the paper's pipe, m, for which parameters of control and monitor with a unit are
-stated."""
-
-
-SPECIAL: Mapping[str, Any] = {
-    "physics.collider": "exact",
-    "start.roll_deg": 0.0,
-}
-"""Keys of a scenario that mean something to some robots alone, with what they are for all
-others."""
 
 
 @dataclass(frozen=True)
@@ -78,18 +61,18 @@ class SceneOptions:
     looks: bool
 
 
-class Robot(QuantityModel):
+class Robot(Sized, ABC):
     """Base class of robots: a frozen table of parameters, and what is derived from them.
 
-    A subclass declares its parameters as fields, by ``ot.quantity`` with unit and source each, and
-    needs ``spec`` and ``nominal_bore``, and ``length`` where its model has no sites ``nose`` and
-    ``tail``; all else has a default. In the robot's frame z points
+    A subclass declares its parameters as fields, by ``ot.quantity`` with unit and source each. It
+    has to have ``spec``; ``nominal_bore`` where it has no field ``bore``; and ``length`` where its
+    model has no sites ``nose`` and ``tail``. All else has a default. In the robot's frame z points
     to the nose, and the origin lies half-way between nose and tail.
 
     Attributes:
         kind: name of the class in files: a word for robots of the package, else ``module:Class``.
-        understands: keys of a scenario that have a meaning for this kind of robot alone, of
-            ``SPECIAL``.
+        colliders: values of ``physics.collider`` that it can drive with.
+        rolls: it has modules that roll, which ``start.roll_deg`` is for.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
         tether: that it drags along; None: it has none.
         slips: its metrics have the slip without load, which takes a short run of its own.
@@ -120,7 +103,8 @@ class Robot(QuantityModel):
     )
     OTHER_KEYS: ClassVar[tuple[str, ...]] = ("kind",)
     kind: ClassVar[str]
-    understands: ClassVar[tuple[str, ...]] = ()
+    colliders: ClassVar[tuple[str, ...]] = ("exact",)
+    rolls: ClassVar[bool] = False
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
     slips: ClassVar[bool] = False
@@ -152,6 +136,38 @@ class Robot(QuantityModel):
             values.pop("tether", None)  # most robots have none
         return values if self.kind == DEFAULT else {"kind": self.kind, **values}
 
+    def parameters(self) -> list[Parameter]:
+        """Return the parameter table: value, unit, provenance and source of every field.
+
+        Fields of tables in it have names such as ``motor.NAME``.
+        """
+        return [row for row in parameter_rows(self) if row.name != "tether"]
+
+    def check(self) -> None:
+        """Refuse names of things that are not there.
+
+        Raises:
+            InputError: at the key.
+        """
+
+    @classmethod
+    def claims(cls) -> Sequence[Any]:
+        """Return what was published of it, as claims; see docs/how-to/any-robot.md."""
+        return ()
+
+    # Model
+
+    @abstractmethod
+    def spec(self) -> mujoco.MjSpec:
+        """Return the robot alone as a MuJoCo model, ready to compile; in its initial state its
+        frame is the world's: z along the pipe, the origin on the pipe's axis."""
+
+    def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+        """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
+        from omnitrack_sim.robots.plant import scene
+
+        return scene(self, network, options)
+
     @property
     def chassis(self) -> str:
         """Name of the body that carries the robot's frame."""
@@ -169,6 +185,84 @@ class Robot(QuantityModel):
         return None
 
     @property
+    def start_frame(self) -> Pose:
+        """The robot's frame in the world of ``spec``, in its initial state."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @property
+    def length(self) -> float:
+        """Nose to tail along the robot axis, m; by default between the sites of these names along
+        z, in the initial state."""
+        from omnitrack_sim.robots.plant import initial_state
+
+        data = initial_state(self)
+        return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
+
+    @property
+    def mass(self) -> float:
+        """Whole robot, kg."""
+        from omnitrack_sim.robots.plant import compiled
+
+        return float(compiled(self).body_mass.sum())
+
+    @property
+    def joints(self) -> Mapping[str, slice]:
+        """Columns of joint positions by the names of the joints."""
+        from omnitrack_sim.robots.plant import compiled
+
+        model = compiled(self)
+        starts = [*model.jnt_qposadr.tolist(), model.nq]
+        names = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
+        return {name: slice(*starts[i : i + 2]) for i, name in enumerate(names)}
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joint positions, ``nq`` of the model."""
+        return max(columns.stop for columns in self.joints.values())
+
+    # Limits
+
+    @property
+    def nominal_speed(self) -> float:
+        """Speed along a level straight, m/s, that it is made for: benchmarks take time limits from
+        it. By default a fifth of a bore a second, slow enough for most."""
+        return self.nominal_bore / 5
+
+    @property
+    def bores(self) -> tuple[float, float]:
+        """Smallest and largest bore, m, that the robot fits; bores beyond them are refused."""
+        return 0.0, math.inf
+
+    def misfit(self, bore: float) -> str:
+        """Return why the robot does not fit a bore of ``bore`` m; "" where it does."""
+        low, high = self.bores
+        fits = low < bore < high
+        return "" if fits else f"the robot is for bores from {low:.4g} to {high:.4g} m"
+
+    @property
+    def top_speed(self) -> float:
+        """Speed of its fastest part, m/s, that the motors hold; infinite where nothing is known."""
+        return math.inf
+
+    @property
+    def drive_words(self) -> str:
+        """Subject of a sentence on ``top_speed``."""
+        return "the robot's drive"
+
+    def slip_excess(self, steps: float) -> float:
+        """Return the share by which slip reads too large at a time step of ``steps`` times the
+        default one of a robot of this size; not a number where it has not been measured."""
+        return math.nan
+
+    # Control
+
+    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> Plant:
+        """Return the plant of n robots; arguments as of ``Plant``."""
+        from omnitrack_sim.robots.plant import Plant
+
+        return Plant(model, self, start, *more)
+
+    @property
     def start_ctrl(self) -> Array | None:
         """Control inputs (nu,) while the robot settles in its pipe and until its controller's first
         command; None: zeros."""
@@ -182,7 +276,9 @@ class Robot(QuantityModel):
         Raises:
             InputError: an actuator has none.
         """
-        model = self._model
+        from omnitrack_sim.robots.plant import compiled
+
+        model = compiled(self)
         names = [model.actuator(i).name or f"number {i}" for i in range(model.nu)]
         free = [
             n for n, limited in zip(names, model.actuator_ctrllimited, strict=True) if not limited
@@ -213,193 +309,19 @@ class Robot(QuantityModel):
         actuators stay as they are at the start."""
         return None
 
-    @classmethod
-    def claims(cls) -> Sequence[Any]:
-        """Return what was published of it, as claims; see docs/how-to/any-robot.md."""
-        return ()
-
-    def parameters(self) -> list[Parameter]:
-        """Return the parameter table: every field, and those of tables in it as ``motor.NAME``,
-        with value, unit, provenance and source."""
-        return [row for row in parameter_rows(self) if row.name != "tether"]
-
-    def similar_to(self, bore: float) -> dict[str, Any]:
-        """Return what to change, by dotted name, for a similar robot that is made for a bore of
-        ``bore`` m: at equal gravity masses and forces grow with the cube of lengths, times with
-        their root."""
-        factor = bore / self.nominal_bore
-        return {
-            row.name: similar(row.value, row.unit, factor)
-            for row in self.parameters()
-            if isinstance(row.value, int | float) and froude_exponent(row.unit)
-        }
-
-    def is_similar(self, other: Robot) -> bool:
-        """Return whether the parts that touch the wall have the same form and the same density."""
-        own, its = self._model, other._model
-        factor = other.nominal_bore / self.nominal_bore
-        touching = own.geom_contype | own.geom_conaffinity > 0
-        pairs = (
-            (own.geom_size[touching] * factor, its.geom_size[touching]),
-            (own.geom_pos[touching] * factor, its.geom_pos[touching]),
-            (own.body_pos * factor, its.body_pos),
-            (own.body_mass * factor**3, its.body_mass),
-        )
-        least = 1e-4 * min(factor, factor**3)
-        return all(np.allclose(a, b, rtol=0.01, atol=least) for a, b in pairs)
-
-    # Size
-
-    @property
-    def nominal_bore(self) -> float:
-        """Inner diameter of the pipe that the robot is made for, m; here its field ``bore``."""
-        try:
-            return vars(self)["bore"]
-        except KeyError:
-            raise NotImplementedError("nominal_bore") from None
-
-    @property
-    def length(self) -> float:
-        """Nose to tail along the robot axis, m; by default between the sites of these names along
-        z, in the initial state."""
-        from omnitrack_sim.robots.plant import initial_state
-
-        data = initial_state(self)
-        return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
-
-    @property
-    def nominal_speed(self) -> float:
-        """Speed along a level straight, m/s, that it is made for: benchmarks take time limits from
-        it. By default a fifth of a bore a second, slow enough for most."""
-        return self.nominal_bore / 5
-
-    @property
-    def bores(self) -> tuple[float, float]:
-        """Smallest and largest bore, m, that the robot fits; bores beyond them are refused."""
-        return 0.0, math.inf
-
-    def misfit(self, bore: float) -> str:
-        """Return why the robot does not fit a bore of ``bore`` m; "" where it does."""
-        low, high = self.bores
-        fits = low < bore < high
-        return "" if fits else f"the robot is for bores from {low:.4g} to {high:.4g} m"
-
-    def check(self) -> None:
-        """Refuse names of things that are not there.
-
-        Raises:
-            InputError: at the key.
-        """
-
-    @property
-    def nose_room(self) -> float:
-        """Room, m, between the nose and the port of a goal where the robot arrives: D/32."""
-        return self.nominal_bore / 32
-
-    @property
-    def standing_room(self) -> float:
-        """Room, m, between the nose and a fitting that the robot stops before: D/8."""
-        return self.nominal_bore / 8
-
-    def own_length(self, length: ArrayLike) -> Array:
-        """Return lengths that are given for the paper's pipe, m, in proportion to this robot."""
-        # In this order a length such as 30 mm and its part of the bore give the same bits.
-        return np.asarray(length, float) / REFERENCE_BORE * self.nominal_bore
-
-    @property
-    def length_scale(self) -> float:
-        """Bore over the paper's, 1."""
-        return self.nominal_bore / REFERENCE_BORE
-
-    @property
-    def time_scale(self) -> float:
-        """Times over those in the paper's pipe, 1: the root of the lengths', at equal gravity."""
-        return math.sqrt(self.length_scale)
-
-    @property
-    def top_speed(self) -> float:
-        """Speed of its fastest part, m/s, that the motors hold; infinite where nothing is known."""
-        return math.inf
-
-    @property
-    def drive_words(self) -> str:
-        """Subject of a sentence on ``top_speed``."""
-        return "the robot's drive"
-
-    def slip_excess(self, steps: float) -> float:
-        """Return the share by which slip reads too large at a time step of ``steps`` times the
-        default one of a robot of this size; not a number where it has not been measured."""
-        return math.nan
-
-    # Model
-
-    @property
-    def start_frame(self) -> Pose:
-        """The robot's frame in the world of ``spec``, in its initial state."""
-        return Pose(np.eye(3), np.zeros(3))
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return the robot alone as a MuJoCo model, ready to compile; in its initial state its
-        frame is the world's: z along the pipe, the origin on the pipe's axis."""
-        raise NotImplementedError
-
-    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
-        """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
-        from omnitrack_sim.robots.plant import scene
-
-        return scene(self, network, options)
-
-    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> Plant:
-        """Return the plant of n robots; arguments as of ``Plant``."""
-        from omnitrack_sim.robots.plant import Plant
-
-        return Plant(model, self, start, *more)
-
-    @property
-    def joint_count(self) -> int:
-        """Number of joint positions, ``nq`` of the model."""
-        return self._model.nq
-
-    @property
-    def joints(self) -> Mapping[str, slice]:
-        """Columns of joint positions by the names of the joints."""
-        model = self._model
-        starts = [*model.jnt_qposadr.tolist(), model.nq]
-        names = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
-        return {name: slice(*starts[i : i + 2]) for i, name in enumerate(names)}
-
-    @property
-    def mass(self) -> float:
-        """Whole robot, kg."""
-        return float(self._model.body_mass.sum())
-
-    @property
-    def _model(self) -> mujoco.MjModel:
-        from omnitrack_sim.robots.plant import compiled
-
-        return compiled(self)  # type: ignore[arg-type]  # a frozen model is hashable
-
-    @property
-    def display(self) -> RobotDisplay:
-        """What the robot shows of itself in films, pages, figures and windows."""
-        # It has looks, which need MuJoCo and the boolean kernel.
-        from omnitrack_sim.robots.display import RobotDisplay
-
-        return RobotDisplay(self)
-
-    # What is measured, and how it is judged
-
     def odometry(self) -> Odometry | None:
         """Return what its body measures of its motion, for runs by its own sensors
         (``sensing.kind = "onboard"``); None: nothing is known of that."""
         return None
 
+    # What is measured, judged and shown
+
     @property
     def channels(self) -> Mapping[str, Channel]:
         """Channels that are measured, by name, in the order of the file."""
-        from omnitrack_sim.robots.plant import model_channels
+        from omnitrack_sim.robots.plant import compiled, model_channels
 
-        return {**COMMON, **model_channels(self._model)}
+        return {**COMMON, **model_channels(compiled(self))}
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -425,12 +347,6 @@ class Robot(QuantityModel):
             force, speed = force[:, carrying], speed[:, carrying]
         return Touch(force > 0, force, speed, None, trajectory["actuator_power"])
 
-    def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
-        """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
-        from omnitrack_sim.robots.plant import Diagnosis
-
-        return Diagnosis(self, limits, period, n)
-
     def advice(self, outcome: Outcome) -> str:
         """Return what an outcome means for a robot of this kind, and what to try."""
         if outcome is Outcome.STUCK:
@@ -444,6 +360,29 @@ class Robot(QuantityModel):
         """Return notes on forces or travel that a run should not have shown."""
         return []
 
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """Return the orientations in which the robot cannot turn; None where it can in all.
+
+        Args:
+            passage: that it takes.
+            bend_radius: of the arc that its centre follows round a corner, m; None: its own.
+        """
+        return None
+
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield remarks on a run through bores (m) before it begins."""
         return iter(())
+
+    def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
+        """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
+        from omnitrack_sim.robots.plant import Diagnosis
+
+        return Diagnosis(self, limits, period, n)
+
+    @property
+    def display(self) -> RobotDisplay:
+        """What the robot shows of itself in films, pages, figures and windows."""
+        # It has looks, which need MuJoCo and the boolean kernel.
+        from omnitrack_sim.robots.display import RobotDisplay
+
+        return RobotDisplay(self)

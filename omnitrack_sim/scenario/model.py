@@ -6,7 +6,6 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property, partial
-from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -38,7 +37,7 @@ from omnitrack_sim.robots.control import Controller, controller_of, parameters_m
 from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, default_robot, robot_class
 from omnitrack_sim.robots.odometry import odometry_of
 from omnitrack_sim.robots.quantity import unit_at
-from omnitrack_sim.robots.robot import SPECIAL, SceneOptions
+from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -185,7 +184,7 @@ class Scenario(Table):
             exact=physics.collider == "exact" and not looks,
             looks=looks,
         )
-        return self.robot.to_spec(self.route.network, options)
+        return self.robot.scene(self.route.network, options)
 
     @cached_property
     def bores(self) -> dict[Port, float]:
@@ -487,12 +486,13 @@ def _missing(scenario: Scenario) -> Iterator[Fault]:
 
 def _meaningless(scenario: Scenario) -> Iterator[Fault]:
     """Keys that mean nothing to the robot of the scenario."""
-    robot = scenario.robot
-    for path, value in SPECIAL.items():
-        given = attrgetter(path)(scenario)
-        if path not in robot.understands and given != value:
-            problem = f"is {given!r}, which means nothing to a robot of kind {robot.kind!r}"
-            yield Fault(path, f"{problem}; leave it at {value!r}")
+    robot, collider, roll = scenario.robot, scenario.physics.collider, scenario.start.roll_deg
+    problem = f"which means nothing to a robot of kind {robot.kind!r}; leave it at"
+    if collider not in robot.colliders:
+        default = robot.colliders[0]
+        yield Fault("physics.collider", f"is {collider!r}, {problem} {default!r}")
+    if roll and not robot.rolls:
+        yield Fault("start.roll_deg", f"is {roll!r}, {problem} 0.0")
 
 
 def _impossible_cameras(scenario: Scenario) -> Iterator[Fault]:

@@ -79,8 +79,11 @@ def passage_spans(result: Result, trajectory: Trajectory) -> list[PassageSpan]:
 
 
 def _words(part: Part, ends: Array) -> str:
-    """Return the passage of a part in words, from the port nearest to the first of ``ends`` (2, 3)
-    m, world frame, to another one nearest to the last."""
+    """Return the passage of a part in words.
+
+    It leads from the port nearest to the first of ``ends`` (2, 3) m, world frame, to another one
+    nearest to the last.
+    """
     names = part.fitting.port_names
     ports = np.array([part.port(name).position for name in names])
     far = np.linalg.norm(ends[:, None] - ports, axis=-1)  # (2, ports)
@@ -165,8 +168,11 @@ def _rows(trajectory: Trajectory) -> NDArray[np.intp]:
 def _sight(
     result: Result, trajectory: Trajectory, rows: NDArray[np.intp]
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Points (N, K, 3) m of the lines of sight from the leading tip at ``rows`` (N,), and the parts
-    (N, K) that they are in; -1 for those that are not seen."""
+    """Return points of the lines of sight from the leading tip, and their parts.
+
+    Returns:
+        Points (N, K, 3) m at ``rows`` (N,), and parts (N, K), -1 for those that are not seen.
+    """
     parts, robot = result.pipes.parts, result.scenario.robot
     gear = np.where(trajectory["gear"][rows] < 0, -1.0, 1.0)[:, None]
     ahead = gear * matrix_from_quaternion(trajectory["quaternion"][rows])[:, :, 2]
@@ -208,8 +214,11 @@ def _reach(result: Result) -> float:
 
 
 def _holders(parts: Sequence[Part], points: Array) -> tuple[NDArray[np.intp], Array]:
-    """Index (...,) of the part that ``points`` (..., 3) m are in or nearest to, world frame, and
-    their depth (...,) m in its bore; negative outside."""
+    """Return the part that each point (..., 3) m is in or nearest to, and the depth.
+
+    Returns:
+        Index (...,) of the part and depth (...,) m, negative outside.
+    """
     index, deepest = np.zeros(points.shape[:-1], np.intp), np.full(points.shape[:-1], -np.inf)
     for i, part in enumerate(parts):
         depth = np.minimum(part.signed_distance(points)[0], part.extent(points))

@@ -26,7 +26,7 @@ from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 
-FARTHEST = 1e5
+MAX_MAGNITUDE = 1e5
 """Largest magnitude of positions, m, and other shown values of a valid sample: far outside of any
 network, and far below where a film's numbers of single precision end."""
 POINTS_APART = 0.01
@@ -76,7 +76,6 @@ class Playback:
         name: title of pages and figures.
         network: the pipes, world frame.
         plates: ports (part index, port) that are closed.
-        size: of lengths in pictures, over those for a robot in a bore of 160 mm.
         extremes: samples that tell how far the robot reaches about its body.
         album: pictures of the robot's cameras.
         page_camera: camera on board of pages; None without one.
@@ -91,7 +90,6 @@ class Playback:
     name: str
     network: Assembly
     plates: Sequence[Port] = ()
-    size: float = 1.0
     extremes: tuple[int, ...] = (0,)
     album: Pictures | None = None
     page_camera: CarriedCamera | None = None
@@ -116,6 +114,11 @@ class Playback:
     @cached_property
     def qpos(self) -> Array:
         """Joint positions (T, nq) as they are shown."""
+        raise NotImplementedError
+
+    @cached_property
+    def size(self) -> float:
+        """Size of lengths in pictures, over those for a robot in a bore of 160 mm."""
         raise NotImplementedError
 
     @cached_property
@@ -295,14 +298,14 @@ def sound_rows(values: list[Array]) -> NDArray[np.intp]:
     """Return for each sample the last one up to it, or the first of all, that can be shown.
 
     Args:
-        values: arrays (T, ...) that must be finite, and below ``FARTHEST``.
+        values: arrays (T, ...) that must be finite, and below ``MAX_MAGNITUDE``.
 
     Raises:
         RenderError: no sample can be shown.
     """
     samples = len(values[0])
     far = [np.abs(value.reshape(samples, -1)).max(axis=1, initial=0.0) for value in values]
-    sound = np.all([distance < FARTHEST for distance in far], axis=0)  # NaN is not less either
+    sound = np.all([distance < MAX_MAGNITUDE for distance in far], axis=0)  # NaN is not less either
     if not sound.any():
         raise RenderError("the run has no pose that can be shown")
     first = int(np.argmax(sound))

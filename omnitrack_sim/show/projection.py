@@ -17,7 +17,7 @@ SPACING = 0.03
 """Distance of neighbouring points of a drawn axis, m: a bend of 90 mm still looks round."""
 CORNERS = 24
 """Corners of a drawn pipe's cross-section."""
-_MOST_COMPARED = 500  # points of the pipes between which overlaps are looked for
+_MAX_COMPARED = 500  # points of the pipes between which overlaps are looked for
 # Azimuth and elevation, degrees: elevations from two sides, then oblique views from above.
 _OBLIQUE = [
     (0, 0),
@@ -42,8 +42,10 @@ class Projection:
 
     @property
     def falls(self) -> bool:
-        """True where the second of ``columns`` points down: with y to the right, x seen from above
-        does."""
+        """True where the second of ``columns`` points down.
+
+        With y to the right, x seen from above does.
+        """
         return bool(self.axes[self.columns[1], 1] < 0)
 
     def flat(self, points: Array) -> Array:
@@ -51,8 +53,10 @@ class Projection:
         return points @ self.axes[:, :2]
 
     def segments(self, parts: Sequence[Part]) -> list[tuple[int, Array]]:
-        """Number of the part and flat ends (2, 2) m of short pieces of all axes, the farthest
-        first: painted in this order, nearer pipes cross over farther ones."""
+        """Return part number and flat ends (2, 2) m of short pieces of all axes, from far to near.
+
+        Painted in this order, nearer pipes cross over farther ones.
+        """
         pieces = [
             (number, line[i : i + 2])
             for number, part in enumerate(parts)
@@ -87,12 +91,14 @@ def _elevation(across: int, along: int) -> Projection:
 
 
 def clearest(pipes: Assembly) -> Projection:
-    """Choose the elevation or oblique view from above with the fewest pipes that overlap or are
-    seen end on. World z is up."""
+    """Return the elevation or oblique view from above in which the fewest pipes overlap.
+
+    Pipes that are seen end on count, too. World z is up.
+    """
     lines = [line for part in pipes.parts for line in axis_lines(part, SPACING)]
     points = np.concatenate(lines)
     # All pairs are compared, so that their number has to be bounded for networks of any size.
-    points = points[:: max(1, len(points) // _MOST_COMPARED)]
+    points = points[:: max(1, len(points) // _MAX_COMPARED)]
     steps = np.concatenate([np.diff(line, axis=0) for line in lines])
     length = np.linalg.norm(steps, axis=1)
     apart = _distances(points)
@@ -121,8 +127,11 @@ def _distances(points: Array) -> Array:
 
 
 def needs_map(result: Result) -> bool:
-    """Return True for a run through more than ``FEW_FITTINGS`` fittings, over several legs, or of a
-    robot that makes a map."""
+    """Return whether pictures of a run have a map.
+
+    They have one of more than ``FEW_FITTINGS`` fittings, of several legs, and of a robot that makes
+    a map.
+    """
     routes = result.routes()
     explores = result.map is not None
     many = any(len(route.passages) > FEW_FITTINGS for route in routes)
@@ -130,8 +139,10 @@ def needs_map(result: Result) -> bool:
 
 
 def axis_lines(part: Part, straight: float = np.inf) -> list[Array]:
-    """Axes of a part, points (n, 3) m; those of straight axes ``straight`` m apart, or their two
-    ends."""
+    """Return the axes of a part, points (n, 3) m.
+
+    Those of straight axes are ``straight`` m apart, or their two ends.
+    """
     return [line.at(_stations(line, straight))[0] for line, _, _ in part.axes]
 
 
@@ -160,8 +171,10 @@ def bore_faces(pipes: Assembly) -> Array:
 
 
 def port_discs(pipes: Assembly) -> list[Array]:
-    """Discs (CORNERS, 3) m that close the parts' ports: seen along its axis a pipe is one of
-    them."""
+    """Return the discs (CORNERS, 3) m that close the parts' ports.
+
+    Seen along its axis a pipe is one of them.
+    """
     disc = _circle(np.linspace(0, 2 * np.pi, CORNERS, endpoint=False))
     return [
         part.port(port).apply(part.fitting.port_radius(port) * disc)

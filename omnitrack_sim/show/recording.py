@@ -260,8 +260,12 @@ class Recording:
         return self.pipes.locate(self.bodies[:, self.body, :3])
 
     def progress(self) -> tuple[Array, Array]:
-        """Return the way of the body along the pipes' axes since the first sample, (T,) m, positive
-        as it set out; and the direction along the axis that counts as forward, (T, 3)."""
+        """Return the way of the body along the pipes' axes, and which direction is forward.
+
+        Returns:
+            Way since the first sample (T,) m, positive as the body set out, and unit vectors (T, 3)
+            along the axis.
+        """
         position = self.bodies[:, self.body, :3]
         forward = _forward(self.pipes.locate(position).axis, position)
         step = np.diff(position, axis=0)
@@ -276,8 +280,9 @@ class Recording:
     # Files
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write model, pipes and samples into one file, whole or not at all; equal recordings give
-        equal bytes.
+        """Write model, pipes and samples into one file; equal recordings give equal bytes.
+
+        The file is written whole or not at all.
 
         The model is in MuJoCo's binary form, which the same release reads.
 
@@ -394,8 +399,10 @@ def _chassis(model: mujoco.MjModel, body: str | None) -> int:
 
 
 def _forward(axis: Array, position: Array) -> Array:
-    """Return tangents (T, 3) of the pipes without a jump in their sense, of ``axis`` (T, 3) that is
-    NaN outside the pipes; at first they point to where the body goes."""
+    """Return tangents (T, 3) of the pipes without a jump in their sense.
+
+    ``axis`` (T, 3) is NaN outside the pipes. At first they point to where the body goes.
+    """
     known = np.isfinite(axis).all(axis=1)
     if not known.any():
         return np.tile([0.0, 0.0, 1.0], (len(axis), 1))

@@ -28,7 +28,7 @@ from omnitrack_sim.show.playback import POINTS_APART, ContactForces, Playback, s
 from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.surfaces import DRAWN
 
-MOST_CURVES = 6
+MAX_CURVES = 6
 """Lines of one plot: there are as many colours."""
 HIDDEN_GROUPS = 3
 """Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
@@ -47,7 +47,7 @@ class RecordingPlayback(Playback):
         recording: with at least one sample.
 
     Raises:
-        InputError: it has no sample, or nothing in it can be drawn.
+        InputError: it has no sample.
     """
 
     state: tuple[StateValue, ...] = (
@@ -64,7 +64,6 @@ class RecordingPlayback(Playback):
         self.extremes = tuple(np.unique(rows).tolist())
         carried = [mount for mount in self.mounts.values() if mount.body]
         self.page_camera = carried[0] if carried else None
-        self.size = self._size()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return RecordingPlayback, (self.recording,)
@@ -143,8 +142,9 @@ class RecordingPlayback(Playback):
         """See ``Playback``."""
         return model_cameras(self.model)
 
-    def _size(self) -> float:
-        """Return the size of pictures, by the widest bore and by the robot's reach."""
+    @cached_property
+    def size(self) -> float:
+        """Size of pictures, by the widest bore and by the robot's reach."""
         bore = 2 * max(part.fitting.max_radius for part in self.network.parts)
         moving = np.unique(self.model.geom_bodyid[list(self.seen)])
         rows = list(self.extremes)
@@ -228,7 +228,7 @@ class RecordingPlayback(Playback):
             values = self.recording.qpos[:, model.jnt_qposadr[joints]]
             curves[name] = Curve(display, values, names)
         return {
-            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MOST_CURVES
+            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MAX_CURVES
         }
 
     @cached_property

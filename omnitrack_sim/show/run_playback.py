@@ -28,7 +28,7 @@ from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 CAMERAS = (*STANDARD, "onboard")
 """Cameras of every run: ``onboard`` looks ahead."""
-MOST_COLUMNS = 6
+MAX_COLUMNS = 6
 """A channel of a user's own sensor with more numbers than this has no plot: its lines could not be
 told apart."""
 PROVENANCE = ("seed", "scenario_sha256", "git_commit", "platform")
@@ -82,6 +82,11 @@ class RunPlayback(Playback):
     def qpos(self) -> Array:
         """See ``Playback``."""
         return self.display.poses(self.model, self.trajectory)
+
+    @cached_property
+    def size(self) -> float:
+        """See ``Playback``."""
+        return self.display.robot.length_scale
 
     @cached_property
     def seen(self) -> tuple[int, ...]:
@@ -215,7 +220,7 @@ class RunPlayback(Playback):
         own = [
             name
             for name, channel in self._run.trajectory.schema.items()
-            if name not in {*RECORDED, *plots} and len(channel.columns) <= MOST_COLUMNS
+            if name not in {*RECORDED, *plots} and len(channel.columns) <= MAX_COLUMNS
         ]
         return (*plots, *own)
 

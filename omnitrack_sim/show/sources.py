@@ -35,7 +35,7 @@ def playback_of(source: Source, *, coarse: bool = True) -> Playback:
         coarse: faces of the package's robot may be coarse, which is enough for films.
 
     Raises:
-        InputError: a recording has no samples, or nothing in it can be drawn.
+        InputError: a recording has no samples.
         OutputError: a folder is no run, or a file is no recording.
         TypeError: it is none of these.
     """

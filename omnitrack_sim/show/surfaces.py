@@ -1,5 +1,4 @@
-"""Triangles with normals and colours for films and replay pages: of the robot as it is compiled,
-and of pipes from their exact surface."""
+"""Triangles with normals and colours: of compiled robots, and of exact surfaces of pipes."""
 
 from __future__ import annotations
 
@@ -85,14 +84,19 @@ class Surface:
 
 
 def geoms_surface(model: mujoco.MjModel, geoms: Iterable[int], fine: bool = False) -> Surface:
-    """Return the surfaces of geoms of a model as one, each in the frame of its body; ``fine``: for
-    a viewer who may come near."""
+    """Return the surfaces of geoms as one, each in the frame of its body.
+
+    ``fine``: for a viewer who may come near.
+    """
     return Surface.joined([_geom(model, int(geom), fine) for geom in geoms])
 
 
 def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
-    """Return bounding spheres of the visible bodies: centres (bodies, 3) m in the bodies' frames,
-    and radii (bodies,) m, 0 for invisible ones."""
+    """Return bounding spheres of the visible bodies.
+
+    Returns:
+        Centres (bodies, 3) m in the bodies' frames, and radii (bodies,) m, 0 for invisible ones.
+    """
     centres, radii = np.zeros((bodies, 3)), np.zeros(bodies)
     for body in np.unique(surface.body):
         points = surface.position[surface.body == body]
@@ -183,21 +187,25 @@ def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
 def cut_pipe(
     fitting: Fitting, towards: Array, sections: int = _SECTIONS_CUT, keep: bool = True
 ) -> Surface:
-    """Return a half of a fitting, in its frame: the one away from a viewer in direction ``towards``
-    (3,), or without ``keep`` the one that is cut off."""
+    """Return the half of a fitting, in its frame, that stays when it is cut open.
+
+    It is the one away from a viewer in direction ``towards`` (3,); without ``keep`` the one that is
+    cut off.
+    """
     mesh = cutaway_mesh(fitting, towards, sections=sections, keep=keep)
     return _wall(fitting, mesh, cut_normal(fitting, towards))
 
 
 def pipe_inside(fitting: Fitting, sections: int = _SECTIONS_INSIDE) -> Surface:
-    """Return the inner surface of a fitting, in its frame, which is seen from within only: painted
-    without the faces that look away, the pipe is open towards any viewer."""
+    """Return the inner surface of a fitting, in its frame, which is seen from within only.
+
+    Painted without the faces that look away, the pipe is open towards any viewer.
+    """
     return _wall(fitting, inside_mesh(fitting, sections), np.zeros(3))
 
 
 def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
-    """Return a mesh of a fitting: smooth with the normals of the exact surface, and flat where it
-    is cut or ends."""
+    """Return a mesh of a fitting with exact normals, flat where it is cut or ends."""
     corners = np.asarray(mesh.vertices)[mesh.faces]  # (F, 3, 3)
     flat = np.asarray(mesh.face_normals)
     centre = corners.mean(axis=1, keepdims=True)
@@ -222,8 +230,10 @@ def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
 
 
 def seam(port: Pose, radius: float, away: Array) -> Surface:
-    """Return the weld at a port, a low ridge in the bore of ``radius`` m, world frame, without the
-    faces on the side ``away`` (3,), where pipes are cut away."""
+    """Return the weld at a port, a low ridge in the bore of ``radius`` m, world frame.
+
+    It lacks the faces on the side ``away`` (3,), where pipes are cut away.
+    """
     angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]

@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Pictures
-from omnitrack_sim.robots.odometry import odometry_of
+from omnitrack_sim.robots.odometry import BodyReadings, odometry_of
 from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
@@ -54,7 +54,10 @@ class Onboard:
     Attributes:
         taking: of their pictures.
         localiser: where the robots take themselves to be.
+        body: readings of their bodies' sensors at this moment.
     """
+
+    body: BodyReadings
 
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, state: State) -> None:
         first, n = scenarios[0], len(scenarios)
@@ -205,7 +208,7 @@ class Onboard:
             self._look_towards(robot, gear, at),
             self._look_towards(robot, -gear) if back else None,
             at.rotation,
-            float(self._odometry.bore(self._body)[robot]),
+            float(self._odometry.bore(self.body)[robot]),
             float(self.distance_std[robot]),
         )
 
@@ -267,7 +270,7 @@ class Onboard:
 
     def _observed(self, measured: ProprioceptiveReadings) -> Mapping[str, Array]:
         """Return the readings that controllers receive."""
-        pose, self._body = self.localiser.filter, measured.body
+        pose, self.body = self.localiser.filter, measured.body
         return _Readings(
             time=measured.time,
             position=pose.position,

@@ -39,7 +39,7 @@ class ModelSettings:
         way: length, bores, of the way through a fitting whose costs are modelled; what it is longer
             costs as much as straight pipe. The shorter, the more do costs beside that of the length
             scatter in the logarithm: our left-out trials are predicted best by 0.25 to 0.5.
-        least_cost: over the median of their sizes, below which no cost counts: what is left of a
+        min_cost: over the median of their sizes, below which no cost counts: what is left of a
             run without its straights may be little.
     """
 
@@ -52,7 +52,7 @@ class ModelSettings:
     scatter: float = 0.4
     few: int = 8
     way: float = 0.5
-    least_cost: float = 0.05
+    min_cost: float = 0.05
 
 
 MODEL = ModelSettings()
@@ -125,18 +125,18 @@ class KindTrials:
         return Estimate(*(np.where(known, value, np.nan) for value in values))
 
     def cost(self, points: Array) -> tuple[Array, Array, Array]:
-        """Return means, standard deviations and standard errors of the means (3, q) of the costs of
-        a pass, also where nothing is known.
+        """Return the costs of a pass (3, q): means, standard deviations, errors of the means.
 
-        Costs are lognormal, as what makes a pass long, such as slip and second attempts, multiplies
-        it: their logarithms are linear in the features.
+        They are given where nothing is known, too. Costs are lognormal, as what makes a pass long,
+        such as slip and second attempts, multiplies it: their logarithms are linear in the
+        features.
         """
         done = np.isfinite(self.costs).all(axis=1)
         if not done.any():
             nothing = np.full((3, len(points)), np.nan)
             return nothing, nothing, nothing
         basis, costs = self._linear(self.points[done]), self.costs[done]
-        least = MODEL.least_cost * np.median(np.abs(costs), axis=0) + 1e-9
+        least = MODEL.min_cost * np.median(np.abs(costs), axis=0) + 1e-9
         logs = np.log(np.maximum(costs, least))
         middle = logs.mean(axis=0)
         # A trial's weight for each coefficient but the constant: a few passes make no slope.

@@ -18,7 +18,7 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.towns.features import FEATURES, as_straights
 from omnitrack_sim.towns.passage_model import MODEL, Estimate, KindTrials
-from omnitrack_sim.trials.mobility import robot_of
+from omnitrack_sim.trials.entries import robot_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,7 +60,8 @@ class Passport:
         """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``.
 
         Args:
-            kind: of the passages. points: features.
+            kind: of the passages.
+            points: (q, features).
             lengths: (q,) m, of the ways; when not given, ``ModelSettings.way``.
         """
         points = np.asarray(points, float).reshape(-1, len(FEATURES))

@@ -25,7 +25,8 @@ from omnitrack_sim.towns.features import (
 from omnitrack_sim.towns.passage_model import MODEL, KindTrials
 from omnitrack_sim.towns.passport import Passport
 from omnitrack_sim.trials.axes import DirectionAxis, NormalAxis, UniformAxis
-from omnitrack_sim.trials.mobility import CourseFile, entry_of, robot_of
+from omnitrack_sim.trials.entries import robot_entry, robot_of
+from omnitrack_sim.trials.mobility import CourseFile
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.table import numbers_of, passed_of, refuse_all_invalid
@@ -93,7 +94,7 @@ class PassportPlan(Plan):
         Raises:
             InputError: there is no such robot, controller or course.
         """
-        made = {**entry_of(robot, controller).changes, **(changes or {})}
+        made = {**robot_entry(robot, controller).changes, **(changes or {})}
         return cls(made, trials, tuple(courses or ()))
 
     def __post_init__(self) -> None:
@@ -155,7 +156,7 @@ class PassportPlan(Plan):
                 continue
             course = CourseFile(name=name, words=name, pipes=tuple(pipes))
             try:
-                bases[name] = course.scenario(0, {**self.changes, "pull.force": 0.0})
+                bases[name] = course.scenario({**self.changes, "pull.force": 0.0})
             except ScenarioError as error:
                 misfits[name] = "; ".join(str(error).splitlines())
         if not bases:

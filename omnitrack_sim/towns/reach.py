@@ -1,5 +1,7 @@
-"""Reach of a robot in a network: how surely it gets to each pipe and back, at what cost, and what
-stops it, by its passport and without a run."""
+"""Reach of a robot in a network by its passport, without a run.
+
+That is how surely it gets to each pipe and back, at what cost, and what stops it.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ from omnitrack_sim.towns.passport import Passport
 NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
 FRICTION, PULL = FEATURES.index("friction"), FEATURES.index("pull")
-MOST_LAUNCHES = 24
+MAX_LAUNCHES = 24
 """Open ends that are tried as openings where none are named."""
 
 
@@ -145,8 +147,10 @@ class ReachMap:
 
     @cached_property
     def pipes(self) -> tuple[PipeReach, ...]:
-        """One row for each pipe of the file that the network was imported from, and for each other
-        part: what is said of a pipe is said of its part that is reached least surely, or last."""
+        """One row for each pipe of the imported file, and for each other part.
+
+        What is said of a pipe is said of its part that is reached least surely, or last.
+        """
         rows: list[list[int]] = [[] for _ in set(self.row_of)]
         for part, row in enumerate(self.row_of):
             rows[row].append(part)
@@ -290,7 +294,7 @@ def map_reach(
     planner = _Planner(network, passport, friction, supply or Supply(), tether, gravity)
     ends = network.open_ends
     if not launches:
-        launches = ends[:: max(1, math.ceil(len(ends) / MOST_LAUNCHES))]
+        launches = ends[:: max(1, math.ceil(len(ends) / MAX_LAUNCHES))]
     for launch in launches:  # before the work
         deque(planner.starts(launch))
     planner.prepare(lambda part: progress and progress(part / 2, "estimates"))
@@ -352,9 +356,9 @@ class _Planner:
         gravity: Sequence[float],
     ) -> None:
         low, high = friction
-        least, most = TRIED.friction
-        if not least <= low <= high <= most:
-            problem = f"is {low:g}:{high:g}; two numbers from {least:g} to {most:g}, ascending"
+        lowest, highest = TRIED.friction
+        if not lowest <= low <= high <= highest:
+            problem = f"is {low:g}:{high:g}; two numbers from {lowest:g} to {highest:g}, ascending"
             raise InputError(Fault("friction", problem))
         self.network, self.passport = network, passport
         self.supply, self.tether, self.gravity = supply, tether, np.array(gravity, float)
@@ -563,8 +567,7 @@ class _Planner:
     def _reasons(
         self, blocked: Sequence[tuple[float, int, Port, str]], reached: set[int]
     ) -> dict[int, str]:
-        """Return what keeps the robot from each part out of reach: the nearest block before
-        it."""
+        """Return what keeps the robot from each part out of reach: the nearest block before it."""
         reasons: dict[int, str] = {}
         waiting = list(blocked)
         heapq.heapify(waiting)

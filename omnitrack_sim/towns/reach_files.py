@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 COLOURS, UNREACHED = "viridis", "#c9cdd2"
 """Colours of probabilities, distinct for any colour vision, and of parts out of reach."""
-MOST_NAMES, MOST_METRES = 6, 5000.0
+MAX_NAMES, MAX_METRES = 6, 5000.0
 """Openings that a picture names, and length in m from which on it counts in kilometres."""
 FILES = (
     *(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json")),
@@ -95,7 +95,7 @@ def plot_reach(
             axes.add_collection(drawn)
         for k, place in enumerate(_openings(reach, lines)):
             axes.plot(*place, "v", color=INK, markersize=6)
-            if len(reach.openings) <= MOST_NAMES:
+            if len(reach.openings) <= MAX_NAMES:
                 beside = {"xytext": (5, 2), "textcoords": "offset points"}
                 x, y = place[:2].tolist()
                 axes.annotate(reach.openings[k], (x, y), color=INK, fontsize=7, **beside)
@@ -109,9 +109,11 @@ def plot_reach(
 
 
 def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
-    """Write a map into a folder: ``reach.csv``, ``.parquet``, ``.geojson`` and ``.html`` with a row
-    a pipe, ``reach_parts.parquet`` with one a part, ``reach.json``, and ``reach.png``, ``.pdf`` and
-    ``.svg``; returns their paths.
+    """Write a map into a folder, and return the paths of its files.
+
+    ``reach.csv``, ``.parquet``, ``.geojson`` and ``.html`` have a row a pipe,
+    ``reach_parts.parquet`` one a part; beside them are ``reach.json``, and ``reach.png``, ``.pdf``
+    and ``.svg``.
 
     Args:
         reach: of ``map_reach``.
@@ -210,7 +212,7 @@ def _openings(reach: ReachMap, lines: list[tuple[int, Array]]) -> Iterator[Array
 
 def _headline(reach: ReachMap) -> str:
     names = ", ".join(reach.openings)
-    if len(reach.openings) > MOST_NAMES:
+    if len(reach.openings) > MAX_NAMES:
         names = f"{len(reach.openings)} openings"
     whole, done = length_text(reach.length), length_text(reach.expected_length)
     return f"{done} of {whole} expected to be reached from {names}"
@@ -218,12 +220,15 @@ def _headline(reach: ReachMap) -> str:
 
 def length_text(length: float) -> str:
     """Return a length, m, with its unit, from some kilometres on in kilometres."""
-    return f"{length / 1000:.3g} km" if length > MOST_METRES else f"{length:.3g} m"
+    return f"{length / 1000:.3g} km" if length > MAX_METRES else f"{length:.3g} m"
 
 
 def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:
-    """The axes of each pipe, in the network's own metres: GeoJSON asks for degrees, which a network
-    has not, and GIS programs take metres as those of a local plane."""
+    """Return the axes of each pipe as GeoJSON, in the network's own metres.
+
+    GeoJSON asks for degrees, which a network has not, and GIS programs take metres as those of a
+    local plane.
+    """
     axes: list[list[Any]] = [[] for _ in rows]
     for i, line in _lines(reach):
         axes[reach.row_of[i]].append(np.round(line, 4).tolist())
@@ -240,8 +245,7 @@ def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:
 
 
 def _page(reach: ReachMap) -> str:
-    """A page that shows the map, each part in its colour, and what is said of the pipe where the
-    pointer is."""
+    """Return a page that shows the map, and what is said of the pipe where the pointer is."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 

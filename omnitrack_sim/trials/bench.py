@@ -1,173 +1,27 @@
-"""Benchmarks: suites of courses, each with held-out trials, and the entries put through them."""
+"""Benches: plans of trials that put each entry of a suite through each of its courses."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import pyarrow as pa
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import named
-from omnitrack_sim.base.reading import NAME_PATTERN
-from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure
 from omnitrack_sim.trials.batches import FORMAT, Batch, sha256_of
 from omnitrack_sim.trials.bench_table import ALL, page, results_table, rows_of
+from omnitrack_sim.trials.entries import Changes, Entry
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
+from omnitrack_sim.trials.suite import Course, Suite, load_suite
 from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.table import BEFORE, BEHIND, numbers_of
+from omnitrack_sim.trials.table import BEFORE, BEHIND
 
-SUITES: Mapping[str, str] = {
-    "mobility": "omnitrack_sim.trials.mobility:SUITE",
-    "control": "omnitrack_sim.trials.controllers:SUITE",
-}
-"""Suites that come with the package, ``module:Object`` by name; the first is the default."""
-Changes = Mapping[str, Any]
 PAGE = "results.md"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A robot and its controller.
-
-    Attributes:
-        name: of its rows and of the folder of its trials.
-        words: what it is.
-        changes: of the scenarios of all courses, by dotted path, in this order.
-    """
-
-    name: str
-    words: str
-    changes: Mapping[str, Any] = field(default_factory=dict)
-
-    def renamed(self, name: str, source: str) -> Entry:
-        """Return the same entry under another name.
-
-        Args:
-            name: the new one.
-            source: what the user wrote, for the fault.
-
-        Raises:
-            InputError: the name cannot be that of a folder.
-        """
-        if re.match(NAME_PATTERN, name.replace(".", "_")) and len(name) <= 100:
-            return replace(self, name=name)
-        problem = "has no name for a folder; write NAME= before it"
-        raise InputError(Fault(f"entry {source}", problem))
-
-
-@dataclass(frozen=True)
-class Course:
-    """One job.
-
-    Attributes:
-        name: of its rows.
-        words: what the robot does.
-        trials: of the whole benchmark.
-        quick: number of trials with ``--quick``.
-        sweep: makes the trials of an entry, from their number and the entry's changes; or says why
-            the entry's robot does not fit the course.
-        is_passed: whether a trial can pass it; else only its measures count.
-    """
-
-    name: str
-    words: str
-    trials: int
-    quick: int
-    sweep: Callable[[int, Changes], Sweep | str]
-    is_passed: bool = True
-
-
-@dataclass(frozen=True)
-class BenchMeasure:
-    """A figure of a run.
-
-    Attributes:
-        name: of its columns.
-        unit: of its values.
-        words: what it is, short.
-        column: of the tables of sweeps, or the modules' columns, of which it is the mean; empty:
-            as its name.
-        over: column that it is divided by; empty for none.
-        of_failures: it counts for all runs, else for those that passed.
-    """
-
-    name: str
-    unit: str
-    words: str
-    column: str = ""
-    over: str = ""
-    of_failures: bool = False
-
-    def of(self, table: pa.Table) -> Array:
-        """Return the figure of each trial of a table; not a number where there is none."""
-        own, there = self.column or self.name, table.column_names
-        columns = [own] if own in there else [f"{own}_{i + 1}" for i in range(MODULE_COUNT)]
-        # Robots differ in their metrics: what one of them does not have is no fault.
-        if not {*columns, *filter(None, [self.over])} <= {*there}:
-            return np.full(len(table), np.nan)
-        mean = np.mean([numbers_of(table, name) for name in columns], axis=0)
-        return mean / numbers_of(table, self.over) if self.over else mean
-
-    @property
-    def head(self) -> str:
-        """Words and unit, for the head of a column."""
-        return self.words if self.unit == "1" else f"{self.words}, {self.unit}"
-
-
-@dataclass(frozen=True)
-class Suite:
-    """A family of courses, and of entries that may be put through them.
-
-    Attributes:
-        name: on the command line.
-        title: above its page.
-        version: of courses, seeds and scores: results of two versions are not compared.
-        courses: by name.
-        entries: makes the entries that come with the package, by name.
-        entry_of: makes an entry from the two texts of the command line: a source, or "" for the
-            standard one, and a controller, or "" for the source's own.
-        measures: of the trials.
-        scores: by the names of their columns, functions from the table of all trials of an entry on
-            a course to a figure; not a number where there is none.
-        default: name of the entry that all others are compared with; empty for none.
-        of_controllers: one text alone names a controller, not a robot.
-    """
-
-    name: str
-    title: str
-    version: int
-    courses: Mapping[str, Course]
-    entries: Callable[[], Mapping[str, Entry]]
-    entry_of: Callable[[str, str], Entry]
-    measures: tuple[BenchMeasure, ...]
-    scores: Mapping[str, Callable[[pa.Table], float]] = field(default_factory=dict)
-    default: str = ""
-    of_controllers: bool = False
-
-    @property
-    def heads(self) -> dict[str, str]:
-        """Heads of the columns of measures and scores, by name."""
-        words = {name: name.replace("_", " ") for name in self.scores}
-        return {measure.name: measure.head for measure in self.measures} | words
-
-
-def suite_of(name: str) -> Suite:
-    """Return a suite by its name.
-
-    Raises:
-        InputError: there is no such suite.
-    """
-    if name not in SUITES:
-        raise InputError(Fault("--suite", f"is {name!r}", tuple(SUITES), given=name))
-    return named(SUITES[name], "--suite", {})
 
 
 @dataclass(frozen=True)
@@ -207,7 +61,7 @@ class Bench(Plan):
     @classmethod
     def of(
         cls,
-        suite: str = next(iter(SUITES)),
+        suite: str | Path = "mobility",
         courses: Sequence[str] | None = None,
         entries: Sequence[str | tuple[str, str]] | None = None,
         **options: Any,
@@ -215,7 +69,8 @@ class Bench(Plan):
         """Return a benchmark by names.
 
         Args:
-            suite: ``mobility`` for robots, ``control`` for controllers and policies.
+            suite: its file, or a shipped one by name: ``mobility`` for robots, ``control`` for
+                controllers and policies.
             courses: names of courses; none: all of them.
             entries: names of shipped ones, robots, or pairs of a robot and its controller, of the
                 suite ``control`` controllers and policies; none: the shipped ones.
@@ -224,17 +79,19 @@ class Bench(Plan):
         Raises:
             InputError: there is no such suite, course or entry.
         """
-        own = suite_of(suite)
+        own = load_suite(suite)
         for name in courses or ():
             if name not in own.courses:
                 raise InputError(Fault("--course", f"is {name!r}", tuple(own.courses), given=name))
         chosen = [course for name, course in own.courses.items() if not courses or name in courses]
         made = []
-        for source in own.entries() if entries is None else entries:
-            if isinstance(source, str):
-                made.append(own.entry_of(*(("", source) if own.of_controllers else (source, ""))))
+        for source in own.entries if entries is None else entries:
+            if not isinstance(source, str):
+                made.append(own.entry(*source))
+            elif own.compares == "robots":
+                made.append(own.entry(robot=source))
             else:
-                made.append(own.entry_of(*source))
+                made.append(own.entry(controller=source))
         return cls(own, chosen, made, **options)
 
     def __post_init__(self) -> None:

@@ -15,10 +15,12 @@ from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.trials.batches import INVALID
+from omnitrack_sim.trials.suite import SCORES
 from omnitrack_sim.trials.table import column, joined, passed_of
 
 if TYPE_CHECKING:
-    from omnitrack_sim.trials.bench import Bench, Suite
+    from omnitrack_sim.trials.bench import Bench
+    from omnitrack_sim.trials.suite import Suite
 
 MISFIT = "does not fit"
 ALL = "all"
@@ -26,8 +28,7 @@ ALL = "all"
 
 
 def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> list[dict[str, Any]]:
-    """Return one row for each course and entry: rates, means, scores, differences from the default
-    entry.
+    """Return one row for each course and entry: rates, means, scores, paired differences.
 
     Differences are paired: of the success over all trials that both ran, of the other figures over
     those that both passed.
@@ -47,7 +48,7 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
         for measure in suite.measures:
             counts = np.isfinite(passed) if measure.of_failures else passed == 1
             row |= _spread(measure.name, measure.of(table)[counts])
-        row |= finite({name: score(table) for name, score in suite.scores.items()})
+        row |= finite({name: SCORES[name](table) for name in suite.scores})
         default = tables.get((course, suite.default), "")
         if not isinstance(default, str) and entry != suite.default:
             row |= _differences(suite, table, default)
@@ -143,8 +144,7 @@ def results_table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows as Markdown: the trials passed, then for each course the entries, and the
-    paired differences."""
+    """Return the rows as Markdown: the trials passed, then a table a course."""
     suite = bench.suite
     version = f"suite {suite.name}, version {suite.version}; {bench.extent}"
     lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
@@ -201,8 +201,7 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
 
 
 def figures_of(names: Iterable[str], row: Mapping[str, Any]) -> list[str]:
-    """Return the trials passed, their rate's interval, and the figures ``names`` of a row, as
-    texts."""
+    """Return trials passed, interval of the rate, and the figures ``names`` of a row, as texts."""
     interval = f"{100 * row['success_low']:.0f} to {100 * row['success_high']:.0f}"
     values = [row.get(name) for name in names]
     # Three digits, and more only before the point.

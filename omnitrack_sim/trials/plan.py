@@ -64,8 +64,7 @@ Rounds = Generator[Round, "pa.Table", Conclusion]
 
 
 class Plan(ABC):
-    """A plan of trials, which ``run_trials`` runs: a ``Sweep``, a ``Study``, a ``Bench``, or your
-    own.
+    """A plan of trials, for ``run_trials``: a ``Sweep``, a ``Study``, a ``Bench``, or your own.
 
     Attributes:
         noun: what it is; its record in a folder is the file of that name in JSON.

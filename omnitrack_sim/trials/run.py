@@ -126,7 +126,7 @@ def run_trials(
     asked = next(rounds)  # before anything is written: a plan that cannot be run says so here
     with Workers(workers, executor) as pool:
         store = Store() if out is None else Folder(out, plan)
-        run = _Run(store, pool, progress or (lambda status: None), shard)
+        run = _Run(store, pool, progress, shard)
         while True:
             is_whole, table = run.table_of(asked)
             if not is_whole:
@@ -140,9 +140,9 @@ def run_trials(
 class _Run:
     """The rounds of one plan so far, and the progress of its trials."""
 
-    def __init__(self, store: Store, pool: Workers, progress: Progress, shard: Shard | None):
-        self._store, self._pool, self._progress = store, pool, progress
-        self._shard = shard
+    def __init__(self, store: Store, pool: Workers, progress: Progress | None, shard: Shard | None):
+        self._store, self._pool, self._shard = store, pool, shard
+        self._report = progress
         self._tables: list[pa.Table] = []
         self._makers: set[str] = set()  # versions and commits of the batches, as JSON
         self._is_new = False  # some trial of the round before has been run here
@@ -183,19 +183,23 @@ class _Run:
         parts = {name: part for name, part in there.items() if part is not None}
         for name, part in parts.items():
             self._count(part, times[name], is_old=True)
-        self._progress(self.status)
+        self._tell()
         before = self.status.lost
 
         def keep(batch: Batch, results: Rows, lost: int) -> None:
             parts[batch.hash] = part = self._store.write(batch, results)
             self.status = replace(self.status, lost=before + lost)
             self._count(part, times[batch.hash], is_old=False)
-            self._progress(self.status)
+            self._tell()
 
         missing = [batch for name, batch in unique.items() if name not in parts]
         self._is_new = bool(missing)
         self._pool.run(missing, keep)
         return parts
+
+    def _tell(self) -> None:
+        if self._report is not None:
+            self._report(self.status)
 
     def _count(self, part: pa.Table, times: int, is_old: bool) -> None:
         status, count = self.status, times * part.num_rows

@@ -47,8 +47,10 @@ class Searches:
         ]
 
     def ask(self) -> list[tuple[int, Array]]:
-        """Return pairs of a search, from 1, and a point (n,) that it asks for; none of a search
-        that has converged."""
+        """Return pairs of a search, from 1, and a point (n,) that it asks for.
+
+        There are none of a search that has converged.
+        """
         return [
             (number, search.ask())
             for number, search in enumerate(self._searches, start=1)
@@ -161,15 +163,14 @@ def _frame(losses: Array, violations: Array) -> tuple[Array, Array]:
 
 
 def front_of(losses: Array, violations: Array) -> NDArray[np.intp]:
-    """Return the indices of the candidates on the front, which no other one dominates: none is
-    better in one objective and not worse in all.
+    """Return the indices of the candidates on the front, which no other one dominates.
 
-    Candidates count that have all values and keep all limits; if there is none, those that break
-    the limits least.
+    One dominates another if it is better in one objective and no worse in any. Candidates count
+    that have all values and keep all limits; if there is none, those that break the limits least.
     """
     known = np.isfinite(losses).all(axis=1)
-    least = violations[known].min(initial=np.inf)
-    (counted,) = np.nonzero(known & (violations <= least))
+    smallest = violations[known].min(initial=np.inf)
+    (counted,) = np.nonzero(known & (violations <= smallest))
     own = losses[counted]
     best = [not ((own <= one).all(axis=1) & (own < one).any(axis=1)).any() for one in own]
     return counted[np.array(best, bool)]
@@ -312,8 +313,10 @@ def values_of(history: Sequence[tuple[Candidate, Measured]]) -> Array:
 
 
 def front(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> list[int]:
-    """Return the places in the history of the candidates on the front, the best one of the first
-    weighed objective first."""
+    """Return the places in the history of the candidates on the front.
+
+    The best one of the first weighed objective comes first.
+    """
     values = values_of(history)
     losses = losses_of(plan, values)
     places = front_of(losses, violations_of(plan, values))
@@ -322,8 +325,7 @@ def front(plan: SearchPlan, history: Sequence[tuple[Candidate, Measured]]) -> li
 
 
 def to_be_checked(plan: SearchPlan, history: History, most: int) -> list[Candidate]:
-    """Return the start, and for each direction the centre of the search and its ``most`` best ones,
-    in the order of their numbers."""
+    """Return the start, and of each direction the centre and the ``most`` best, by number."""
     order = _orders(plan, history, weighings_of(plan))
     chosen = {0, *(place for own in order for place in own[:most])}
     chosen |= {place for place, (one, _) in enumerate(history) if one.generation > plan.generations}

@@ -17,7 +17,7 @@ from omnitrack_sim.trials.axes import Number, PathTable, above_low
 
 SUCCESS_RATE = "success_rate"
 """The objective that is no metric of a run: the part of the trials that reached the goal."""
-MOST_VARIABLES, MOST_OBJECTIVES = 100, 10
+MAX_VARIABLES, MAX_OBJECTIVES = 100, 10
 DIGITS = 9
 """Significant digits of the values that are tried, so that they read the same in every file."""
 Name = Annotated[str, Field(min_length=1)]
@@ -144,8 +144,8 @@ class SearchPlan(Table):
         seed: of the candidates.
     """
 
-    variables: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=MOST_VARIABLES)]
-    objectives: Annotated[tuple[Objective, ...], Field(min_length=1, max_length=MOST_OBJECTIVES)]
+    variables: Annotated[tuple[Variable, ...], Field(min_length=1, max_length=MAX_VARIABLES)]
+    objectives: Annotated[tuple[Objective, ...], Field(min_length=1, max_length=MAX_OBJECTIVES)]
     generations: Annotated[int, Field(ge=1, le=100_000)] = 20
     population: Annotated[int, Field(ge=4, le=10_000)] | None = None
     directions: Annotated[int, Field(ge=1, le=100)] | None = None
@@ -174,9 +174,11 @@ class SearchPlan(Table):
         """Candidates of the whole search: the start, the generations, and the centres."""
         return 1 + self.search_count * (self.generations * self.asked_each + 1)
 
-    def most_checked(self, best: int) -> int:
-        """Most candidates of a check of the ``best`` ones of each search, its centre, and the
-        start; 0 where there is none."""
+    def max_checked(self, best: int) -> int:
+        """Return the largest number of candidates of a check; 0 where there is none.
+
+        These are the ``best`` ones of each search, its centre, and the start.
+        """
         return 1 + self.search_count * (best + 1) if best else 0
 
 

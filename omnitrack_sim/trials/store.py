@@ -28,7 +28,7 @@ from omnitrack_sim.trials.plan import Conclusion, Plan
 from omnitrack_sim.trials.table import made_by, part_table, to_csv, to_json, to_parquet
 
 PARTS, TRIALS, SUMMARY = "parts", "trials", "summary.json"
-_MOST_DIFFERENCES = 5
+_MAX_DIFFERENCES = 5
 """Largest number of differences of two records in a message."""
 
 
@@ -232,8 +232,8 @@ def _differences(there: Any, ours: Any, free: Sequence[str]) -> str:
         f"{path} is {_shown(before)} there and {_shown(now)} here"
         for path, before, now in differing(first, second)
     ]
-    rest = len(lines) - _MOST_DIFFERENCES
-    text = ", ".join(lines[:_MOST_DIFFERENCES]) or "it was made by another version of the program"
+    rest = len(lines) - _MAX_DIFFERENCES
+    text = ", ".join(lines[:_MAX_DIFFERENCES]) or "it was made by another version of the program"
     return f"{text} and {rest} more" if rest > 0 else text
 
 

@@ -204,7 +204,7 @@ class Study(SearchPlan, Plan):
     @property
     def max_trials(self) -> int:
         """Largest number of trials, of search and check together."""
-        checked = self.most_checked(self.final.candidates)
+        checked = self.max_checked(self.final.candidates)
         return self.candidate_count * self.size + checked * self._check_size
 
     @property

@@ -332,7 +332,7 @@ def _excess(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
         yield Fault("generations", problem)
         return
     at_once = file.search_count * file.asked_each
-    chosen = file.most_checked(file.final.candidates)
+    chosen = file.max_checked(file.final.candidates)
     checks = [
         chosen * trial_count(len(sweep.bases), sweep.axes, file.final.samples or sweep.samples)
         for sweep in sweeps

@@ -48,7 +48,7 @@ from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MOST_LISTED, MOST_GRID = 12, 24
+MAX_LISTED, MAX_GRID = 12, 24
 """Most values of a list or grid axis that makes groups in the summary if the file names none."""
 FOR_THE_RECORD = ("name", "group_by", "set")
 """Keys of a resolved sweep that its table does not depend on."""
@@ -213,16 +213,15 @@ class Sweep(SweepTable, Plan):
         """The axes by whose values the summary counts."""
         if self.group_by is not None:
             return self.group_by
-        most = {axis.name: MOST_GRID for axis in self.axes if isinstance(axis, GridAxis)}
+        most = {axis.name: MAX_GRID for axis in self.axes if isinstance(axis, GridAxis)}
         return tuple(
             name
             for name, values in self.crossed.items()
-            if len(values) <= most.get(name, MOST_LISTED)
+            if len(values) <= most.get(name, MAX_LISTED)
         )
 
     def label(self, name: str, value: Any) -> str:
-        """Return a value of a crossed axis as text: its label, the text itself, nine digits, or
-        JSON."""
+        """Return a value of a crossed axis as text: its label, itself, nine digits, or JSON."""
         for axis in self.axes:
             if axis.name == name and isinstance(axis, ListAxis) and axis.labels is not None:
                 return axis.labels[axis.values.index(value)]

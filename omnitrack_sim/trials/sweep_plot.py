@@ -13,13 +13,11 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, direction_of
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.robots.kinds import DEFAULT
-from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.record.channels import SingularRange
 from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.show.plots.style import chart, figure_bytes, page
 from omnitrack_sim.show.plots.success import (
     CHART,
-    SingularRange,
     Spread,
     draw_chart,
     groups_of,
@@ -85,9 +83,7 @@ def plot_sweep(
 
 
 def _figure(sweep: Sweep, passed: Array) -> Figure:
-    case = turn_case(sweep)
-    singular = None if case is None else singular_range(case)
-    return sweep_figure(spreads(sweep), passed, singular, sweep.name)
+    return sweep_figure(spreads(sweep), passed, singular_range(sweep), sweep.name)
 
 
 def _chosen(axes: list[Spread], over: str | Sequence[str] | None) -> list[Spread]:
@@ -136,26 +132,11 @@ def spreads(sweep: Sweep) -> list[Spread]:
     return axes
 
 
-def singular_range(case: TurnCase) -> SingularRange:
-    """Return the range of orientations in which the robot of a case cannot turn."""
-    real = float(np.degrees((2 * np.pi / case.modules - case.real_sector) / 2))
-    return SingularRange(float(np.degrees(case.sector)), real if real > 0 else None)
-
-
-def turn_case(sweep: Sweep) -> TurnCase | None:
-    """Return robot and tee of the first base; None if its route does not turn in a tee, or the
-    robot has no modules that turn it."""
+def singular_range(sweep: Sweep) -> SingularRange | None:
+    """Return the orientations in which the robot of the first base cannot turn on its route."""
     scenario = next(iter(sweep.bases.values()))
-    if scenario.robot.kind != DEFAULT:
-        return None
     # Missions are left out: they may turn in several tees.
-    for passage in scenario.route.passages if scenario.pipes else ():
-        if passage.manoeuvre == "tee_turn":
-            return TurnCase(
-                pipe_radius=passage.corner_radius,
-                turn_angle=passage.description.turn_angle,
-                reach=scenario.robot.reach,
-                contact_length=scenario.robot.contact_length,
-                bend_radius=scenario.control.tee_turn_radius,
-            )
-    return None
+    passages = scenario.route.passages if scenario.pipes else ()
+    radius = scenario.control.tee_turn_radius
+    ranges = (scenario.robot.singular_range(passage, radius) for passage in passages)
+    return next((found for found in ranges if found is not None), None)

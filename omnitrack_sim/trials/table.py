@@ -28,7 +28,7 @@ PARQUET: dict[str, Any] = {
     "write_page_checksum": True,
 }
 """Settings of the files. They are fixed, so that the same rows give the same bytes."""
-_MOST_REASONS = 3
+_MAX_REASONS = 3
 """Largest number of reasons of invalid trials in a message."""
 
 
@@ -182,4 +182,4 @@ def refuse_all_invalid(table: pa.Table, where: str, which: str, error: type[Inpu
     if set(table["outcome"].to_pylist()) == {INVALID}:
         reasons = list(dict.fromkeys(table["reason"].to_pylist()))
         fault = Fault(where, f"none of {which}{counted(table.num_rows, 'trial')} is valid")
-        raise error([fault, *(Fault("", reason) for reason in reasons[:_MOST_REASONS])])
+        raise error([fault, *(Fault("", reason) for reason in reasons[:_MAX_REASONS])])

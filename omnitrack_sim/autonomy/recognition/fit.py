@@ -70,13 +70,13 @@ class Views:
         pictures: (v, pixels²) on the scale.
         motions: poses of the v cameras, in the frame of the last one.
         prior: of the camera's numbers at the last picture.
-        met: hits and ``beyond`` of cameras that the search comes by again; see ``Fit``.
+        hit_cache: hits and ``beyond`` of cameras that the search comes by again; see ``Fit``.
     """
 
     pictures: Array
     motions: list[Pose]
     prior: PosePrior
-    met: dict[CameraKey, tuple[Array, Array]] = field(default_factory=dict)
+    hit_cache: dict[CameraKey, tuple[Array, Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Tries:
+class Hypotheses:
     """Forms that are fitted, n rows.
 
     Attributes:
@@ -122,40 +122,40 @@ class Tries:
     cost: Array
     normal: Array
 
-    def take(self, rows: Sequence[int]) -> Tries:
+    def take(self, rows: Sequence[int]) -> Hypotheses:
         """Some of the rows."""
         rows = list(rows)
-        return Tries(
+        return Hypotheses(
             tuple(self.forms[i] for i in rows),
             *(getattr(self, name)[rows] for name in _COLUMNS),
         )
 
-    def split(self, counts: Sequence[int]) -> list[Tries]:
+    def split(self, counts: Sequence[int]) -> list[Hypotheses]:
         """The first rows, the next ones and so on, as many as the ``counts``."""
         ends = np.cumsum(counts).tolist()
         return [self.take(range(end - k, end)) for end, k in zip(ends, counts, strict=True)]
 
 
-def tries(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Tries:
+def hypotheses(forms: Sequence[Form], numbers: Array, sizes: Array, views: int) -> Hypotheses:
     """Rows to begin with."""
     n, p = len(forms), PLACES + SIZES + views
     cost, normal = np.full(n, np.inf), np.tile(np.eye(p), (n, 1, 1))
-    return Tries(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
+    return Hypotheses(tuple(forms), numbers, sizes, np.ones((n, views)), cost, normal)
 
 
-def joined(rows: Sequence[Tries]) -> Tries:
+def joined(rows: Sequence[Hypotheses]) -> Hypotheses:
     """Rows of several in one."""
     columns = [np.concatenate([getattr(row, name) for row in rows]) for name in _COLUMNS]
-    return Tries(tuple(form for row in rows for form in row.forms), *columns)
+    return Hypotheses(tuple(form for row in rows for form in row.forms), *columns)
 
 
-def merged(better: NDArray[np.bool_], first: Tries, second: Tries) -> Tries:
+def merged(better: NDArray[np.bool_], first: Hypotheses, second: Hypotheses) -> Hypotheses:
     """Rows of the first where it is better, of the second elsewhere."""
     values = {}
     for name in _COLUMNS:
         one, other = getattr(first, name), getattr(second, name)
         values[name] = np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, other)
-    return Tries(first.forms, **values)
+    return Hypotheses(first.forms, **values)
 
 
 class Fit:
@@ -168,7 +168,7 @@ class Fit:
         self._rays = rays_of(camera.optics)
         self._kept: dict[tuple[str | float, ...], tuple[RayWalls, Array]] = {}
 
-    def refined(self, start: Tries, views: Views, level: Level, steps: int) -> Tries:
+    def refined(self, start: Hypotheses, views: Views, level: Level, steps: int) -> Hypotheses:
         """Rows after steps of the search; none is worse than it was.
 
         Each step is tried with several dampings at once, and the best is taken: edges make the
@@ -188,10 +188,10 @@ class Fit:
                 best = merged(least == i, row, best)
         return best
 
-    def costs(self, at: Tries, views: Views, level: Level) -> Tries:
+    def costs(self, at: Hypotheses, views: Views, level: Level) -> Hypotheses:
         """Return the rows with their costs: twice the negative log posterior."""
         pictures = views.pictures[:, level.pixels]
-        hits, beyond = self._met(at, views, level)
+        hits, beyond = self._hits_of(at, views, level)
         image = self._image(hits, level)
         cost = _loss(
             pictures - self._scale.of(image * at.gains[..., None]), pictures > beyond, level
@@ -203,23 +203,25 @@ class Fit:
             + (np.where(weights < RECOGNISER.fixed_weight, weights, 0) * off**2).sum(axis=1),
         )
 
-    def misfit(self, at: Tries, views: Views, level: Level) -> float:
-        """Return the mean cost of the only row's pixels that show its form itself, and not what may
-        follow it."""
+    def misfit(self, at: Hypotheses, views: Views, level: Level) -> float:
+        """Return the mean cost of the only row's pixels that show no more than its form."""
         pictures = views.pictures[:, level.pixels]
-        hits, beyond = self._met(at, views, level)
+        hits, beyond = self._hits_of(at, views, level)
         image = self._scale.of(self._image(hits, level) * at.gains[..., None])
         own = pictures <= beyond
         cost = _loss(pictures - image, ~own, level)
         return float(cost[own].mean()) if own.mean() > RECOGNISER.least_own else np.inf
 
-    def scores(self, at: Tries, views: Views, level: Level, alike: float) -> Array:
+    def scores(self, at: Hypotheses, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
 
         Laplace's approximation: each fitted parameter adds the Occam term
         2 log(prior std / posterior std).
 
         Args:
+            at: the rows.
+            views: the pictures.
+            level: of the comparison.
             alike: pixels of which the errors are alike.
         """
         weights, _ = _prior(at, views, level)
@@ -230,7 +232,9 @@ class Fit:
         known = np.linalg.slogdet(at.normal)[1] - sought * np.log(alike)
         return at.cost / alike + known - np.log(weights).sum(axis=1)
 
-    def _equations(self, at: Tries, views: Views, level: Level, side: float) -> tuple[Array, Array]:
+    def _equations(
+        self, at: Hypotheses, views: Views, level: Level, side: float
+    ) -> tuple[Array, Array]:
         """Matrix (n, p, p) of the normal equations and the gradient (n, p)."""
         residual, rough, slopes = self._linearised(at, views, level, side)
         weight = np.tile(level.weight, at.gains.shape[1])
@@ -240,12 +244,14 @@ class Fit:
         return normal, (weighted * residual[..., None]).sum(axis=1) - weights * off
 
     def _linearised(
-        self, at: Tries, views: Views, level: Level, side: float
+        self, at: Hypotheses, views: Views, level: Level, side: float
     ) -> tuple[Array, Array, Array]:
-        """Residuals (n, v k) of the pictures, what they lose their weight at, and the Jacobian
-        (n, v k, p)."""
+        """Return residuals, what they lose their weight at, and the Jacobian.
+
+        (n, v k), (n, v k), (n, v k, p).
+        """
         n, v, k = len(at.forms), len(views.motions), len(level.pixels)
-        hits, beyond = self._met(at, views, level)
+        hits, beyond = self._hits_of(at, views, level)
         expected, moved = self._moved(at, hits, views, level)
         slopes = np.zeros((n, v, k, PLACES + SIZES + v))
         for i, image in moved.items():
@@ -254,7 +260,7 @@ class Fit:
         changes = [*self._changed(at, level, side)]
         if changes:
             together = joined([changed for _, _, changed, _ in changes])
-            images = self._image(self._met(together, views, level)[0], level)
+            images = self._image(self._hits_of(together, views, level)[0], level)
             ends = np.cumsum([len(rows) for _, rows, _, _ in changes])[:-1]
             for (column, rows, _, by), image in zip(changes, np.split(images, ends), strict=True):
                 slopes[rows, ..., column] = (image - expected[rows]) / by[:, None, None]
@@ -271,10 +277,12 @@ class Fit:
         return residual.reshape(flat), rough.reshape(flat), slopes.reshape(*flat, -1)
 
     def _moved(
-        self, at: Tries, hits: Array, views: Views, level: Level
+        self, at: Hypotheses, hits: Array, views: Views, level: Level
     ) -> tuple[Array, dict[int, Array]]:
-        """Return the pictures (n, v, k) that are expected, and those after a small motion of the
-        camera, by the places in its numbers that change, from hits (n, v, k, 8)."""
+        """Return the pictures that are expected, and those after small motions of the camera.
+
+        (n, v, k), from hits (n, v, k, 8); the latter by the places in its numbers that change.
+        """
         n, v, k, rays = *hits.shape[:3], self._rays[level.pixels]
         lamp = self._camera.lamp
         free = [i for i in np.flatnonzero(level.free).tolist() if lamp is None or i not in _EDGES]
@@ -292,10 +300,12 @@ class Fit:
         return expected, dict(zip(free, images, strict=True))
 
     def _changed(
-        self, at: Tries, level: Level, side: float
-    ) -> Iterator[tuple[int, NDArray[np.intp], Tries, Array]]:
-        """Yield, for each column of the Jacobian whose pictures need rays of their own: its number,
-        the rows (m,) that it counts for, these rows changed, and by how much (m,)."""
+        self, at: Hypotheses, level: Level, side: float
+    ) -> Iterator[tuple[int, NDArray[np.intp], Hypotheses, Array]]:
+        """Yield what changes in each column of the Jacobian that needs rays of its own.
+
+        The column, the rows (m,) that it counts for, these rows changed, and by how much (m,).
+        """
         if self._camera.lamp is not None:
             # The edges of shadows tell most, and they move: hits from close by do not show it.
             for i in _EDGES:
@@ -317,8 +327,9 @@ class Fit:
                 yield PLACES + i, rows, larger, steps
 
     def joints(self, straight: Form, pose: Array, views: Views, level: Level) -> list[float]:
-        """Distances, m, at which the last picture agrees best with a joint of straight pipes, best
-        first; none where a joint does not show.
+        """Return the distances, m, at which the last picture shows joints of straight pipes.
+
+        Best first; none where a joint does not show.
 
         Args:
             straight: the form.
@@ -326,8 +337,8 @@ class Fit:
             views: the pictures.
             level: of the comparison.
         """
-        at = tries([straight], pose[None], np.zeros((1, SIZES)), len(views.motions))
-        hits = self._met(at, views, level)[0][0, -1]
+        at = hypotheses([straight], pose[None], np.zeros((1, SIZES)), len(views.motions))
+        hits = self._hits_of(at, views, level)[0][0, -1]
         rotation = cameras(pose[None], views.motions[-1:])[1][0, 0]
         along = hits[:, RANGE] * (self._rays[level.pixels] @ rotation.T)[:, 2]
         where = np.arange(*RECOGNISER.joint_range)
@@ -360,10 +371,12 @@ class Fit:
         flat, rays = hits.reshape(-1, *hits.shape[-2:]), self._rays[level.pixels]
         return self._camera.expected(flat, rays, level.stand).reshape(hits.shape[:-1])
 
-    def _met(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
-        """Return the hits (n, v, k, 8) of the cameras of all rows, and the values (n, v, k) on the
-        scale; see ``beyond``."""
-        k, met = len(level.pixels), views.met
+    def _hits_of(self, at: Hypotheses, views: Views, level: Level) -> tuple[Array, Array]:
+        """Return the hits of the cameras of all rows, and the values of ``beyond``.
+
+        (n, v, k, 8) and (n, v, k) on the scale.
+        """
+        k, met = len(level.pixels), views.hit_cache
         keys = [
             (k, form.name, sizes[: len(form.sizes)].tobytes(), numbers.tobytes())
             for form, sizes, numbers in zip(at.forms, at.sizes, at.numbers, strict=True)
@@ -380,8 +393,8 @@ class Fit:
             del met[key]  # the oldest ones go first
         return found
 
-    def _traced(self, at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
-        """As ``_met``, by tracing all rays."""
+    def _traced(self, at: Hypotheses, views: Views, level: Level) -> tuple[Array, Array]:
+        """As ``_hits_of``, by tracing all rays."""
         n, v, rays = len(at.forms), len(views.motions), self._rays[level.pixels]
         place, rotation = cameras(at.numbers, views.motions)
         place, rotation = place.reshape(-1, 3), rotation.reshape(-1, 3, 3)
@@ -401,8 +414,10 @@ class Fit:
 
 
 def exits_of(parts: Sequence[Part]) -> Array:
-    """Return position and direction (parts, 6) of the port planes by which a form's fittings are
-    left, of the straights beyond; 0 of the other parts."""
+    """Return position and direction (parts, 6) of the ports by which a form is left.
+
+    Of the straights beyond its fittings; 0 of the other parts.
+    """
     exits = np.zeros((len(parts), 6))
     for i, part in enumerate(parts[2:], 2):  # after the straight before it and the fitting
         if not part.fitting.is_plain:  # another fitting directly behind
@@ -421,9 +436,10 @@ def beyond(
     scale: VarianceStabiliser,
     lamp: Array | None,
 ) -> Array:
-    """Return the transformed value (m, k) of each ray of m cameras at the plane where it leaves the
-    form, beyond which a picture may show a fitting that is not modelled: infinite for rays that do
-    not leave; for those that do by a lamp, minus infinity.
+    """Return the transformed value (m, k) of each ray at the plane where it leaves the form.
+
+    Beyond that a picture may show a fitting that is not modelled. Infinite for rays that do not
+    leave; for those that do by a lamp, minus infinity.
 
     Args:
         hits: (m, k, 8).
@@ -466,8 +482,11 @@ def _loss(residual: Array, free: NDArray[np.bool_], level: Level) -> Array:
 
 
 def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array | None) -> Array:
-    """Hits (f, m, k, 8) of cameras at f poses (f, m, 3), (f, m, 3, 3) close together, from those
-    (m, k, 8) at the first. The joint at the port plane, z = 0, stays where it is."""
+    """Return hits (f, m, k, 8) of cameras at f poses close together, from those at the first.
+
+    Poses (f, m, 3), (f, m, 3, 3), hits (m, k, 8). The joint at the port plane, z = 0, stays where
+    it is.
+    """
     f, m = place.shape[:2]
     near = reprojected(hits, rays, place[0], rotation[0], place, rotation, lamp)
     if lamp is None:
@@ -481,7 +500,7 @@ def _nearby(hits: Array, rays: Array, place: Array, rotation: Array, lamp: Array
     return near
 
 
-def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
+def _prior(at: Hypotheses, views: Views, level: Level) -> tuple[Array, Array]:
     """Return the weights (n, p) of the priors, and the deviations (n, p) from their means."""
     n, v = at.gains.shape
     weights = np.full((n, PLACES + SIZES + v), RECOGNISER.fixed_weight)
@@ -503,7 +522,7 @@ def _prior(at: Tries, views: Views, level: Level) -> tuple[Array, Array]:
     return weights, off
 
 
-def _stepped(at: Tries, gradient: Array, damping: float, views: Views) -> Tries:
+def _stepped(at: Hypotheses, gradient: Array, damping: float, views: Views) -> Hypotheses:
     """Rows one step on."""
     p = at.normal.shape[1]
     scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]

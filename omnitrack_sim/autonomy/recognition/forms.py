@@ -69,8 +69,11 @@ ASIDE, TILT, DISTANCE, TURN, PLACES = slice(0, 2), slice(2, 4), 4, 5, 6
 
 
 def cameras(numbers: Array, motions: list[Pose]) -> tuple[Array, Array]:
-    """Positions (n, v, 3) m and rotations (n, v, 3, 3) of v cameras, in the frame of the port plane
-    (z on into the fitting, x as of the port), for rows of numbers (n, 6)."""
+    """Return positions and rotations of v cameras for rows of numbers (n, 6).
+
+    (n, v, 3) m and (n, v, 3, 3), in the frame of the port plane (z on into the fitting, x as of the
+    port).
+    """
     turn, tilt = numbers[:, TURN], numbers[:, TILT]
     cos, sin = np.cos(turn), np.sin(turn)
     back, axis = np.zeros((len(turn), 3, 3)), np.zeros((len(turn), 3))
@@ -105,8 +108,11 @@ class PosePrior:
 
     @property
     def nearest(self) -> float:
-        """Least distance, m, of a fitting: in straight pipe it is ahead of the lens; beyond a known
-        port that the lens may have passed it begins there at the earliest."""
+        """Least distance, m, of a fitting.
+
+        In straight pipe it is ahead of the lens; beyond a known port that the lens may have passed
+        it begins there at the earliest.
+        """
         return 0.0 if self is CENTRED else float(self.mean[DISTANCE]) - RECOGNISER.port_std
 
 
@@ -115,8 +121,11 @@ CENTRED = PosePrior(np.zeros(PLACES), RECOGNISER.camera_std)
 
 
 def numbers_at(port: Pose, position: Array, frame: Array) -> Array:
-    """Numbers (6,) of a camera at ``position`` (3,) m, with ``frame`` (3, 3), before a port, z
-    outward: the inverse of ``cameras``. The direction is 0."""
+    """Return the numbers (6,) of a camera before a port: the inverse of ``cameras``.
+
+    The camera is at ``position`` (3,) m with ``frame`` (3, 3), the port has z outward. The
+    direction is 0.
+    """
     axis = frame.T @ port.rotation[:, 2]
     across = float(np.hypot(axis[0], axis[1]))
     lean = math.atan2(across, float(axis[2]))
@@ -127,8 +136,11 @@ def numbers_at(port: Pose, position: Array, frame: Array) -> Array:
 
 
 def straightened(numbers: Array, directions: Array, radius: float) -> Array:
-    """Map ray ``directions`` (k, 3) of a camera on the pipe's axis to those of one displaced by
-    ``numbers`` (6,), for the same points of a straight wall; camera frames."""
+    """Map rays of a camera on the pipe's axis to those of one displaced.
+
+    For the same points of a straight wall: ``directions`` (k, 3) in camera frames, ``numbers`` (6,)
+    of the displaced one.
+    """
     across = np.hypot(directions[:, 0], directions[:, 1])
     points = directions * (radius / across)[:, None]
     points = points + np.array([*numbers[ASIDE], 0.0])
@@ -226,8 +238,9 @@ class Form:
         return np.array([[*start, *[0.0] * (SIZES - len(start))] for start in self.starts])
 
     def restarts(self, sizes: Array) -> Array:
-        """Sizes (k, SIZES) from which its search begins again, where it has come to ``sizes``
-        (SIZES,); none where gradients lead to the best from anywhere.
+        """Return sizes (k, SIZES) from which its search begins again.
+
+        It has come to ``sizes`` (SIZES,). None where gradients lead to the best from anywhere.
 
         Start, radius and angle of a bend are nearly confounded. The length of a reducer shows by
         the dark joint at its far end, to which gradients lead from nearby only.
@@ -242,8 +255,10 @@ class Form:
         return self.padded_starts if many else np.empty((0, SIZES))
 
     def map(self, sizes: Sequence[float], bore: float) -> Map:
-        """Its parts where the port plane is z = 0, the robot comes along +z, and the x axis of the
-        port is x."""
+        """Return its parts in the frame of the port plane.
+
+        The port plane is z = 0, the robot comes along +z, and the x axis of the port is x.
+        """
         if self.make is None and not self.ends:
             middle = Pose(np.eye(3), np.array([0, 0, -RECOGNISER.beyond]))
             return (Part("straight", Straight(2 * RECOGNISER.beyond, bore), middle),), ()

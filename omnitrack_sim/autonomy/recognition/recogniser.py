@@ -1,5 +1,7 @@
-"""Recognise what lies ahead by comparing pictures with what every form would look like: first with
-a library of coarse pictures, computed once, then by fitting the best forms."""
+"""Recognise what lies ahead by comparing pictures with what every form would look like.
+
+First with a library of coarse pictures, computed once, then by fitting the best forms.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,14 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.recognition.fit import (
     Fit,
+    Hypotheses,
     Level,
-    Tries,
     VarianceStabiliser,
     Views,
     beyond,
     exits_of,
+    hypotheses,
     joined,
-    tries,
 )
 from omnitrack_sim.autonomy.recognition.forms import (
     ANGLE,
@@ -150,9 +152,11 @@ class Library:
         return self._scale.of(self._camera.expected(hits, rays)[:, : len(self.rays)])
 
     def look(self, picture: Array, numbers: Array) -> Array:
-        """Return the coarse picture (k,) from the axis for a picture (pixels²,), on the scale, of a
-        camera at ``numbers`` (6,), as if the wall were that of straight pipe; not numbers where a
-        leaning camera does not see."""
+        """Return the coarse picture (k,) as from the pipe's axis.
+
+        Of a picture (pixels²,), on the scale, of a camera at ``numbers`` (6,), as if the wall were
+        that of straight pipe; not numbers where a leaning camera does not see.
+        """
         directions = straightened(numbers, self.rays, self._radius)
         rays = np.concatenate([directions, self._rays[len(directions) :]])
         there = self._picture(self._straight, np.zeros(1, int), numbers[None], rays)[0]
@@ -161,8 +165,10 @@ class Library:
         return np.where(directions[:, 2] > np.cos(self._half), look, np.nan)
 
     def costs(self, look: Array) -> tuple[Array, Array]:
-        """Return the cost of each entry (m,) for a coarse picture (k,): where other fittings may
-        follow its own, and where none does."""
+        """Return the cost of each entry (m,) for a coarse picture (k,).
+
+        Where other fittings may follow its own, and where none does.
+        """
         known = np.isfinite(look)
         # The costs only choose where fits start, so single precision is enough.
         seen = look[known].astype(np.float32)
@@ -176,8 +182,11 @@ class Library:
 
 
 def _sharpness(pictures: Array) -> Array:
-    """One over the standard deviation of each ray of pictures (starts, distances, turns, k), whose
-    true distance and turn lie up to half a step beside."""
+    """Return one over the standard deviation of each ray of pictures in the library.
+
+    Pictures (starts, distances, turns, k), whose true distance and turn lie up to half a step
+    beside.
+    """
     spread = np.full(pictures.shape, RECOGNISER.library_blur**2)
     count = pictures.shape[1]
     if count > 1:
@@ -191,8 +200,10 @@ def _sharpness(pictures: Array) -> Array:
 
 
 def interpolated(picture: Array, directions: Array, optics: OpticsTable) -> Array:
-    """Values (k,) of a picture (pixels²,) in directions (k, 3), camera frame; at its edge beyond
-    it."""
+    """Return values (k,) of a picture (pixels²,) in directions (k, 3), camera frame.
+
+    Beyond its edge those at the edge.
+    """
     count, edge = optics.pixels, np.radians(optics.field_of_view_deg) / 2
     angle = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
     size = angle * (1 + optics.distortion * angle**2) / (edge * (1 + optics.distortion * edge**2))
@@ -250,8 +261,10 @@ class Recogniser:
         self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
 
     def single(self, picture: Array, prior: PosePrior = CENTRED) -> Detection:
-        """Return the detection in one picture (pixels²,) or (pixels, pixels), such as
-        ``result.pictures[i]``; ``prior``: see ``approach``."""
+        """Return the detection in one picture (pixels²,) or (pixels, pixels).
+
+        Such as ``result.pictures[i]``; for ``prior`` see ``approach``.
+        """
         return self.approach(picture.reshape(1, -1), [STILL], prior)
 
     def approach(
@@ -282,7 +295,7 @@ class Recogniser:
         fits, straight = self._ranked(views)
         return self._detection(fits, straight, views)
 
-    def _ranked(self, views: Views) -> tuple[Tries, float]:
+    def _ranked(self, views: Views) -> tuple[Hypotheses, float]:
         """Return fits of the forms that may be ahead, and the free distance in straight pipe, m."""
         last, inside = Views(views.pictures[-1:], [STILL], views.prior), views.prior is not CENTRED
         pose = views.prior.mean if inside else self._pose(last)
@@ -299,41 +312,43 @@ class Recogniser:
         if self._dim or inside or seen:
             # Out of a fitting, no straight wall before the cone shows that it widens. And where it
             # shows, a fitting that hides its end makes it seem longer or shorter.
-            rough = joined([rough, *self._preceded(rough, last)])
+            rough = joined([rough, *self._with_reducers(rough, last)])
         # All pictures from here on: of one every pixel near the axis, of several every other one.
         many = len(views.motions)
         grid = 1 if many == 1 else 0
-        start = tries(rough.forms, rough.numbers, rough.sizes, many)
+        start = hypotheses(rough.forms, rough.numbers, rough.sizes, many)
         fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
         level = self._level(grid, 4.0)
-        fine = self._fit.refined(self._kept(fine, 2), views, level, 2)
-        fine = self._turned(fine, views, level)
+        fine = self._fit.refined(self._best_rows(fine, 2), views, level, 2)
+        fine = self._best_directions(fine, views, level)
         return self._fit.refined(fine, views, level, 3), straight
 
-    def _searched(self, last: Views, pose: Array) -> tuple[Tries, float]:
-        """Return rough fits to the last picture from a camera at about ``pose`` (6,), and the free
-        distance in straight pipe, m."""
+    def _searched(self, last: Views, pose: Array) -> tuple[Hypotheses, float]:
+        """Return rough fits to the last picture, and the free distance in straight pipe, m.
+
+        The camera is at about ``pose`` (6,).
+        """
         joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
         if last.prior is not CENTRED:
             # A fitting that follows another directly begins at the port itself.
             joints = [float(last.prior.mean[DISTANCE]), *joints]
-        begin, straight, near = self._begin(last, pose, joints)
+        begin, straight, near = self._starts(last, pose, joints)
         begin = self._fit.costs(begin, last, self._level(0, 8.0))
-        rough = self._fit.refined(self._kept(begin, 0), last, self._level(0, 8.0), 2)
+        rough = self._fit.refined(self._best_rows(begin, 0), last, self._level(0, 8.0), 2)
         best: dict[int, int] = {}
         for i in np.argsort(rough.cost):
             best.setdefault(id(rough.forms[i]), int(i))  # of each form
-        rough = self._kept(rough.take(list(best.values())), 1)
-        rough = self._scanned(rough, joints, last, self._level(0, 6.0))
-        rough = joined([rough, *self._begun_again(rough, pose, joints, last)])
-        rough = joined([rough, *self._pieces(rough, last)])
+        rough = self._best_rows(rough.take(list(best.values())), 1)
+        rough = self._best_neighbours(rough, joints, last, self._level(0, 6.0))
+        rough = joined([rough, *self._restarted(rough, pose, joints, last)])
+        rough = joined([rough, *self._between_joints(rough, last)])
         first = int(rough.cost.argmin())
         if self._dim and self._name(rough.forms[first], rough.numbers[first])[0] == "straight":
-            nearby = self._near_ones(near, pose, joints, last) if len(near) else []
-            rough = joined([rough, *nearby, *self._dim_ones(pose, last)])
+            nearby = self._near_candidates(near, pose, joints, last) if len(near) else []
+            rough = joined([rough, *nearby, *self._lamp_candidates(pose, last)])
         return rough, straight
 
-    def _turned(self, fits: Tries, views: Views, level: Level) -> Tries:
+    def _best_directions(self, fits: Hypotheses, views: Views, level: Level) -> Hypotheses:
         """Return rows with the best of some directions close to their own."""
         n, m = len(fits.forms), len(RECOGNISER.fine_turns)
         rows = fits.take(np.repeat(np.arange(n), m).tolist())
@@ -348,9 +363,10 @@ class Recogniser:
         reach = ((0.004, 0.09), (0.002, 0.05))[grid]
         return Level(pixels, stand, rough, which, weight, reach)
 
-    def _scanned(self, fits: Tries, joints: Sequence[float], views: Views, level: Level) -> Tries:
-        """Return rows with the best of other directions, starting sizes, and the distance of the
-        joint that shows best."""
+    def _best_neighbours(
+        self, fits: Hypotheses, joints: Sequence[float], views: Views, level: Level
+    ) -> Hypotheses:
+        """Return rows with the best of other directions, starting sizes and visible joints."""
         rows = []
         for row, form in enumerate(fits.forms):
             numbers = fits.numbers[row]
@@ -366,11 +382,13 @@ class Recogniser:
             rows.append(part.take([int(best)]))
         return joined(rows)
 
-    def _begun_again(
-        self, fits: Tries, pose: Array, joints: Sequence[float], views: Views
-    ) -> list[Tries]:
-        """Return rows of forms whose search begins again, from the best of other sizes and nearby
-        distances."""
+    def _restarted(
+        self, fits: Hypotheses, pose: Array, joints: Sequence[float], views: Views
+    ) -> list[Hypotheses]:
+        """Return rows of forms whose search begins again.
+
+        From the best of other sizes and nearby distances.
+        """
         # A search that errs in one of several numbers that are nearly confounded does not come out
         # of it.
         begin, most = [], RECOGNISER.restart_cost * fits.cost.min()
@@ -396,7 +414,7 @@ class Recogniser:
         best = [_best(part) for part in self._refined(begin, views, 2)]
         return self._refined(best, views, 2)
 
-    def _pieces(self, fits: Tries, views: Views) -> list[Tries]:
+    def _between_joints(self, fits: Hypotheses, views: Views) -> list[Hypotheses]:
         """Return the best reducer of each form as a piece of straight pipe between its joints."""
         # Two joints show the most of a shallow reducer, and a single one does not explain them.
         best: dict[int, int] = {}
@@ -407,12 +425,14 @@ class Recogniser:
         for i in best.values():
             sizes = np.zeros((1, SIZES))
             sizes[0, PIECE] = fits.sizes[i, LENGTH]
-            rows.append(tries([self._joint], fits.numbers[[i]], sizes, 1))
+            rows.append(hypotheses([self._joint], fits.numbers[[i]], sizes, 1))
         return self._refined(rows, views, 2)
 
-    def _preceded(self, fits: Tries, views: Views) -> list[Tries]:
-        """Return rows of a reducer directly before the best of the fittings, and of the latter
-        alone from where it lies then."""
+    def _with_reducers(self, fits: Hypotheses, views: Views) -> list[Hypotheses]:
+        """Return rows of a reducer directly before the best of the fittings.
+
+        And of the latter alone from where it lies then.
+        """
         # The cone of a shallow one hardly shows, but what is behind it does: taken for a fitting in
         # this bore, it explains more pixels than a reducer with straight pipe behind it.
         order = np.argsort(fits.cost, kind="stable").tolist()
@@ -428,21 +448,27 @@ class Recogniser:
             if fits.forms[i].period and fits.numbers[i, DISTANCE] >= self._blind:
                 best.setdefault(id(fits.forms[i]), i)  # of each form
         few = [fits.take([i]) for i in [*best.values()][: RECOGNISER.preceded]]
-        begin = [self._from_before(fits, behind, views) for behind in few]
+        begin = [self._reducer_starts(fits, behind, views) for behind in few]
         both = [
             part.take([int(part.cost.argmin())])
             for part in self._refined([joined(rows) for rows in begin], views, 4)
         ]
-        alone = [self._latter(chain, behind) for chain, behind in zip(both, few, strict=True)]
+        alone = [
+            self._second_fitting(chain, behind) for chain, behind in zip(both, few, strict=True)
+        ]
         alone = self._refined(alone, views, 2)
         return [part for pair in zip(both, alone, strict=True) for part in pair]
 
-    def _from_before(self, fits: Tries, behind: Tries, views: Views) -> list[Tries]:
-        """Return rows of every reducer directly before the fitting of the only row of ``behind``,
-        from which a search begins."""
+    def _reducer_starts(
+        self, fits: Hypotheses, behind: Hypotheses, views: Views
+    ) -> list[Hypotheses]:
+        """Return rows of every reducer before a fitting, from which a search begins.
+
+        Directly before that of the only row of ``behind``.
+        """
         order, starts = np.argsort(fits.cost, kind="stable").tolist(), []
         for reducer in (form for form in self._forms if form.kind == "reducer"):
-            starts.append(self._before(behind, reducer, views))
+            starts.append(self._reducer_before(behind, reducer, views))
             alone = [i for i in order if fits.forms[i] is reducer]
             if alone:
                 own = fits.take(alone[:1])
@@ -451,18 +477,22 @@ class Recogniser:
                 starts.append(replace(own, forms=starts[-1].forms[:1]))
         return starts
 
-    def _latter(self, both: Tries, behind: Tries) -> Tries:
-        """Return a row of the fitting of ``behind`` alone, from where it lies by a row of ``both``,
-        that and a reducer."""
+    def _second_fitting(self, both: Hypotheses, behind: Hypotheses) -> Hypotheses:
+        """Return a row of the second of two fittings alone.
+
+        That of ``behind``, from where it lies by a row of ``both``, it and a reducer.
+        """
         end, length = both.sizes[0, :OWN].tolist()
         numbers, sizes = both.numbers.copy(), np.zeros((1, SIZES))
         numbers[0, DISTANCE] = (numbers[0, DISTANCE] + length) * self._bore / end
         sizes[:, :OWN] = both.sizes[:, OWN:]
-        return tries(behind.forms, numbers, sizes, 1)
+        return hypotheses(behind.forms, numbers, sizes, 1)
 
-    def _before(self, behind: Tries, reducer: Form, views: Views) -> Tries:
-        """Return the best rows of a reducer of several lengths before the only row of ``behind``,
-        as of this bore."""
+    def _reducer_before(self, behind: Hypotheses, reducer: Form, views: Views) -> Hypotheses:
+        """Return the best rows of a reducer of several lengths before a fitting.
+
+        That of the only row of ``behind``, as of this bore.
+        """
         start = min(reducer.starts, key=lambda sizes: abs(sizes[0] - self._bore))
         low, nearest = reducer.sizes[LENGTH].low, views.prior.nearest
         # A picture tells angles: what is wider by a factor is farther by it.
@@ -473,29 +503,32 @@ class Recogniser:
         for length in np.arange(low, most, RECOGNISER.restart_length * low):
             numbers = behind.numbers.copy()
             numbers[0, DISTANCE] = max(far - length, nearest)
-            rows.append(tries([chain], numbers, np.array([[start[0], length, *further]]), 1))
+            rows.append(hypotheses([chain], numbers, np.array([[start[0], length, *further]]), 1))
         return _best(self._fit.costs(joined(rows), views, self._level(0, 6.0)))
 
-    def _refined(self, rows: Sequence[Tries], views: Views, steps: int) -> list[Tries]:
+    def _refined(self, rows: Sequence[Hypotheses], views: Views, steps: int) -> list[Hypotheses]:
         """Return several rows after steps of the search, made for all together."""
         if not rows:
             return []
         every = self._fit.refined(joined(rows), views, self._level(0, 5.0), steps)
         return every.split([len(row.forms) for row in rows])
 
-    def _near_ones(
+    def _near_candidates(
         self, near: NDArray[np.intp], pose: Array, joints: Sequence[float], views: Views
-    ) -> list[Tries]:
-        """Return rows of fittings so near that only parts of them show, each from a search of its
-        own, for those entries ``near`` of the library that the picture does not exclude."""
+    ) -> list[Hypotheses]:
+        """Return rows of fittings so near that only parts of them show.
+
+        Each from a search of its own, for those entries ``near`` of the library that the picture
+        does not exclude.
+        """
         best: dict[int, int] = {}
         for row in near.tolist():
             best.setdefault(int(self._library.entries.form[row]), row)
         begin = self._from_library(np.array([*best.values()], np.intp), pose)
         begin = self._fit.refined(begin, views, self._level(0, 6.0), 2)
-        return [begin, *self._begun_again(begin, pose, joints, views)]
+        return [begin, *self._restarted(begin, pose, joints, views)]
 
-    def _dim_ones(self, pose: Array, views: Views) -> list[Tries]:
+    def _lamp_candidates(self, pose: Array, views: Views) -> list[Hypotheses]:
         """Return rows of fittings in what seems straight pipe, each from a search of its own."""
         # By a lamp, distant things are dim and cover a few pixels at the middle of the picture,
         # which the coarse pictures of the library pass over.
@@ -506,7 +539,7 @@ class Recogniser:
                 continue
             step = form.period / RECOGNISER.dim_turns
             part = _combined(
-                tries([form], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1),
+                hypotheses([form], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1),
                 sizes=form.padded_starts,
                 distances=RECOGNISER.dim_distances * self._bore,
                 turns=np.arange(0.0, form.period, step) if form.period else [0.0],
@@ -517,16 +550,20 @@ class Recogniser:
         return self._refined(rows, views, 2)
 
     def _pose(self, views: Views) -> Array:
-        """Return the numbers (6,) of the camera in the pipe, from the edge of its picture, which
-        shows straight wall."""
-        begin = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
+        """Return the numbers (6,) of the camera in the pipe, from the edge of its picture.
+
+        It shows straight wall.
+        """
+        begin = hypotheses([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
         wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
         edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
         return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
 
-    def _kept(self, fits: Tries, stage: int) -> Tries:
-        """Return the best rows, the best ones of the best forms, and the straight pipe, which all
-        others have to beat."""
+    def _best_rows(self, fits: Hypotheses, stage: int) -> Hypotheses:
+        """Return the best rows, the best ones of the best forms, and the straight pipe.
+
+        All others have to beat the latter.
+        """
         rows = np.argsort(fits.cost, kind="stable").tolist()
         least = fits.cost[rows[0]] + RECOGNISER.follow_cost[stage]
         kept = [i for i in rows if fits.cost[i] < least][: RECOGNISER.followed[stage]]
@@ -540,11 +577,14 @@ class Recogniser:
         alone = [i for i in first.values() if fits.forms[i] in latter]
         return fits.take(list(dict.fromkeys([*kept, *forms, *straight, *alone])))
 
-    def _begin(
+    def _starts(
         self, views: Views, pose: Array, joints: Sequence[float]
-    ) -> tuple[Tries, float, NDArray[np.intp]]:
-        """Return starting values of every form, the free distance in straight pipe, m, and entries
-        of the library that may be nearer but have a search of their own."""
+    ) -> tuple[Hypotheses, float, NDArray[np.intp]]:
+        """Return starts of every form, the free distance, and entries that may be nearer.
+
+        The distance is that in straight pipe, m; these entries of the library have a search of
+        their own.
+        """
         library, entries = self._library, self._library.entries
         cost, alone = library.costs(library.look(views.pictures[0], pose))
         place = entries.numbers[:, DISTANCE]
@@ -555,7 +595,7 @@ class Recogniser:
             rows = np.flatnonzero((entries.form == which) & possible)
             kept: list[int] = []
             for row in rows[np.argsort(cost[rows])]:
-                if all(self._apart(row, other) for other in kept):
+                if all(self._are_distinct(row, other) for other in kept):
                     kept.append(int(row))
                 if len(kept) == RECOGNISER.starts:
                     break
@@ -575,27 +615,29 @@ class Recogniser:
         if self._dim:
             # By a lamp, a shallow reducer that begins before the picture does hardly shows.
             before = entries.numbers[open_rows, DISTANCE] < self._blind
-            near = self._visible(open_rows[before], pose, views)
-            open_rows = self._visible(open_rows[~before], pose, views)
+            near = self._not_excluded(open_rows[before], pose, views)
+            open_rows = self._not_excluded(open_rows[~before], pose, views)
         straight = float(
             np.min(entries.numbers[open_rows, DISTANCE], initial=RECOGNISER.horizon * self._bore)
         )
         return begin, straight, near
 
-    def _from_library(self, rows: NDArray[np.intp], pose: Array) -> Tries:
+    def _from_library(self, rows: NDArray[np.intp], pose: Array) -> Hypotheses:
         """Return entries of the library (m,) as seen by a camera at ``pose`` (6,)."""
         entries = self._library.entries
         forms, numbers = [self._forms[i] for i in entries.form[rows]], entries.numbers[rows]
         numbers[:, :DISTANCE] = pose[:DISTANCE]
         starts = zip(forms, entries.start[rows], strict=True)
         sizes = np.array([form.padded_starts[at] for form, at in starts])
-        return tries(forms, numbers, sizes, 1)
+        return hypotheses(forms, numbers, sizes, 1)
 
-    def _visible(self, rows: NDArray[np.intp], pose: Array, views: Views) -> NDArray[np.intp]:
-        """Return those entries of the library (m,) that the pixels do not exclude either, up to the
-        nearest: by a lamp coarse pictures of shallow reducers are hardly those of straight pipe."""
+    def _not_excluded(self, rows: NDArray[np.intp], pose: Array, views: Views) -> NDArray[np.intp]:
+        """Return the nearest of those entries of the library (m,) that no pixels exclude.
+
+        By a lamp coarse pictures of shallow reducers are hardly those of straight pipe.
+        """
         entries, level = self._library.entries, self._level(0, 6.0)
-        plain = tries([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
+        plain = hypotheses([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
         plain.numbers[:, :DISTANCE] = pose[:DISTANCE]
         most = self._fit.costs(plain, views, level).cost[0]
         most += RECOGNISER.excluded_cost * self._alike
@@ -607,7 +649,7 @@ class Recogniser:
                 return some[near]
         return rows[:0]
 
-    def _apart(self, row: int, other: int) -> bool:
+    def _are_distinct(self, row: int, other: int) -> bool:
         """Return whether two entries of the library are more than neighbours."""
         entries = self._library.entries
         a, b = entries.numbers[row], entries.numbers[other]
@@ -615,7 +657,9 @@ class Recogniser:
         far = abs(a[DISTANCE] - b[DISTANCE]) > RECOGNISER.distinct_distance * self._bore
         return turned > RECOGNISER.distinct_turn or far
 
-    def _placed(self, fits: Tries, views: Views, level: Level) -> tuple[Tries, float]:
+    def _at_mean_distance(
+        self, fits: Hypotheses, views: Views, level: Level
+    ) -> tuple[Hypotheses, float]:
         """Return a row of an end at its posterior mean distance, and the variance, m²."""
         # Gradients do not see the edge of an end; positions around it are weighed by likelihood.
         rows = fits.take([0] * len(RECOGNISER.end_offsets))
@@ -634,7 +678,7 @@ class Recogniser:
             RECOGNISER.end_offsets[1] - RECOGNISER.end_offsets[0]
         ) ** 2 / 12
 
-    def _bent(self, fits: Tries, views: Views, level: Level) -> Tries:
+    def _at_mean_angle(self, fits: Hypotheses, views: Views, level: Level) -> Hypotheses:
         """Return a row of an elbow at its posterior mean angle."""
         # Where its far end is hidden a picture hardly tells the angle, and noise has many minima.
         usual, width = RECOGNISER.usual_bend, RECOGNISER.usual_bend_std
@@ -651,7 +695,7 @@ class Recogniser:
         fits.sizes[0, ANGLE] = float(chance @ angles / chance.sum())
         return fits
 
-    def _detection(self, fits: Tries, straight: float, views: Views) -> Detection:
+    def _detection(self, fits: Hypotheses, straight: float, views: Views) -> Detection:
         """Return the most probable of the forms, with its confidence."""
         level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
         score = self._fit.scores(fits, views, level, self._alike)
@@ -667,9 +711,9 @@ class Recogniser:
         if misfit > RECOGNISER.misfit_cost:
             confidence = min(confidence, RECOGNISER.misfit_confidence)
         if row.forms[0].ends:
-            row, variance = self._placed(row, views, level)
+            row, variance = self._at_mean_distance(row, views, level)
         elif row.forms[0].kind == "elbow":
-            row = self._bent(row, views, level)
+            row = self._at_mean_angle(row, views, level)
         return _reported(row, names[best], straight, confidence, self._alike, variance)
 
     def _name(self, form: Form, numbers: Array) -> tuple[str, str]:
@@ -678,21 +722,23 @@ class Recogniser:
         return ("straight", "") if straight else (form.kind, form.enter)
 
 
-def _best(fits: Tries) -> Tries:
+def _best(fits: Hypotheses) -> Hypotheses:
     """Return the best rows, as many as are followed."""
     return fits.take(np.argsort(fits.cost, kind="stable")[: RECOGNISER.restarts].tolist())
 
 
 def _combined(
-    start: Tries,
+    start: Hypotheses,
     *,
     sizes: Iterable[Array],
     distances: Iterable[float],
     turns: Iterable[float],
     stands: Iterable[Array],
-) -> Tries:
-    """Return copies of the only row of ``start`` at all combinations of sizes (SIZES,), distances,
-    m, directions, rad, and poses (4,) of the camera across the pipe."""
+) -> Hypotheses:
+    """Return copies of the only row of ``start`` at all combinations of values.
+
+    Sizes (SIZES,), distances, m, directions, rad, and poses (4,) of the camera across the pipe.
+    """
     every = list(product(sizes, distances, turns, stands))
     rows = start.take([0] * len(every))
     for i, (size, distance, turn, stand) in enumerate(every):
@@ -701,7 +747,7 @@ def _combined(
 
 
 def _reported(
-    fits: Tries,
+    fits: Hypotheses,
     name: tuple[str, str],
     straight: float,
     confidence: float,

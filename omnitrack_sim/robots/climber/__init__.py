@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.pipes import Passage
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
@@ -36,7 +37,7 @@ class Climber(Omnitrack):
     """
 
     kind: ClassVar[str] = "climber"
-    understands: ClassVar[tuple[str, ...]] = ("physics.collider",)
+    rolls: ClassVar[bool] = False
 
     drive: str = quantity(
         "differential",
@@ -50,6 +51,10 @@ class Climber(Omnitrack):
     def controllers(cls) -> Mapping[str, type[Controller]]:
         """See ``Robot``."""
         return {"steady": Steady}
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> None:
+        """See ``Robot``: no orientation is held in a turn, as its modules do not roll."""
+        return None
 
     def odometry(self) -> TrackOdometry:
         """See ``Robot``: its modules do not roll."""

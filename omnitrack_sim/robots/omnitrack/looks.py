@@ -31,14 +31,17 @@ _MATERIALS = {
 
 
 def look_pitch(robot: Omnitrack) -> float:
-    """Distance of neighbouring lugs in pictures, m: a picture looks the same when a belt has run
-    this far."""
+    """Return the distance of neighbouring lugs in pictures, m.
+
+    A picture looks the same when a belt has run this far.
+    """
     return robot.contact_length / LUGS_SHOWN
 
 
 def add_robot_looks(spec: mujoco.MjSpec, robot: Omnitrack, coarse: bool = False) -> None:
-    """Clothe the bodies of ``model.robot.add_robot``: chassis, shafts, springs, arms, modules and
-    lugs (group 2). Lugs are drawn on their tracks, or on the module of a robot that has none.
+    """Add the looks of chassis, shafts, springs, arms, modules and lugs (group 2).
+
+    Lugs are drawn on their tracks, or on the module of a robot that has none.
 
     Everything is drawn on a robot of scale 1, and then made as large as this one. ``coarse``: lugs
     and springs have a third of the faces, for films, in which a face is as large as a pixel.
@@ -60,7 +63,7 @@ def add_robot_looks(spec: mujoco.MjSpec, robot: Omnitrack, coarse: bool = False)
         add_mesh(spec, name, TriangleMesh(size * mesh.vertices, mesh.faces))
     _dress_chassis(spec, robot, shaft)
     for number in range(1, len(MODULE_ANGLES) + 1):
-        _dress_arm(spec.body(f"arm_{number}"), robot, number, shaft)
+        _dress_arm(spec.body(f"arm_{number}"), number, shaft)
         _dress_module(spec.body(f"module_{number}"), robot, number)
         for track, flip in zip(TRACKS, ([1, 0, 0, 0], [0, 0, 0, 1]), strict=True):
             body = spec.body(f"track_{track}_{number}") or spec.body(f"module_{number}")
@@ -97,7 +100,7 @@ def _dress_chassis(spec: mujoco.MjSpec, robot: Omnitrack, shaft: float) -> None:
     add_look(chassis, "eye", "lens", "sphere", pos=[0, 0, nose + 0.004], size=[0.0065, 0, 0])
 
 
-def _dress_arm(arm: mujoco.MjsBody, robot: Omnitrack, number: int, shaft: float) -> None:
+def _dress_arm(arm: mujoco.MjsBody, number: int, shaft: float) -> None:
     """Brackets that carry the module at both ends, and the springs that push them out."""
     for end, side in MODULE_ENDS.items():
         z = side * shaft
@@ -147,8 +150,12 @@ CORNER = 0.003
 
 
 def triangular_prism(inradius: float, length: float) -> TriangleMesh:
-    """Prism along z, centred, with a face towards each module (0, +-120 degrees) and rounded edges;
-    ``inradius`` m from its axis to a face, ``length`` m."""
+    """Return a prism along z, centred, with a face towards each module and rounded edges.
+
+    Args:
+        inradius: from its axis to a face, m.
+        length: m.
+    """
     angles = math.pi + np.arange(3) * 2 * math.pi / 3
     points = 2 * (inradius - CORNER) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     section = CrossSection.hull_points(points).offset(CORNER, circular_segments=24)

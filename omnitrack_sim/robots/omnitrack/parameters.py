@@ -15,11 +15,11 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import JOINTS_OF_A_MODULE, Trajectory
 from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.drive import drive_of
@@ -32,12 +32,12 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, SPECIAL, Robot, SceneOptions
+from omnitrack_sim.robots.robot import GRAVITY, Robot, SceneOptions
 
 if TYPE_CHECKING:
     import mujoco
 
-    from omnitrack_sim.pipes import Assembly
+    from omnitrack_sim.pipes import Assembly, Passage
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
     from omnitrack_sim.robots.plant import Start
@@ -79,7 +79,8 @@ class Omnitrack(Robot):
     """
 
     kind: ClassVar[str] = "omnitrack"
-    understands: ClassVar[tuple[str, ...]] = tuple(SPECIAL)
+    colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
+    rolls: ClassVar[bool] = True
     slips: ClassVar[bool] = True
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
@@ -371,10 +372,6 @@ class Omnitrack(Robot):
         """See ``Robot``."""
         return {"scale": self.scale_for(bore)}
 
-    def is_similar(self, other: Robot) -> bool:
-        """See ``Robot``: all that it is made of scales."""
-        return isinstance(other, type(self))
-
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
         return self.scale * bore / self.nominal_bore
@@ -451,7 +448,7 @@ class Omnitrack(Robot):
         ``steps`` times 2 ms, the latter for scale 1.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
-        (``benchmarks/timestep.py``).
+        (``benchmarks/tee_turns.py steps``).
         """
         return 0.1 * steps**2.6
 
@@ -485,7 +482,13 @@ class Omnitrack(Robot):
 
         return Decisions
 
-    def to_spec(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
+    def spec(self) -> mujoco.MjSpec:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.omnitrack.track_plant import robot_alone
+
+        return robot_alone(self)
+
+    def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """See ``Robot``."""
         from omnitrack_sim.robots.omnitrack.track_plant import scene
 
@@ -509,11 +512,6 @@ class Omnitrack(Robot):
         from omnitrack_sim.robots.omnitrack.track_display import TrackDisplay
 
         return TrackDisplay(self)
-
-    @property
-    def joint_count(self) -> int:
-        """See ``Robot``."""
-        return JOINT_POSITIONS + drive_of(self.drive).shafts
 
     @property
     def joints(self) -> Mapping[str, slice]:
@@ -589,6 +587,20 @@ class Omnitrack(Robot):
             time = float(trajectory.time[sample])
             events.append(BeyondStop(0, time, int(arm) + 1, 1000 * depth))
         return events
+
+    def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
+        """See ``Robot``: by the theory of a turn in a tee."""
+        from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+
+        if passage.manoeuvre != "tee_turn":
+            return None
+        return TurnCase(
+            pipe_radius=passage.corner_radius,
+            turn_angle=passage.description.turn_angle,
+            reach=self.reach,
+            contact_length=self.contact_length,
+            bend_radius=bend_radius,
+        ).singular_range
 
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield the bore for which the robot is not made, though its arms reach it: where the

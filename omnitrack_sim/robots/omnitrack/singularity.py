@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.record.channels import SingularRange
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,
@@ -256,6 +257,12 @@ class TurnCase:
         """Outer sector in the exact two-cylinder geometry, rad."""
         path = self.path(721)
         return float(outer_sector(path, self.reach, self.pipe_radius, self.contact_length))
+
+    @property
+    def singular_range(self) -> SingularRange:
+        """Orientations in which the robot cannot turn."""
+        real = float(np.degrees((2 * np.pi / self.modules - self.real_sector) / 2))
+        return SingularRange(float(np.degrees(self.sector)), real if real > 0 else None)
 
     def orientations(self, count: int) -> Array:
         """Return ``count`` values of theta5, rad, over one period, with ``best`` in the middle."""

@@ -26,7 +26,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.display import CAMERA_ANGLE_DEG, LOOKS_AHEAD, RobotDisplay
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot
-from omnitrack_sim.robots.omnitrack.control.alignment import orientation_error, preferred_theta5
+from omnitrack_sim.robots.omnitrack.control.orientation import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks, look_pitch
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.walls.geoms import add_plates, new_spec

@@ -47,9 +47,16 @@ SEATING_HALVINGS = 20
 robots of different sizes would not start alike."""
 
 
+def robot_alone(robot: Omnitrack) -> mujoco.MjSpec:
+    """Return the robot at the world's origin, ready to compile; see ``Robot.spec``."""
+    spec = new_spec("omnitrack")
+    add_robot(spec, robot)
+    return spec
+
+
 def scene(robot: Omnitrack, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
     """Return the robot at the world's origin and the walls of a network, ready to compile; see
-    ``Robot.to_spec``."""
+    ``Robot.scene``."""
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = options.timestep
     if options.exact:

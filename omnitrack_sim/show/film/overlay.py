@@ -74,8 +74,10 @@ class Panel:
     def _open(
         self, frame: NDArray[np.uint8], above: float, height: float
     ) -> tuple[NDArray[np.uint8], Image.Image, ImageDraw.ImageDraw] | None:
-        """A panel's corner of a frame, ``above`` its lower edge, and a picture to draw on; None
-        where the frame is too small for it."""
+        """Return a panel's corner of a frame and a picture to draw on; None without room.
+
+        The panel's lower edge is ``above`` that of the frame.
+        """
         px, bottom = self._px, len(frame) - self._px(above)
         corner = frame[max(0, bottom - px(height)) : bottom, px(LEFT) : px(LEFT) + px(WIDTH)]
         if 0 in corner.shape:
@@ -181,8 +183,10 @@ class CameraPanel(Panel):
 
 
 def palette(unit: str) -> NDArray[np.uint8]:
-    """Colours (256, 3) of ``levels`` for pictures in this unit; the first is for pixels without a
-    value."""
+    """Return the colours (256, 3) of ``levels`` for pictures in this unit.
+
+    The first is for pixels without a value.
+    """
     colours = np.array(_DEPTH if unit == "m" else _LIGHT, float)
     place = np.linspace(0, len(colours) - 1, 255)
     ramp = [np.interp(place, np.arange(len(colours)), column) for column in colours.T]
@@ -325,8 +329,10 @@ class MapPanel(Panel):
         return self.offset + self.metre * self.view.flat(points) * [1, -1]
 
     def _robot(self, panel: Image.Image, row: int) -> None:
-        """Draw a disc with an arrow towards the nose, short if that points along the line of sight;
-        and a ring at the estimated position, where that is not the true one."""
+        """Draw a disc with an arrow towards the nose, short along the line of sight.
+
+        A ring is at the estimated position, where that is not the true one.
+        """
         places = np.stack([self._points[row], self._estimates[row]])
         if not np.isfinite(places).all():
             return

@@ -1,5 +1,4 @@
-"""Surfaces, programs, canvases and shadow maps in the memory of OpenGL, in a context that is
-current.
+"""Surfaces, programs, canvases and shadow maps in the memory of a current OpenGL context.
 
 The programs are for OpenGL 4.0, from the files in ``glsl/``: vectors in the world frame, lengths in
 m. A software OpenGL skips no branches, but loops that are over before they begin, and pixels that
@@ -32,7 +31,7 @@ _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
 _FILLS_ITS_MAP = (1.5, 4.0)
 BLOCK = 4
 """Width of the blocks in which edges are looked for, pixels."""
-LEAST_CONTRAST = 0.06
+MIN_CONTRAST = 0.06
 """Least contrast of green, 0 to 1, that counts as an edge."""
 
 Image = NDArray[np.uint8]
@@ -88,8 +87,11 @@ class Program:
         self._places: dict[str, int] = {}
 
     def use(self, **values: int | float | ArrayLike) -> None:
-        """Use the program with these uniforms: texture units, numbers, vectors of 2 or 3, rows of
-        vectors of 4, or matrices (4, 4)."""
+        """Use the program with these uniforms.
+
+        They are texture units, numbers, vectors of 2 or 3, rows of vectors of 4, or matrices (4,
+        4).
+        """
         GL.glUseProgram(self.id)
         for name, value in values.items():
             if name not in self._places:
@@ -250,8 +252,18 @@ _HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 
 
 class Painter:
-    """A robot and pipes, painted in pictures of one size; ``pipes`` are in the order handed
-    over."""
+    """Painter of a robot and pipes in pictures of one size.
+
+    Args:
+        robot: in the frames of its bodies.
+        casting: what of it throws shadows.
+        pipes: what stands still, in the world frame; clearness is given in this order.
+        bodies: number of bodies, with the world.
+        size: width and height of the pictures, pixels.
+        fine: paint with twice the width and height, and reduce.
+        lamp: light from the eye instead of a sun.
+        sun: that stands still, in whose light the pipes throw shadows.
+    """
 
     def __init__(
         self,
@@ -265,16 +277,6 @@ class Painter:
         lamp: bool = False,
         sun: Sun | None = None,
     ):
-        """
-        Args:
-            robot: in the frames of its bodies, of which there are ``bodies`` with the world.
-            casting: what of it throws shadows.
-            pipes: what stands still, in the world frame.
-            size: width and height of the pictures, pixels.
-            fine: paint with twice the width and height, and reduce.
-            lamp: light from the eye instead of a sun.
-            sun: that stands still, in whose light the pipes throw shadows.
-        """
         self.width, self.height = size
         scale = 2 if fine else 1
         wide, high = scale * self.width, scale * self.height
@@ -305,7 +307,7 @@ class Painter:
         self._gloss = Program(*sun, "GLOSSY")
         # The contrast within each block and those around it, and the stairs of edges in blocks.
         self._edges = Program("screen.vert", "edges.frag", block)
-        contrast = f"LEAST_CONTRAST {LEAST_CONTRAST}"
+        contrast = f"MIN_CONTRAST {MIN_CONTRAST}"
         self._smooth = Program("blocks.vert", "smooth.frag", block, contrast)
         self._reduce = Program("screen.vert", "reduce.frag")  # the mean of each two by two pixels
 
@@ -385,7 +387,7 @@ class Painter:
         pixel = [1 / self._drawn.width, 1 / self._drawn.height]
         self._edges.use(drawn=0, pixel=pixel)
         self._fill()
-        edges = self._contrast.read(grey=True) >= 255 * LEAST_CONTRAST - 1
+        edges = self._contrast.read(grey=True) >= 255 * MIN_CONTRAST - 1
         self._smoothed.begin()
         self._smooth.use(drawn=0, pixel=pixel)
         GL.glPointSize(BLOCK)

@@ -37,15 +37,15 @@ from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.run_playback import CAMERAS
 from omnitrack_sim.show.sources import Source, cameras_of, playback_of
 
-MOST_PIXELS = 7680
+MAX_PIXELS = 7680
 """Longest side of a picture, pixels."""
-MOST_FPS = 240
-MOST_GIF_FPS = 50
+MAX_FPS = 240
+MAX_GIF_FPS = 50
 """Players show faster GIFs slower than they are."""
-MOST_FILM = 5e11
+MAX_FILM = 5e11
 """Pixels of all frames of a film: six hours at 1280 x 720 and 25 frames a second, which take
 most of a day to paint."""
-MOST_PROCESSES = 64
+MAX_PROCESSES = 64
 
 
 def check_request(
@@ -62,10 +62,10 @@ def check_request(
     if camera not in cameras:
         faults = [Fault("camera", f"there is no camera {camera!r}", cameras, given=str(camera))]
     sizes = {
-        "width": (width, MOST_PIXELS),
-        "height": (height, MOST_PIXELS),
-        "fps": (fps, MOST_GIF_FPS if format == "gif" else MOST_FPS),
-        "processes": (processes, MOST_PROCESSES),
+        "width": (width, MAX_PIXELS),
+        "height": (height, MAX_PIXELS),
+        "fps": (fps, MAX_GIF_FPS if format == "gif" else MAX_FPS),
+        "processes": (processes, MAX_PROCESSES),
     }
     faults += [
         Fault(name, f"is {value}; must be from 1 to {limit}")
@@ -90,12 +90,14 @@ def film_format(path: str | Path) -> str:
 
 @contextmanager
 def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append]:
-    """A function that appends frames (height, width, 3) to a film, which is written whole or not
-    at all.
+    """Return a function that appends frames (height, width, 3) to a film.
+
+    The film is written whole or not at all.
 
     Args:
         path: of the film; its ending is one of ``FILM_FORMATS``.
-        width, height: pixels, even.
+        width: pixels, even.
+        height: pixels, even.
         fps: frames a second.
 
     Raises:
@@ -172,9 +174,9 @@ _stages: list[Stage] = []  # of a worker: the one that it paints, once there is 
 
 
 def check_amount(frames: int, size: tuple[int, int]) -> None:
-    """Raise an ``InputError`` if ``frames`` of this size have more than ``MOST_FILM`` pixels."""
-    if frames * size[0] * size[1] > MOST_FILM:
-        pixels, most = f"{size[0]} x {size[1]} pixels", int(MOST_FILM // (size[0] * size[1]))
+    """Raise an ``InputError`` if ``frames`` of this size have more than ``MAX_FILM`` pixels."""
+    if frames * size[0] * size[1] > MAX_FILM:
+        pixels, most = f"{size[0]} x {size[1]} pixels", int(MAX_FILM // (size[0] * size[1]))
         problem = f"are {frames} of {pixels}; at most {most} of this size"
         raise InputError(Fault("frames", problem))
 
@@ -229,7 +231,7 @@ def painted(
         processes: that paint side by side.
 
     Raises:
-        InputError: they have more than ``MOST_FILM`` pixels.
+        InputError: they have more than ``MAX_FILM`` pixels.
         RenderError: no offscreen OpenGL, or a process died.
     """
     check_amount(len(times), size)
@@ -288,7 +290,8 @@ def render_video(
         path: file to write: ``.mp4``, H.264 that plays while it loads; ``.webm``, VP9; or ``.gif``,
             which repeats. Nothing half-written stays.
         camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
-        width, height: pixels; odd numbers grow by one.
+        width: pixels; an odd number grows by one.
+        height: pixels; an odd number grows by one.
         fps: frames a second, at most 50 of a GIF.
         progress: called with the fraction done (0 to 1) and a text.
         inset: draw a map of the pipes into the pictures of ``follow`` and ``onboard``, if the route
@@ -374,7 +377,7 @@ def render_frames(
 
 
 STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
-FRAMES, MOST_FRAMES = 6, len(ascii_lowercase)
+FRAMES, MAX_FRAMES = 6, len(ascii_lowercase)
 BEFORE = 0.3
 """Time before the first fitting, and after the last, at which the stills begin and end, s."""
 TURN, STANDING = 4.0, 0.2
@@ -402,7 +405,8 @@ def render_strip(
         count: how many stills, at most 26, if ``times`` are not given.
         times: of the stills, s; ``strip_times`` when not given.
         camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
-        width, height: of each still, pixels.
+        width: of each still, pixels.
+        height: of each still, pixels.
 
     Raises:
         InputError: unknown camera or format, a size or number that is out of range, or a time
@@ -420,9 +424,9 @@ def render_strip(
     if times is not None:
         check_times(times)
     number = count if times is None else len(times)
-    if not 1 <= number <= MOST_FRAMES:
+    if not 1 <= number <= MAX_FRAMES:
         place = "count" if times is None else "times"
-        raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MOST_FRAMES}"))
+        raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MAX_FRAMES}"))
     check_file(Path(path))
     playback = playback_of(source)
     times = strip_times(playback, count) if times is None else _within(playback.time, times)
@@ -477,8 +481,10 @@ def label(index: int) -> str:
 
 
 def composed(stills: Sequence[Image], times: Sequence[float]) -> PIL.Image.Image:
-    """One picture of stills (height, width, 3), in rows of at most three, or of four if they fill
-    them, each over its letter and time in s."""
+    """Return one picture of stills (height, width, 3), each over its letter and time in s.
+
+    Rows have at most three, or four if they fill them.
+    """
     height, width, _ = stills[0].shape
     columns = next((n for n in (3, 4) if len(stills) % n == 0), min(3, len(stills)))
     gap, line = max(2, round(0.02 * width)), round(0.085 * height)

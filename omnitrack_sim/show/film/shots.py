@@ -51,8 +51,11 @@ class Eye:
         return view @ _rigid(self.frame.T, -self.frame.T @ self.position)
 
     def pixels(self, points: Array, size: tuple[int, int]) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points (n, 3) m into a picture of ``size``: pixels (n, 2) to the right and down,
-        and which (n,) lie in front of the eye."""
+        """Project points (n, 3) m into a picture.
+
+        Returns:
+            Pixels (n, 2) to the right and down, and which (n,) lie in front of the eye.
+        """
         matrix = self.matrix(size[0] / size[1])
         clip = points @ matrix[:, :3].T + matrix[:, 3]
         ahead = clip[:, 3] > self.near
@@ -154,14 +157,27 @@ def upright(back: Array) -> tuple[Array, Array]:
 
 
 def over_the_shoulder(back: Array, right: Array, up: Array) -> Array:
-    """Direction (3,) to a sun that stands over the shoulder of a viewer in the direction ``back``
-    (3,), whose picture has these directions (3,)."""
+    """Return the direction (3,) to a sun over the shoulder of a viewer.
+
+    Args:
+        back: (3,) to the viewer.
+        right: (3,) of the picture.
+        up: (3,) of the picture.
+    """
     return unit(back + SUN_UP * up + SUN_RIGHT * right)
 
 
 def in_the_way(parts: Sequence[Part], eye: Array, targets: Array, size: float = 1.0) -> Array:
-    """Share (P,), 0 to 1, by which each part hides ``targets`` (k, 3) m from ``eye`` (3,) m:
-    none of a part with a target in its bore; ``size`` of ``Playback``."""
+    """Return the share (P,), 0 to 1, by which each part hides targets from an eye.
+
+    A part with a target in its bore hides none.
+
+    Args:
+        parts: pipes.
+        eye: (3,) m.
+        targets: (k, 3) m.
+        size: of ``Playback``.
+    """
     steps = np.linspace(0.0, 1.0, 14)[:, None, None]
     points = (targets + steps * (eye - targets)).reshape(-1, 3)
     found = np.zeros(len(parts))
@@ -200,8 +216,10 @@ def _planes(parts: Sequence[Part], centres: Array, size: float) -> Array:
 
 
 def _hidden(parts: Sequence[Part], centres: Array, choices: Array, size: float) -> Array:
-    """Part (N, C) of the sight line from ``centres`` (N, 3) m in direction ``choices`` (C, 3)
-    within other parts."""
+    """Return the part (N, C) of each sight line that lies within other parts.
+
+    The lines go from ``centres`` (N, 3) m in direction ``choices`` (C, 3).
+    """
     hidden, distance = np.zeros((len(centres), len(choices))), size * DISTANCE
     for part in parts:
         samples = part.bore_samples()
@@ -218,8 +236,10 @@ def _hidden(parts: Sequence[Part], centres: Array, choices: Array, size: float) 
 
 
 def _cheapest(cost: Array, turn: Array) -> NDArray[np.intp]:
-    """Indices (N,) of the cheapest sequence of choices of ``cost`` (N, C), where going on to
-    another one costs ``turn`` (C, C)."""
+    """Return the indices (N,) of the cheapest sequence of choices of ``cost`` (N, C).
+
+    To go on to another choice costs ``turn`` (C, C).
+    """
     # Viterbi's algorithm: the cheapest way to each choice, then back from the cheapest end.
     total, came = cost[0], np.zeros(cost.shape, np.intp)
     for i in range(1, len(cost)):
@@ -242,7 +262,7 @@ _PANEL_WIDE = 0.28  # of its width
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
 _CLEAR = 0.12  # how much is left of a pipe that is in the way
 _ONBOARD_NEAR = 0.004  # m, what is nearer to a camera on board is not seen
-_FARTHEST = 30.0  # m seen by the moving cameras
+_FAR = 30.0  # m seen by the moving cameras
 
 
 class Framing(NamedTuple):
@@ -287,9 +307,14 @@ class FilmCamera:
 
 
 class SideCamera(FilmCamera):
-    """Camera that stands still, before pipes that are cut open towards it. The robot reaches
-    ``reach`` m about its centre; ``panel`` is the part of the picture's height that panels
-    cover in its lower left corner."""
+    """Camera that stands still, before pipes that are cut open towards it.
+
+    Args:
+        playback: that is seen.
+        aspect: width over height of the pictures.
+        reach: of the robot about its centre, m.
+        panel: part of the pictures' height that panels cover in the lower left corner.
+    """
 
     def __init__(self, playback: Playback, aspect: float, reach: float, panel: float) -> None:
         super().__init__(playback, aspect)
@@ -302,7 +327,7 @@ class SideCamera(FilmCamera):
             middle -= _PANEL_WIDE * distance * _HALF * aspect * frame[:, 0]
         far = 2 * distance + float(np.linalg.norm(near - middle, axis=1).max())
         place, angle = middle + distance * frame[:, 2], np.radians(FIELD_OF_VIEW)
-        self._eye = Eye(place, frame, angle, 0.1 * distance, max(far, _FARTHEST))
+        self._eye = Eye(place, frame, angle, 0.1 * distance, max(far, _FAR))
         self._towards = over_the_shoulder(self.cut, frame[:, 0], frame[:, 1])
         self._clearness = tuple(self._visible(self._eye))
         parts = zip(self._parts, self._clearness, strict=True)
@@ -318,9 +343,15 @@ class SideCamera(FilmCamera):
 
 
 class FollowCamera(FilmCamera):
-    """Camera that keeps with the robot, looks into pipes that are open towards it, and through
-    those that are in the way; the sun goes with it. The robot reaches ``reach`` m about its
-    centre."""
+    """Camera that keeps with the robot and looks into open pipes, through those in the way.
+
+    The sun goes with it.
+
+    Args:
+        playback: that is seen.
+        aspect: width over height of the pictures.
+        reach: of the robot about its centre, m.
+    """
 
     def __init__(self, playback: Playback, aspect: float, reach: float) -> None:
         super().__init__(playback, aspect)
@@ -335,7 +366,7 @@ class FollowCamera(FilmCamera):
         centre = np.array(data.xpos[self._playback.body])
         place = centre + size * DISTANCE * back
         frame = np.stack([right, up, back], axis=-1)
-        eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), size * 0.05, size * _FARTHEST)
+        eye = Eye(place, frame, np.radians(FIELD_OF_VIEW), size * 0.05, size * _FAR)
         sun = Sun(over_the_shoulder(back, right, up), centre, self._reach, size * SHADOW_REACH)
         ahead = self._playback.ahead[row]
         targets = centre + size * 0.05 * np.array([[0.0], [1.0], [-1.0]]) * ahead
@@ -361,7 +392,7 @@ class OnboardCamera(FilmCamera):
         rotation = matrix_from_quaternion(np.array(data.xquat[body]))
         position = data.xpos[body] + rotation @ np.array(mount.position)
         frame, near = rotation @ np.array(mount.frame), self._size * _ONBOARD_NEAR
-        eye = Eye(position, frame, np.radians(mount.angle_deg), near, self._size * _FARTHEST)
+        eye = Eye(position, frame, np.radians(mount.angle_deg), near, self._size * _FAR)
         return Framing(eye, None, tuple(self._visible(eye)))
 
 
@@ -381,8 +412,10 @@ def _sphere(points: Array) -> tuple[Array, float]:
 
 
 def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
-    """Point (3,) m to look at, and distance, m, that bring ``points`` into the picture with a small
-    margin."""
+    """Return the point (3,) m to look at, and the distance, m, to see all points.
+
+    There is a small margin around them.
+    """
     seen = points @ frame  # right, up, back
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     distance = 0.0
@@ -398,8 +431,10 @@ def _fit(points: Array, frame: Array, aspect: float) -> tuple[Array, float]:
 def _behind_panel(
     points: Array, frame: Array, middle: Array, distance: float, aspect: float, high: float
 ) -> bool:
-    """Return True if one of ``points`` (n, 3) m would be behind panels in the lower left corner
-    that are ``high``, a part of the picture's height."""
+    """Return whether points (n, 3) m would be behind panels in the lower left corner.
+
+    The panels are ``high``, a part of the picture's height.
+    """
     right, up, back = ((points - middle) @ frame).T
     half = _HALF * (distance - back)
     left, low = 0.5 + 0.5 * right / (half * aspect), 0.5 + 0.5 * up / half

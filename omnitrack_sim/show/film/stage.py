@@ -82,8 +82,10 @@ class Stage:
         return frame
 
     def paint(self, row: int, qpos: Array | None = None) -> Image:
-        """Paint the pipes and the robot, with joint positions (nq,) instead of the sample's where
-        these are given, from where the camera is at a sample."""
+        """Paint the pipes and the robot from where the camera is at a sample.
+
+        Joint positions (nq,) take the place of the sample's where these are given.
+        """
         self._context.make_current()  # another stage may have been painted since
         self.playback.place(self.data, row, qpos)
         shot = self._camera.shot(row, self.data)
@@ -145,8 +147,7 @@ class Stage:
 
 
 def _open_context(width: int, height: int) -> Any:
-    """A current offscreen OpenGL context: by MUJOCO_GL if that is set, otherwise EGL, then
-    OSMesa."""
+    """Return a current offscreen OpenGL context: of ``MUJOCO_GL`` if set, else EGL or OSMesa."""
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     reasons = []
     for backend in [wanted] if wanted in ("egl", "osmesa", "glfw") else ["egl", "osmesa"]:

@@ -125,8 +125,10 @@ def plot_mission(
 
 
 class _Mission:
-    """The figure of one run: two columns of views, each with its colours, and the time chart, at
-    places in inches from the lower left corner."""
+    """Figure of one run: two columns of views, each with its colours, and the time chart.
+
+    Places are in inches from the lower left corner.
+    """
 
     def __init__(self, result: Result) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -156,8 +158,7 @@ class _Mission:
         self._draw_time_chart()
 
     def _place_views(self, bottom: float) -> float:
-        """Choose the scale of the views, and their places above ``bottom`` in a column; return
-        where they end."""
+        """Choose scale and places of the views above ``bottom``; return where they end."""
         self._low, self._high = extent(self.faces)
         size = self._high - self._low
         elevation, _, plan = aligned(size)
@@ -213,8 +214,10 @@ class _Mission:
     def _draw_colour_bar(
         self, left: float, bottom: float, text: str, colours: str, values: list[Array]
     ) -> Any:
-        """Draw the colour scale of a column above it, from 0 to a round number that 98 % of the
-        pieces stay below."""
+        """Draw the colour scale of a column above it.
+
+        It goes from 0 to a round number that 98 % of the pieces stay below.
+        """
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
         from matplotlib.ticker import MaxNLocator
@@ -234,8 +237,7 @@ class _Mission:
         return scale
 
     def _draw_path(self, axis: Axes, view: Projection, values: list[Array], scale: Any) -> None:
-        """Draw the path of the robot's centre on a dark edge, each piece in the colour of its
-        value."""
+        """Draw the path of the robot's centre, each piece in the colour of its value."""
         from matplotlib.collections import LineCollection
 
         i, j = view.columns[::-1] if view.falls else view.columns
@@ -258,8 +260,11 @@ class _Mission:
 
     @cached_property
     def _plates(self) -> dict[str, list[Array]]:
-        """Rims (k, 3) m of the plates that each view shows, by its title: none where another pipe
-        lies behind or before it, which would look closed, if another view shows it."""
+        """Return the rims (k, 3) m of the plates that each view shows, by its title.
+
+        Where another pipe lies behind or before a plate it would look closed, so another view shows
+        it, if one can.
+        """
         shown: dict[str, list[Array]] = {view.title: [] for view in self.views}
         for rim in self.result.plate_rims():
             clear = [view for view in self.views if not self._covers(rim, view)]
@@ -393,8 +398,7 @@ class _Mission:
     def _name_band(
         self, strip: Axes, name: str, across: tuple[float, float], up: tuple[float, float]
     ) -> None:
-        """Write a name into its band, level or upright, as small as it must be; none without
-        room."""
+        """Write a name into its band, level or upright, as small as must be, if there is room."""
         room = np.ptp(strip.transData.transform(np.stack([across, up], axis=-1)), axis=0) - 2
         x, y = sum(across) / 2, sum(up) / 2
         text = strip.text(x, y, name, ha="center", va="center", color=INK)
@@ -407,8 +411,10 @@ class _Mission:
         text.remove()
 
     def _name_legs(self, strip: Axes, leg: NDArray[np.intp]) -> None:
-        """Write number and gear of each leg, or the number alone, into a row at the bottom of the
-        strip, where there is room."""
+        """Write number and gear of each leg into a row at the bottom of the strip.
+
+        Where there is little room it is the number alone.
+        """
         time, middle = self.trajectory.time, 0.5 * self.legs
         line: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "marker": "|", "markersize": 6}
         for first, last in spans(leg):
@@ -566,8 +572,10 @@ def _largest(values: Array) -> float:
 
 
 def _speed(trajectory: Trajectory) -> Array:
-    """Mean speed (T,) m/s over ``SPEED_WINDOW`` along the centreline, positive with the nose
-    ahead."""
+    """Return the mean speed (T,) m/s over ``SPEED_WINDOW`` along the centreline.
+
+    It is positive with the nose ahead.
+    """
     time, gear = trajectory.time, np.where(trajectory["gear"] < 0, -1.0, 1.0)
     if len(time) < 2:
         return np.zeros(len(time))

@@ -1,5 +1,7 @@
-"""A pipe network drawn: from two sides, from above and in space, with a route in it; and the views
-and names of parts that all maps of figures have."""
+"""Figure of a pipe network from two sides, from above and in space, with a route in it.
+
+Its views and names of parts are those of all maps in figures.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_NAMES = 80
+MAX_NAMES = 80
 """Parts that a figure names."""
 PIPE, ROUTE = "#d3d8de", CURVE_COLOURS[0]
 VIEWS = ("elevation", "side", "plan")
@@ -51,7 +53,7 @@ _NAMES, _FEW_NAMES, _FEW = 5.5, 6.5, 25
 """Size of the names, points; of up to ``_FEW`` parts ``_FEW_NAMES``."""
 _ROOM = (6.0, 6.6)
 """Inches that the views may take together, to the right and up."""
-_LEAST = (1.4, 1.2)
+_MIN_SIZE = (1.4, 1.2)
 """Inches that are left for a column or a row of views at least: the view in space has the last."""
 _LEFT, _BELOW, _HEAD = 0.46, 0.36, 0.42  # inches around the views
 _BESIDE, _BETWEEN = 0.46, 0.5  # inches between the views
@@ -77,8 +79,9 @@ def plot_network(
     ax: Axes | None = None,
     format: str | None = None,
 ) -> Figure:
-    """Plot a pipe network as an engineer draws it: elevations from two sides, the plan from above
-    below the first one, all to one scale, and a view in space.
+    """Plot a pipe network as an engineer draws it: elevations, plan, a view in space.
+
+    The plan is below the first elevation, all to one scale.
 
     Parts are named, each in the view that shows most of it, and open ends are marked.
 
@@ -142,8 +145,11 @@ class _Drawing:
         return max(areas, key=lambda name: float(areas[name]))
 
     def _ends(self) -> list[tuple[str, Array, Any]]:
-        """Name, position (3,) m and colour of each open end; the name is the user's, with "from"
-        and "to" at the ends of a route, and empty where there is none."""
+        """Return name, position (3,) m and colour of each open end.
+
+        The name is the user's, with "from" and "to" at the ends of a route, and empty where there
+        is none.
+        """
         named = {port: name for name, port in self.network.ports.items()}
         words = {}
         if self.route is not None:
@@ -163,7 +169,7 @@ class _Drawing:
         plan = self.views["plan"]
         wide, deep, tall = self.size[[*plan.columns, 2]]
         scale = min(_ROOM[0] / (wide + deep), _ROOM[1] / (tall + deep))  # inches a metre
-        row, second = max(_LEAST[1], scale * deep), _LEFT + scale * wide + _BESIDE
+        row, second = max(_MIN_SIZE[1], scale * deep), _LEFT + scale * wide + _BESIDE
         above = _BELOW + row + _BETWEEN
         height = above + scale * tall + _HEAD
         figure = new_figure((PAGE, height), dpi=DPI)
@@ -227,8 +233,11 @@ class _Drawing:
         self._name_ends(space)
 
     def _name_ends(self, space: Any) -> None:
-        """Write the names of the open ends beside them in space, on the left of those whose names
-        would be cut off by the right margin of the figure."""
+        """Write the names of the open ends beside them in space.
+
+        They stand on the left of those whose names would be cut off by the right margin of the
+        figure.
+        """
         from mpl_toolkits.mplot3d.proj3d import proj_transform
 
         figure = space.get_figure(root=True)
@@ -312,7 +321,7 @@ def draw_names(
         for axis, view in zip(axes, views, strict=True)
     ]
     # Of very many parts every so-many-th is named, for no more names can be read.
-    for part in pipes.parts[:: math.ceil(len(pipes.parts) / MOST_NAMES)]:
+    for part in pipes.parts[:: math.ceil(len(pipes.parts) / MAX_NAMES)]:
         points = np.concatenate(axis_lines(part))
         extents = [np.ptp(points[:, list(view.columns)], axis=0) for view in views]
         sizes = [np.prod(extent + part.fitting.max_radius) for extent in extents]
@@ -335,8 +344,7 @@ class _Crowd:
         self.pipes = self._covered(bores[:, columns])
 
     def write(self, part: Part) -> None:
-        """Write the name of a part on or beside it where it costs least, and tie it to a part that
-        is far from it."""
+        """Write the name of a part where it costs least, tied to a part that is far from it."""
         text = self.axis.text(
             0, 0, part.name, fontsize=self.size, color=INK, ha="center", va="center", zorder=6
         )
@@ -365,8 +373,12 @@ class _Crowd:
             self.axis.plot(*to_data([anchor, nearest]).T, color=GREY, lw=0.5, zorder=5.9)
 
     def _shifts(self, radius: float, half: Array) -> tuple[Array, Array]:
-        """Shifts (n, 2) pixels from a part's axis to the middle of a name of ``half`` its size, and
-        how far (n,) points it then stands beside a bore of ``radius`` pixels."""
+        """Return places of a name beside an axis.
+
+        Returns:
+            Shifts (n, 2) pixels from the axis to the middle of a name of ``half`` its size, and how
+            far (n,) points it then stands beside a bore of ``radius`` pixels.
+        """
         angle = np.radians([90, 270, 0, 180, 45, 135, 225, 315, 67, 113, 247, 293])
         direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         beside = [direction * (radius + half + self.point * gap) for gap in _GAPS]
@@ -378,8 +390,10 @@ class _Crowd:
         return text.get_window_extent(self.renderer).get_points()
 
     def _covered(self, points: Array) -> Array:
-        """The points in all pixels of the view below and to the left of a corner of pixels, so that
-        those in a box of any size are looked up at its four corners."""
+        """Return the number of points in all pixels below and to the left of a corner of pixels.
+
+        Those in a box of any size are then looked up at its four corners.
+        """
         size = np.ceil(np.ptp(self.frame, axis=0)).astype(int)
         # Summed once, a box of any size costs four look-ups, and there are hundreds of boxes.
         sums = np.zeros(size + 1)
@@ -389,8 +403,9 @@ class _Crowd:
         return sums.cumsum(axis=0).cumsum(axis=1)
 
     def _cost(self, places: Array, inside: NDArray[np.bool_], half: Array) -> Array:
-        """Cost (n,) of the overlap of names centred at ``places`` (n, 2) pixels, ``inside`` (n,)
-        their part or not; ``half`` (2,) is half their size, pixels.
+        """Return the cost (n,) of names centred at ``places`` (n, 2) pixels.
+
+        ``inside`` (n,) says which lie in their part; ``half`` (2,) is half their size, pixels.
 
         By far the worst is to cover another name, then to stick out of the view, then to cover the
         path or a pipe.

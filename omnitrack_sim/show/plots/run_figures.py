@@ -71,10 +71,10 @@ LEFT, RIGHT = 0.42, 0.08
 """Margins of a page of panels, inches."""
 _ABOVE, _BELOW = 0.78, 0.36  # inches: title and legends above the panels, times below them
 _BESIDE, _BETWEEN, _HEIGHT = 0.44, 0.27, 0.82  # inches between columns, between rows; of a panel
-_LONGEST_LEGEND = 80
+_MAX_LEGEND = 80
 """Characters of a legend that fit into one line."""
 _LEGEND, _LEGEND_HEAD = 0.15, 0.55  # inches: of one line of a legend, and of a word before it
-_LEAST_SPAN = 1e-4
+_MIN_SPAN = 1e-4
 """Least span of an axis over its largest value: below it are rounding errors, and ticks that differ
 in their sixth digit."""
 
@@ -96,8 +96,10 @@ def has_modules(channel: Channel) -> bool:
 
 
 def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None = None) -> None:
-    """Lines of a channel over time: one a module in its colour, or those of one ``module`` (1 to
-    3), with the command where there is one. Phases are not drawn; see ``shade``."""
+    """Draw lines of a channel over time: one a module in its colour, or those of one ``module``.
+
+    ``module`` is 1 to 3. The command is drawn where there is one. Phases are not; see ``shade``.
+    """
     time, values = trajectory.time, display_values(trajectory, name)
     display = trajectory.schema[name].display
     command = display_values(trajectory, display.command) if display.command else None
@@ -133,16 +135,18 @@ def _draw_columns(axis: Axes, trajectory: Trajectory, values: NDArray, channel: 
 
 
 def _named_looks(trajectory: Trajectory, channel: Channel) -> dict[int, dict[str, Any]]:
-    """Looks of the lines of a channel with names, by column: of those that move, act or touch at
-    all. Few of them have a colour each, in the order of their names, so that it is that of what
-    has the same names elsewhere."""
+    """Return the looks of the lines of a channel with names, by column.
+
+    Only what moves, acts or touches at all has a line. Few of them have a colour each, in the order
+    of their names, so that it is that of what has the same names elsewhere.
+    """
     alike = [one for one in trajectory.schema.values() if one.names == channel.names]
     moving = [(trajectory[one.name] != 0).any(axis=0).ravel() for one in alike]
     acts = np.any(moving, axis=0)
     acting = np.flatnonzero(acts if acts.any() else ~acts).tolist()
     columns = sorted(acting, key=lambda column: channel.names[column])
     names = [channel.names[column] for column in columns]
-    apart = len(names) <= len(CURVE_COLOURS) and _width(names) <= _LONGEST_LEGEND
+    apart = len(names) <= len(CURVE_COLOURS) and _width(names) <= _MAX_LEGEND
     return {
         column: {"label": name} | ({"color": CURVE_COLOURS[i]} if apart else {})
         for i, (column, name) in enumerate(zip(columns, names, strict=True))
@@ -168,7 +172,7 @@ def limits_of(display: Display, values: NDArray) -> tuple[float, float] | None:
     room = 0.06 * (high - low)
     low = low - room if display.low is None else min(display.low, low)
     high = high + room if display.high is None else max(display.high, high)
-    span = max(display.span, _LEAST_SPAN * max(abs(low), abs(high)))
+    span = max(display.span, _MIN_SPAN * max(abs(low), abs(high)))
     short = max(0.0, span - (high - low))
     if display.low is None:
         low, high = low - short / 2, high + short / 2
@@ -183,8 +187,10 @@ def _width(names: Sequence[str]) -> int:
 
 
 def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
-    """The error of a channel's estimate over time, above the band of ``BAND`` standard deviations
-    to either side."""
+    """Draw the error of a channel's estimate, above the band of its standard deviations.
+
+    The band reaches ``BAND`` of them to either side.
+    """
     display = ERRORS[name]
     error = trajectory[f"{name}_estimate"] - trajectory[name]
     if display.unit == "deg":
@@ -233,8 +239,10 @@ def shade_of(code: int) -> str:
 
 
 class PanelGrid:
-    """A figure as wide as a page with rows and columns of panels, each at a known place: to find
-    a layout takes longer than to draw. ``above`` inches are left above them."""
+    """Figure as wide as a page with rows and columns of panels, each at a known place.
+
+    To find a layout takes longer than to draw. ``above`` inches are left above them.
+    """
 
     def __init__(self, rows: int, columns: int, above: float = _ABOVE) -> None:
         self.rows, self.columns = rows, columns
@@ -242,8 +250,11 @@ class PanelGrid:
         self.figure = new_figure((PAGE, self.height))
 
     def add(self, row: int, column: int, label: str, last: bool = False) -> Axes:
-        """An empty panel with its label level above its axis, which reads better than upright
-        beside it. Those of the last row, and ``last`` ones, have the numbers of the times."""
+        """Return an empty panel with its label level above its axis.
+
+        That reads better than upright beside it. Those of the last row, and ``last`` ones, have the
+        numbers of the times.
+        """
         width = (PAGE - LEFT - RIGHT - (self.columns - 1) * _BESIDE) / self.columns
         left = LEFT + column * (width + _BESIDE)
         bottom = _BELOW + (self.rows - 1 - row) * (_HEIGHT + _BETWEEN)
@@ -264,12 +275,14 @@ class PanelGrid:
         return axis
 
     def legend(self, handles: list, down: float, head: str = "") -> None:
-        """A legend from the left, ``down`` inches below the top, in several lines where it is
-        long, with ``head`` before it."""
+        """Draw a legend from the left, ``down`` inches below the top, with ``head`` before it.
+
+        A long one has several lines.
+        """
         if not handles:
             return
         names = [handle.get_label() for handle in handles]
-        lines = -(-_width(names) // _LONGEST_LEGEND)
+        lines = -(-_width(names) // _MAX_LEGEND)
         left, top = LEFT / PAGE, 1 - down / self.height
         if head:
             self.figure.text(left, top, head, size=7, color=INK, va="top")
@@ -417,9 +430,10 @@ def plot_compare(
     labels: Sequence[str] | None = None,
     format: str | None = None,
 ) -> Figure:
-    """Plot two runs over time, one upon the other, as wide as a page (7.16 inches): distance, tilt
-    and offset, and of each module normal force, torque and slip ratio. A disc marks the end of a
-    run at its goal, a cross that of a run that failed.
+    """Plot two runs over time, one upon the other, as wide as a page (7.16 inches).
+
+    There are distance, tilt and offset, and of each module normal force, torque and slip ratio. A
+    disc marks the end of a run at its goal, a cross that of a run that failed.
 
     Args:
         a: the first run, or the folder of a saved one.
@@ -448,8 +462,11 @@ def plot_compare(
 
 
 def _labels(comparison: Comparison) -> list[str]:
-    """Names of two runs: the scenarios' where they differ, else their kinds of whatever differs
-    in its kind, else the first value that does."""
+    """Return names of two runs by what differs.
+
+    They are the scenarios' names where these differ, else the kinds of whatever differs in its
+    kind, else the first value that does.
+    """
     names = [run.scenario.name for run in (comparison.a, comparison.b)]
     if names[0] != names[1] or not comparison.values:
         return names

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FRONT, CHECKED = CURVE_COLOURS[:2]
-_MOST_PANELS = 15
+_MAX_PANELS = 15
 """Pairs of objectives that have a panel; of more only the first ones."""
 _LABELS_ACROSS = 3
 """Words of the legend that stand side by side below a panel."""
@@ -84,8 +84,10 @@ class Tried:
 
 @style()
 def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
-    """Plot the candidates over each pair of objectives with the front between them; with one
-    objective over the course of the search."""
+    """Plot the candidates of a search over each pair of objectives with the front between them.
+
+    With one objective it is plotted over the course of the search.
+    """
     return _course(scales[0], tried) if len(scales) == 1 else _fronts(scales, tried)
 
 
@@ -117,7 +119,7 @@ def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     wide = [i for i in range(len(scales)) if np.ptp(_ends(tried, i) or [0.0]) > 0]
     # An objective that nothing changed has no front with another one.
     shown = wide if len(wide) > 1 else list(range(len(scales)))
-    pairs = list(itertools.combinations(shown, 2))[:_MOST_PANELS]
+    pairs = list(itertools.combinations(shown, 2))[:_MAX_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     size = (5.2 if len(pairs) == 1 else 3.8) * columns
@@ -182,9 +184,11 @@ def _draw_candidates(axis: Axes, x: Array, y: Array, feasible: NDArray[np.bool_]
 
 
 def _draw_marks(axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: Tried) -> None:
-    """Draw the checked candidates at their values on other trials, each joined to its values in
-    the search, the start (place 0) in its own colour; and a ring around the best candidate.
-    ``x`` and ``y`` hold the values (C,) of the candidates and (F,) of their checks."""
+    """Draw the checked candidates at their values on other trials, and a ring around the best.
+
+    Each is joined to its values in the search; the start (place 0) has its own colour. ``x`` and
+    ``y`` hold the values (C,) of the candidates and (F,) of their checks.
+    """
     places = np.asarray(tried.places, int)
     known = np.isfinite([x[1], y[1]]).all(axis=0)
     for own, label, colour in (
@@ -222,8 +226,11 @@ def _bulk(tried: Tried, objective: int) -> tuple[float | None, float | None]:
 
 
 def _ends(tried: Tried, objective: int) -> list[float]:
-    """Values of an objective between which its axis lies: the bulk of all, and start, best, front
-    and checks in any case; single wild ones fall outside."""
+    """Return values of an objective between which its axis lies.
+
+    The bulk of all, and start, best, front and checks are within them; single wild ones fall
+    outside.
+    """
     values = tried.values[:, objective]
     ends = [*values[[0, tried.best, *tried.front]], *tried.checked[:, objective]]
     known = values[np.isfinite(values)]

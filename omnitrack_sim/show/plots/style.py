@@ -1,5 +1,7 @@
-"""The look of all figures, and how they are made and written. Matplotlib is loaded by the first
-figure."""
+"""Style of all figures, and how they are made and written.
+
+Matplotlib is loaded by the first figure.
+"""
 
 from __future__ import annotations
 
@@ -143,8 +145,10 @@ def _figure_class() -> type[Figure]:
                 super().draw(renderer)
 
         def savefig(self, fname: Any, **options: Any) -> None:
-            """As of matplotlib, in the package's style, and without date and program in PNG, PDF
-            and SVG, so that the same figure gives the same bytes."""
+            """Write the figure as matplotlib does, in the package's style.
+
+            Without date and program in PNG, PDF and SVG the same figure gives the same bytes.
+            """
             ending = Path(str(fname)).suffix[1:].lower()
             format = options.get("format") or ending or "png"
             own: dict[str, Any] = {}
@@ -162,8 +166,10 @@ def _figure_class() -> type[Figure]:
 
 
 def page(draw: Callable[[], Figure], path: str | Path | None, format: str | None) -> Figure:
-    """Return the figure of ``draw`` in the style of papers, written to ``path`` if given, in
-    ``format`` or the one of the path's ending."""
+    """Return the figure of ``draw`` in the style of papers, written to ``path`` if given.
+
+    Its format is ``format`` or that of the path's ending.
+    """
     _check_format(path, format)
     with style(PAPER):
         figure = draw()
@@ -179,8 +185,10 @@ def chart(
     ax: Axes | None,
     format: str | None,
 ) -> Figure:
-    """A figure of ``size`` inches with one chart, as of ``page``; or the figure of ``ax``, with the
-    chart in ``ax``."""
+    """Return a figure of ``size`` inches with one chart, or that of ``ax`` with the chart.
+
+    See ``page`` for the other arguments.
+    """
     if ax is None:
 
         def own() -> Figure:
@@ -220,8 +228,10 @@ def _check_format(path: str | Path | None, format: str | None) -> None:
 def headline(
     figure: Figure, name: str, text: str, left: float, good: bool = True, right: float = 0.08
 ) -> None:
-    """Write the head of a page: a name on the left and its outcome on the right, red unless
-    ``good``; margins in inches."""
+    """Write the head of a page: a name on the left and its outcome on the right.
+
+    The outcome is red unless ``good``; margins are in inches.
+    """
     top = 1 - 0.07 / figure.get_figheight()
     figure.text(left / PAGE, top, clipped(name, 60), size=10, weight="bold", color=INK, va="top")
     colour = INK if good else ALARM

@@ -1,20 +1,18 @@
-"""Figures of success rates: over the start orientation, over the axes of a sweep, of the entries of
-a benchmark.
-"""
+"""Figures of success rates over start orientations, axes of a sweep, or entries."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.channels import Display, SingularRange
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import (
     COLUMN,
@@ -36,7 +34,7 @@ if TYPE_CHECKING:
 
 PASSED_COLOUR, FAILED_COLOUR, SINGULAR_COLOUR = "#2f6db3", "#e8882e", "#f6e3a3"
 _GROUPS = (*CURVE_COLOURS[:3], INK)
-"""Colours of groups that are compared, at most ``MOST_ROWS``."""
+"""Colours of groups that are compared, at most ``MAX_ROWS``."""
 _TRIAL: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 2.2, "color": INK}
 """The mark of a trial in a map with one in each cell."""
 _NO_OUTCOME = "#dfe2e6"
@@ -46,13 +44,13 @@ PERIOD = 120.0
 _REAL: dict[str, Any] = {"color": INK, "lw": 1.1, "ls": (0, (4, 2))}
 """Lines at the margin of the real geometry."""
 THETA5 = "start.theta5_deg"
-MOST_ORIENTATIONS = 240
+MAX_ORIENTATIONS = 240
 """Most distinct orientations that have a cell each; more are rounded to degrees."""
-MOST_ROWS = 4
+MAX_ROWS = 4
 """Rows of a map over orientation."""
-MOST_CELLS = 40
+MAX_CELLS = 40
 """Most distinct values of a number that have a cell each."""
-MOST_TICKS, LEAST_APART = 10, 0.08
+MAX_TICKS, MIN_APART = 10, 0.08
 """Most values of which each has its tick, and how near two of them may be, as a part of the axis.
 """
 BINS, QUANTILES, FEW = 8, 10, 5
@@ -111,8 +109,10 @@ def success_figure(
 
 
 def _orientation_cells(theta5: Array, passed: Array) -> tuple[Array, Array]:
-    """Edges (K + 1,) deg, which may lie beyond half a period, and success rates (K,) of the
-    different orientations."""
+    """Return edges (K + 1,) deg and success rates (K,) of the different orientations.
+
+    Edges may lie beyond half a period.
+    """
     if theta5.shape != passed.shape or theta5.ndim != 1 or not len(theta5):
         raise ValueError(
             f"orientations {theta5.shape} and outcomes {passed.shape} are not two rows of one "
@@ -246,29 +246,18 @@ class Spread:
         return Display(self.words or self.name, self.unit).label()
 
     def split(self, passed: Array) -> dict[str, Array]:
-        """Return the outcomes (n,) of the trials of each word that has any; those of other trials
-        are not numbers."""
+        """Return the outcomes (n,) of the trials of each word that has any.
+
+        Those of other trials are not numbers.
+        """
         word = np.array(self.values)
         by_word = {name: np.where(word == name, passed, np.nan) for name in self.order}
         return {name: own for name, own in by_word.items() if np.isfinite(own).any()}
 
 
-class SingularRange(NamedTuple):
-    """Range of orientations in which a robot cannot turn.
-
-    Attributes:
-        sector_deg: its width by the theory, degrees.
-        margin_deg: from the best orientation to the range with the real length of the contact,
-            degrees; None where that leaves none.
-    """
-
-    sector_deg: float
-    margin_deg: float | None
-
-
 def groups_of(axes: Sequence[Spread]) -> Spread | None:
     """Return the axis whose words are drawn apart: the first of at most four that are compared."""
-    few = (axis for axis in axes if axis.compared and 1 < len(axis.order) <= MOST_ROWS)
+    few = (axis for axis in axes if axis.compared and 1 < len(axis.order) <= MAX_ROWS)
     return next(few, None)
 
 
@@ -287,7 +276,7 @@ def sweep_figure(
     groups, title = groups_of(axes), f"{name}: {_count(passed)}".removeprefix(": ")
     if np.isfinite(passed).any():
         if [axis.name for axis in numbers] == [THETA5] and (
-            not words or (len(words) == 1 and len(words[0].order) <= MOST_ROWS)
+            not words or (len(words) == 1 and len(words[0].order) <= MAX_ROWS)
         ):
             return _orientations(numbers[0], words[0] if words else None, passed, singular, title)
         if len(numbers) == 2 and words in ([], [groups]):
@@ -303,8 +292,11 @@ def _count(passed: Array) -> str:
 def draw_chart(
     axis: Axes, over: Sequence[Spread], passed: Array, groups: Spread | None = None
 ) -> None:
-    """Success in one chart: the rates over one axis of a sweep with their Wilson 95 % intervals, a
-    curve for each of ``groups``, or a map over two that are numbers."""
+    """Draw success in one chart.
+
+    It has the rates over one axis of a sweep with their Wilson 95 % intervals, a curve for each of
+    ``groups``, or a map over two axes that are numbers.
+    """
     axis.tick_params(**TICKS)
     if len(over) == 2:
         _draw_map(axis, over[0], over[1], passed)
@@ -320,7 +312,7 @@ def _orientations(
     theta5: Spread, rows: Spread | None, passed: Array, singular: SingularRange | None, title: str
 ) -> Figure:
     degrees = np.asarray(theta5.values, float)
-    if len(np.unique(degrees)) > MOST_ORIENTATIONS:
+    if len(np.unique(degrees)) > MAX_ORIENTATIONS:
         degrees = np.round(degrees)
     by_row = {"all trials": passed} if rows is None else rows.split(passed)
     return success_figure(degrees, by_row, *(singular or SingularRange(0.0, None)), title)
@@ -357,12 +349,12 @@ def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
     axis.set_facecolor(_NO_OUTCOME)
     look = {"cmap": _success_colours(), "vmin": 0, "vmax": 100, "rasterized": True}
     # Edges tell that a cell is one value that was tried, and no range that was measured.
-    look |= {"lw": 0.8 if max(shape) <= MOST_TICKS else 0.3, "edgecolor": "white"}
+    look |= {"lw": 0.8 if max(shape) <= MAX_TICKS else 0.3, "edgecolor": "white"}
     mesh = axis.pcolormesh(x_edges, y_edges, rate, **look)
     values = [np.asarray(spread.values, float)[known] for spread in (x, y)]
     if total.max(initial=0) > 1:
-        binned = any(len(np.unique(own)) > MOST_CELLS for own in values)
-        for i, j in np.argwhere(total < FEW if binned or max(shape) > MOST_TICKS else total > 0):
+        binned = any(len(np.unique(own)) > MAX_CELLS for own in values)
+        for i, j in np.argwhere(total < FEW if binned or max(shape) > MAX_TICKS else total > 0):
             text, colour = str(total[i, j]), INK
             if not binned:
                 text, colour = f"{int(good[i, j])}/{text}", "white"
@@ -389,13 +381,15 @@ def _tick_values(axis: Axis, spread: Spread, edges: Array) -> None:
     """Put the ticks of an axis where something was tried, if these are few and apart."""
     tried = np.unique(np.asarray(spread.values, float))
     nearest = np.diff(tried).min(initial=np.inf)
-    if len(tried) <= MOST_TICKS and nearest >= LEAST_APART * np.ptp(edges):
+    if len(tried) <= MAX_TICKS and nearest >= MIN_APART * np.ptp(edges):
         axis.set_ticks(tried.tolist(), [f"{value:g}" for value in tried])
 
 
 def _name_colours(axis: Axes, gaps: bool, trials: bool) -> None:
-    """Name the colours of cells, where there are ``gaps`` that of those, and the mark of
-    ``trials``."""
+    """Name the colours of cells.
+
+    Where there are ``gaps`` that of those is named, too, and the mark of ``trials``.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -413,7 +407,7 @@ def _cells(spread: Spread) -> tuple[NDArray[np.intp], Array]:
     if len(centres) == 1:
         half = 0.5 * max(abs(centres[0]), 1.0)
         return cell, centres[0] + np.array([-half, half])
-    if len(centres) <= MOST_CELLS:
+    if len(centres) <= MAX_CELLS:
         middle = (centres[1:] + centres[:-1]) / 2
         return cell, np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
     edges = np.linspace(centres[0], centres[-1], BINS + 1)
@@ -460,15 +454,20 @@ class _Effect:
 
     @property
     def lowest(self) -> float:
-        """Lower end of the scale of the rates, %: 0, or where nearly all pass little below the
-        lowest interval, so that differences can be seen."""
+        """Lower end of the scale of the rates, %.
+
+        It is 0, or where nearly all pass little below the lowest interval, so that differences can
+        be seen.
+        """
         least = self.intervals.min() if len(self.intervals) else 0.0
         return 0.0 if least < NEARLY_ALL else 5 * float(np.floor(least / 5))
 
 
 def _grouped(axis: Spread, groups: Spread | None, passed: Array) -> dict[str, _Effect]:
-    """Effects of an axis, one for each group by its word; one of all trials for the groups
-    themselves, and without groups."""
+    """Return the effects of an axis, one for each group by its word.
+
+    There is one of all trials for the groups themselves, and without groups.
+    """
     split = {} if groups is None or groups is axis else groups.split(passed)
     return {word: _Effect(axis, own) for word, own in (split or {"": passed}).items()}
 
@@ -477,8 +476,10 @@ def _grouped(axis: Spread, groups: Spread | None, passed: Array) -> dict[str, _E
 def _main_effects(
     axes: Sequence[Spread], groups: Spread | None, passed: Array, title: str
 ) -> Figure:
-    """One panel for each axis, with the success rate over its values, of each group; that of the
-    largest difference first."""
+    """Return a figure with the success rate of each group over each axis.
+
+    That of the largest difference comes first.
+    """
     rates = {axis.name: _Effect(axis, passed).rates for axis in axes}
     first = sorted(axes, key=lambda axis: -np.ptp(rates[axis.name]) if len(rates[axis.name]) else 0)
     effects = [_grouped(axis, groups, passed) for axis in first]
@@ -531,13 +532,15 @@ def _draw_effects(panel: Axes, effects: Mapping[str, _Effect], lowest: float) ->
 _ACROSS = 3  # panels beside each other
 _ROW, _HEAD = 0.17, 0.62  # inches: height of an entry, and of what a panel has beside them
 _MARGIN = 3  # beside 0 and 100 %, so that a point there is whole
-_LONGEST_NAME = 24
+_MAX_NAME = 24
 
 
 @style(PAPER)
 def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Plot how many trials of each course each entry of a benchmark passed, by the rows of its
-    table: a panel for each course, with a row for each entry."""
+    """Plot how many trials of each course each entry of a benchmark passed.
+
+    There is a panel for each course, with a row for each entry. ``rows`` are those of its table.
+    """
     courses = list(dict.fromkeys(row["course"] for row in rows))
     entries = list(dict.fromkeys(row["entry"] for row in rows))
     across, down = min(len(courses), _ACROSS), math.ceil(len(courses) / _ACROSS)
@@ -570,7 +573,7 @@ def _draw_course(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequen
             panel.axvline(rate, color=colour, linewidth=0.6, linestyle=":")
     panel.set_xlim(-_MARGIN, 100 + _MARGIN)
     panel.set_ylim(len(entries) - 0.5, -0.5)
-    panel.set_yticks(range(len(entries)), [clipped(name, _LONGEST_NAME) for name in entries])
+    panel.set_yticks(range(len(entries)), [clipped(name, _MAX_NAME) for name in entries])
     panel.tick_params(**TICKS)
     panel.grid(axis="y", visible=False)
     panel.spines["left"].set_color(GREY)

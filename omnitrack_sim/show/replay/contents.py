@@ -1,5 +1,8 @@
-"""Contents of the replay page: curves, phases, events, map and pictures over time, the robot, its
-motion, the pipes and the cameras; and tables of numbers packed into one short text."""
+"""Contents of the replay page as tables of numbers, packed into one short text.
+
+They are curves, phases, events, map and pictures over time, the robot, its motion, the pipes and
+the cameras.
+"""
 
 from __future__ import annotations
 
@@ -70,8 +73,10 @@ class Pack:
         return self.whole(np.rint(np.asarray(values, float) / step)) | {"step": step}
 
     def ranged(self, values: ArrayLike) -> dict[str, Any]:
-        """Add numbers (n, ...), each column rounded to 1 / ``STEPS`` of its range; non-finite ones
-        are gaps."""
+        """Add numbers (n, ...), each column rounded to 1 / ``STEPS`` of its range.
+
+        Non-finite ones are gaps.
+        """
         table = np.asarray(values, float).reshape(len(np.asarray(values)), -1)
         there = np.isfinite(table)
         least = np.where(there, table, np.inf).min(axis=0, initial=np.inf)
@@ -96,7 +101,7 @@ def rounded(values: ArrayLike, digits: int) -> Any:
 
 PICTURE_PERIOD = 0.5
 """Time between two pictures of a page, s."""
-MOST_PICTURES = 600
+MAX_PICTURES = 600
 """Pictures of a page; those of a long run are farther apart."""
 TILE, TILES_ACROSS = 48, 25
 """Largest side of a picture's tile, pixels, and tiles beside each other."""
@@ -160,8 +165,10 @@ def fittings_table(playback: Playback) -> list[dict[str, Any]]:
 
 
 def force_kinds(arrows: Sequence[ForceArrow], scale: float) -> dict[str, Any]:
-    """Kinds of the arrows of forces, each with the length of its arrows, m/N: nearly the largest
-    one is about half a bore long."""
+    """Return the kinds of the arrows of forces, each with the length of its arrows, m/N.
+
+    Nearly the largest arrow is about half a bore long.
+    """
     kinds = {}
     for kind in dict.fromkeys(arrow.kind for arrow in arrows):
         words, colour, ends = FORCES[kind]
@@ -244,7 +251,7 @@ def _leading(pictures: Pictures, playback: Playback) -> list[int]:
     """Return the indices of the pictures ahead, the first one of each period."""
     rows = np.clip(np.searchsorted(playback.time, pictures.time), 0, len(playback.time) - 1)
     ahead = np.flatnonzero((pictures.end < 0) == playback.backward[rows])
-    period = max(PICTURE_PERIOD, float(np.ptp(pictures.time)) / (MOST_PICTURES - 1))
+    period = max(PICTURE_PERIOD, float(np.ptp(pictures.time)) / (MAX_PICTURES - 1))
     slot = np.floor(pictures.time[ahead] / period + 1e-6)
     return ahead[np.diff(slot, prepend=-1.0) > 0].tolist()
 

@@ -26,7 +26,7 @@ from omnitrack_sim.show.sources import Source, playback_of
 FORMATS = ("html",)
 SAME_POSE = 1e-6
 """Difference of positions, m, and of rotation matrices, within which two parts lie alike."""
-MOST_DIFFERENCES = 60
+MAX_DIFFERENCES = 60
 """Differences of two scenarios that are listed; of further ones only the number."""
 LIBRARY = Path(__file__).parent / "vendor" / "three"
 """three.js as its package on npm has it (README.md in it names the release)."""
@@ -161,8 +161,8 @@ def differences(one: Result, other: Result) -> list[list[str]]:
         for value in compare_results(one, other).values
         if value.name.rpartition(".")[2] != "name"
     ]
-    rest = len(rows) - MOST_DIFFERENCES
-    return [*rows[:MOST_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows
+    rest = len(rows) - MAX_DIFFERENCES
+    return [*rows[:MAX_DIFFERENCES], [f"and {rest} more", "", "", ""]] if rest > 0 else rows
 
 
 def _document(data: dict[str, Any]) -> str:

@@ -1,9 +1,9 @@
 """Keys of each of the three windows. Pure: no window is needed here.
 
-MuJoCo's window takes letters, digits, ``[ ] , / ; ' ` \\``, Tab, Escape and F1 to F7 for itself,
-and passes every key on besides; all others are free in its passive mode. It tells presses and
-repeats and never that a key is let go. So no key acts for as long as it is held: each press
-changes something by a step, and one key stops everything.
+MuJoCo's window takes letters, digits, brackets, comma, slash, semicolon, quotes, backslash, Tab,
+Escape and F1 to F7 for itself, and passes every key on besides; all others are free in its passive
+mode. It tells presses and repeats and never that a key is let go. So no key acts for as long as it
+is held: each press changes something by a step, and one key stops everything.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from omnitrack_sim.walls.pipe_looks import (
     FIELD_OF_VIEW,
     INSIDE_GROUP,
     ROBOT_GROUP,
+    add_cameras,
     add_pipe_insides,
     follow_direction,
 )
@@ -40,14 +41,18 @@ ROBOT = 0.2
 
 
 def covers_robot(lines: Lines, width: int, height: int) -> bool:
-    """Return True if a panel in an upper corner of a window of this size, pixels, overlaps the
-    robot in the middle."""
+    """Return whether a panel in an upper corner overlaps the robot in the middle of a window.
+
+    Width and height are those of the window, pixels.
+    """
     letters = sum(max(len(line[column]) for line in lines) for column in (0, 1))
     beside = LETTER * letters + MARGIN <= width / 2 - ROBOT * height
     above = LINE * len(lines) <= (0.5 - ROBOT) * height
     return not (beside or above)
 
 
+NAME = "omnitrack_sim"
+"""Name in the title of the window."""
 INSTALL = "pip install 'omnitrack_sim[view]'"
 """Command that installs the window's library."""
 SUN = [0.26, 0.25, 0.23]
@@ -94,6 +99,20 @@ def _opens_window(glfw: Any) -> bool:
     return window is not None
 
 
+def window_spec(scenario: Scenario) -> mujoco.MjSpec:
+    """Return the robot of a scenario as it shows itself, and the insides of its pipes."""
+    network = scenario.route.network
+    spec = scenario.robot.display.spec(network, scenario.plates, coarse=False)
+    spec.modelname = NAME
+    for each in (*spec.cameras, *spec.lights):
+        each.name = ""  # a user's own may be called as those below
+    add_pipe_insides(spec, network)
+    add_cameras(spec, network)
+    spec.visual.global_.fovy = FIELD_OF_VIEW
+    spec.light("sun").diffuse = SUN
+    return spec
+
+
 class Window:
     """The window on one scenario's pipes and robot, as a context.
 
@@ -106,16 +125,13 @@ class Window:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        spec = scenario.to_spec(looks=True)
-        network = scenario.route.network
-        add_pipe_insides(spec, network)
-        spec.visual.global_.fovy = FIELD_OF_VIEW
-        spec.light("sun").diffuse = SUN
-        self.model = spec.compile()
+        network, robot = scenario.route.network, scenario.robot
+        self.model = window_spec(scenario).compile()
         self._data = mujoco.MjData(self.model)
-        self._parts, self._chassis = network.parts, scenario.robot.chassis
+        self._parts, self._chassis = network.parts, robot.chassis
+        self._nose = robot.frame.rotation[:, 2]
         self._insides = [self.model.geom(f"look_inside_{part.name}").id for part in self._parts]
-        self._back, self._size = follow_direction(network), scenario.robot.scale
+        self._back, self._size = follow_direction(network), robot.length_scale
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._centre: Array | None = None
         self._handle: Handle | None = None
@@ -137,8 +153,11 @@ class Window:
         return self
 
     def _launched(self) -> Handle:
-        """MuJoCo's window, in a thread of its own; a ``RenderError`` where it cannot open one,
-        as on macOS without its own launcher."""
+        """Return MuJoCo's window, in a thread of its own.
+
+        Raises:
+            RenderError: it cannot open one, as on macOS without its own launcher.
+        """
         try:
             import mujoco.viewer
 
@@ -221,14 +240,15 @@ class Window:
 
     def _follow(self, eye: Any) -> None:
         """Move the camera as the robot has moved, and light and pipes with it."""
-        centre = np.array(self._data.qpos[:3])
+        chassis = self._data.body(self._chassis)
+        centre = np.array(chassis.xpos)
         moved = centre - (eye.lookat if self._centre is None else self._centre)
         self._centre = centre
         eye.lookat[:] = eye.lookat + moved
         if eye.type != mujoco.mjtCamera.mjCAMERA_FREE:
             return
         back = self.towards
-        nose = self._data.body(self._chassis).xmat.reshape(3, 3)[:, 2]
+        nose = chassis.xmat.reshape(3, 3) @ self._nose
         targets = centre + 0.05 * self._size * np.array([[0.0], [1.0], [-1.0]]) * nose
         red, green, blue, _ = self.model.material("pipe").rgba
         clear = in_the_way(self._parts, eye.lookat + eye.distance * back, targets)

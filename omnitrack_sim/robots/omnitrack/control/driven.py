@@ -29,7 +29,7 @@ from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.parameters import Omnitrack
-from omnitrack_sim.robots.robot import REFERENCE_BORE
+from omnitrack_sim.robots.size import REFERENCE_BORE
 
 BY_HAND = "by_hand"
 """Phase of a robot that obeys its driver."""

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import TURNED
 from omnitrack_sim.base.table import NotNegative, Table, Unit
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable
 from omnitrack_sim.robots.omnitrack.control.command import Command
+from omnitrack_sim.robots.omnitrack.control.orientation import manoeuvres
 from omnitrack_sim.robots.omnitrack.control.recovery import Recovery, RecoveryTable
 from omnitrack_sim.robots.omnitrack.control.tracking import (
     SLIPPERY,
@@ -163,7 +164,7 @@ class JacobianController:
         changes = self._legs.changes(observation)
         if self._legs.grown:
             self._learn()
-            self.aligner.learn()
+            self.aligner.ranges.update()
         for robot, shift in self._legs.extended:
             self.aligner.extend_leg(robot, shift)
             self.recovery.extend_leg(robot, shift)
@@ -185,7 +186,7 @@ class JacobianController:
             observation, self.resting, self.sway.slides, room, self.aligner
         )
         standing, rolled = self.aligner.step(observation, room)
-        aligning = np.where(backing, self.aligner.squaring, standing)
+        aligning = np.where(backing, self.aligner.rolls.squaring, standing)
         self.resting = aligning | backing
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
@@ -227,8 +228,8 @@ class JacobianController:
         if not self._steers:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
-        belt_speed = wall_speed * self.aligner.belt_sign(observation.roll)
+        belt_speed = wall_speed * self.aligner.rolls.belt_sign(observation.roll)
         if np.count_nonzero(aligning):
             belt_speed = np.where(aligning[:, None], 0.0, belt_speed)
-        roll = self.aligner.roll.copy()
+        roll = self.aligner.rolls.now.copy()
         return Command(belt_speed, roll, phase, self.resting, [*retried, *rolled])

@@ -16,9 +16,10 @@ from omnitrack_sim.base.table import Table, Unit
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable, manoeuvres
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
+from omnitrack_sim.robots.omnitrack.control.orientation import manoeuvres
 from omnitrack_sim.robots.omnitrack.kinematics import elbow_speeds
 
 CRUISE, ALIGN, ELBOW, TEE_TURN, TEE_STRAIGHT = range(5)
@@ -94,7 +95,7 @@ class PaperController:
         changes = self._legs.changes(observation)
         if self._legs.grown:
             self._learn()
-            self.aligner.learn()
+            self.aligner.ranges.update()
         for robot, shift in self._legs.extended:
             self.aligner.extend_leg(robot, shift)
             # -1, which stands for no passage, has to stay.
@@ -116,13 +117,13 @@ class PaperController:
         # Eq. 20 may ask the outer modules for more than the belts are allowed.
         limit = s.speed_limit[:, None]
         wall_speed = np.minimum(np.maximum(wall_speed, -limit), limit)
-        belt_sign = self.aligner.belt_sign(observation.roll)
+        belt_sign = self.aligner.rolls.belt_sign(observation.roll)
         belt_speed = np.where(resting[:, None], 0.0, wall_speed * belt_sign)
         straight_over = (self.kind[location.passage] == TEE_STRAIGHT) & (room < 0)
         phase = np.where(straight_over, TEE_STRAIGHT, CRUISE)
         phase = np.where(turning, self.kind[self.turning], phase)
         phase = np.where(resting, ALIGN, phase)
-        return Command(belt_speed, self.aligner.roll.copy(), phase, resting, rolled)
+        return Command(belt_speed, self.aligner.rolls.now.copy(), phase, resting, rolled)
 
     def _mark(self, location: Location, axis: Array, resting: NDArray[np.bool_]) -> None:
         """Begin turns whose mark the head has passed, end those that are complete."""

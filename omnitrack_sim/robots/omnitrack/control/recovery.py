@@ -15,7 +15,8 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Part, Table, Unit
 from omnitrack_sim.record.events import BackedOff, Event
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, keeps_the_wall
+from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
+from omnitrack_sim.robots.omnitrack.control.orientation import keeps_the_wall
 
 
 class RecoveryTable(Table):
@@ -141,7 +142,7 @@ class Recovery:
             self.farthest = np.where(headway, distance, self.farthest)
         still = self.backing | ~(headway | standing)
         # A robot has all of ``back_off`` left when its tracks face the wall.
-        self.waiting = (self.waiting + self.period) * (still & ~aligner.squaring)
+        self.waiting = (self.waiting + self.period) * (still & ~aligner.rolls.squaring)
         events = self._begin(observation, sliding, room, aligner)
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
@@ -187,7 +188,7 @@ class Recovery:
             self.waiting = np.where(failed, 0.0, self.waiting)
             # One that is about to slide past is in the pipe yet, and has no time to lose.
             squares = failed & ~upright & ~sliding & self._square & self.settings.align
-            aligner.square(squares, observation.time)
+            aligner.rolls.square(squares, observation.time)
             self.farthest = np.where(upright, location.distance, self.farthest)
             if np.count_nonzero(upright):
                 aligner.align_inside(upright, location.passage, astride=True)

@@ -20,13 +20,14 @@ from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, lengt
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack.control.alignment import (
+from omnitrack_sim.robots.omnitrack.control.orientation import (
     keeps_the_wall,
     orientation_error,
     preferred_theta5,
 )
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
-from omnitrack_sim.robots.robot import GRAVITY, REFERENCE_BORE
+from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
@@ -293,7 +294,7 @@ class SwayProfile:
 
 
 SWAY = SwayProfile()
-MOST_SLIP = 0.9
+MAX_SLIP = 0.9
 """Slip beyond which no more is made of it: a robot may also be turned back."""
 
 
@@ -303,7 +304,7 @@ class Lean(NamedTuple):
     Attributes:
         aside: (n, 3) added to the unit vector of the wanted heading, world frame.
         most: (n,) largest size of ``aside`` in this turn.
-        slip: (n,) that of the turn at the first attempt, up to ``MOST_SLIP``, where robots try
+        slip: (n,) that of the turn at the first attempt, up to ``MAX_SLIP``, where robots try
             again; 0 of the others.
     """
 
@@ -334,10 +335,16 @@ class Sway:
         self._path = path
         self._side, self.by_belts, self.turned, self._slipped = np.zeros((4, setup.n))
         self.slides = np.zeros(setup.n, bool)
+        self._best = preferred_theta5("tee_turn")
+        # While no robot turns and none has slipped, the last location is all that is kept.
+        self._idle = False
+        self._before: Location | None = None
+        self._upright = Lean(np.zeros((setup.n, 3)), np.zeros(setup.n), np.zeros(setup.n))
         self.reset(np.arange(setup.n), setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
         """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
+        self._catch_up()
         self.routes, self.period = setup.routes, setup.period
         each = {name: setup.each(f"{self._path}.{name}") for name in SwayTable.model_fields}
         # Added across a unit vector, a tangent turns it by the angle.
@@ -375,18 +382,20 @@ class Sway:
             merging: (n,) robots that turn out of one now, whose slip is measured.
             full: (n,) robots that sway in full at any slip, as they try again.
         """
-        location = observation.location
-        # Equal orientations lean alike: theta5 = -115 is 5 degrees beside the best, as 5 itself.
-        error = orientation_error(location.theta5, preferred_theta5("tee_turn"))
-        beside = np.where(error < 0, 1.0, -1.0)
-        self._side = np.where(turning, self._side, beside)
-        self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MOST_SLIP))
+        location, measured = observation.location, turning | merging
+        nobody = not np.count_nonzero(measured)
+        if nobody and self._idle:
+            self._before = location
+            return self._upright
+        self._catch_up()
+        self._side = np.where(turning, self._side, self._side_of(location))
+        self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MAX_SLIP))
         again = np.where(full & turning, self._slipped, 0.0)
-        measured = turning | merging
-        if not np.count_nonzero(measured):
+        self._idle = nobody and not np.count_nonzero(self._slipped)
+        if nobody:
             self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
             self.slides = turning  # none
-            return Lean(np.zeros((len(turning), 3)), np.zeros(len(turning)), again)
+            return self._upright._replace(slip=again)
         passage, rotation = location.passage, observation.rotation
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
@@ -409,3 +418,13 @@ class Sway:
         # Back at 0 before the turn ends: the robot has to leave it in its plane.
         size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
         return Lean(size[:, None] * normal, most, again)
+
+    def _catch_up(self) -> None:
+        """Take up the side of the turn's plane at the last location of robots that did not turn."""
+        if self._before is not None:
+            self._side, self._before = self._side_of(self._before), None
+
+    def _side_of(self, location: Location) -> Array:
+        """Side (n,) of a turn's plane to lean to, 1 or -1, by the orientation before the turn."""
+        # Equal orientations lean alike: theta5 = -115 is 5 degrees beside the best, as 5 itself.
+        return np.where(orientation_error(location.theta5, self._best) < 0, 1.0, -1.0)

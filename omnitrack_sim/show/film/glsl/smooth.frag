@@ -15,7 +15,7 @@ void main() {
   float m = one.y, n = one.z, w = one.x, e = two.z, s = two.x;
   float most = max(m, max(max(n, s), max(e, w)));
   float range = most - min(m, min(min(n, s), min(e, w)));
-  if (range < max(LEAST_CONTRAST, 0.12 * most)) discard;
+  if (range < max(MIN_CONTRAST, 0.12 * most)) discard;
   float nw = one.w, se = two.y;
   float ne = green(place + vec2(pixel.x, -pixel.y)), sw = green(place + vec2(-pixel.x, pixel.y));
   float level = abs(nw + sw - 2.0 * w) + 2.0 * abs(n + s - 2.0 * m) + abs(ne + se - 2.0 * e);

@@ -5,6 +5,7 @@ const SINGLE = "#22262b";
 const GRID = "#d9dde3";
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 5, 16]; // px around the curves
 const HEIGHT = 96;
+const MAX_READOUTS = 6; // values beside a title; of more curves of one colour none can be told
 const ANGLES = [1, 2, 5, 10, 15, 30, 45, 90, 180];
 
 export class Plots {
@@ -50,7 +51,8 @@ export class Plots {
     const plot = { panel, figure, canvas, values, picture: document.createElement("canvas") };
     plot.curves = this.curvesOf(panel);
     plot.bounds = boundsOf(panel, plot.curves);
-    const shown = plot.curves.filter((curve) => curve.told);
+    const told = plot.curves.filter((curve) => curve.told);
+    const shown = told.length > MAX_READOUTS ? [] : told;
     plot.readouts = shown.map((curve, i) => {
       const readout = element("span", { title: panel.names?.[i] ?? "" });
       readout.style.color = curve.colour;

@@ -50,8 +50,8 @@ function figure(value) {
   return Array.isArray(value) ? value.map(one) : [one(value)];
 }
 
-const MOST_IN_HEAD = 2; // differences of the scenarios told beside the outcome
-const MOST_SIGNS = 24; // of a value in the head; of a longer one only the key is told
+const MAX_IN_HEAD = 2; // differences of the scenarios told beside the outcome
+const MAX_SIGNS = 24; // of a value in the head; of a longer one only the key is told
 const said = (unit) => (unit === "1" || !unit ? "" : ` ${unit}`);
 
 /** Name, outcome and headline figures. */
@@ -88,9 +88,9 @@ export function tellHead(data) {
 /** What the second run has other than the first, in brackets: short values before long ones. */
 function differing(differences) {
   if (!differences.length) return "";
-  const short = ([, , , value]) => value.length <= MOST_SIGNS;
+  const short = ([, , , value]) => value.length <= MAX_SIGNS;
   const ordered = [...differences.filter(short), ...differences.filter((one) => !short(one))];
-  const few = ordered.slice(0, MOST_IN_HEAD).map((one) =>
+  const few = ordered.slice(0, MAX_IN_HEAD).map((one) =>
     (short(one) ? `${one[0]} ${one[3]}${said(one[1])}` : one[0]));
   const rest = differences.length - few.length;
   return ` (${few.join(", ")}${rest ? ` and ${rest} more` : ""})`;
