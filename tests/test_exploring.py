@@ -519,7 +519,7 @@ def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():
     robot = PointRobot(network, "foot.start", erring=erring)
     robot.run()
     assert compare_maps(robot.explorer.belief.network, network).same
-    assert len(close) == LOOKS.size_looks
+    assert len(close) == LOOKS.min_looks
 
 
 def test_a_radius_that_one_look_shows_wrongly_takes_more_looks():
@@ -989,7 +989,7 @@ def test_looks_back_that_tell_nothing_become_rare():
     robot.run()
     assert len(looks) >= 3
     steps = np.diff(looks)
-    assert np.all(steps[:4] > LOOKS.rear_step * 2.0 ** np.arange(len(steps[:4])) - 1e-9)
+    assert np.all(steps[:4] > LOOKS.step_again * 2.0 ** np.arange(len(steps[:4])) - 1e-9)
 
 
 def test_a_doubt_is_over_when_a_look_back_agrees_with_the_map():
@@ -1494,17 +1494,17 @@ def test_few_looks_back_at_a_missed_reducer_are_enough_where_no_more_show_it():
         if ahead.enter == "start":
             return replace(ahead, fitting=None, enter="", distance=ahead.distance + 0.12)
         behind.extend([ahead] if robot.explorer._bores.searching else [])
-        return replace(ahead, distance_std=0.001) if len(behind) <= LOOKS.size_looks + 1 else None
+        return replace(ahead, distance_std=0.001) if len(behind) <= LOOKS.min_looks + 1 else None
 
     network = wider_behind_a_tee()
     robot = PointRobot(network, "foot.start", erring=overlooked, arms=True)
     robot.run()
-    assert len(behind) > LOOKS.size_looks + 1
+    assert len(behind) > LOOKS.min_looks + 1
     difference = compare_maps(robot.explorer.belief.network, network)
     assert difference.same, difference
 
 
-@pytest.mark.parametrize("shown", [LOOKS.length_looks, 2], ids=["often", "twice"])
+@pytest.mark.parametrize("shown", [LOOKS.max_looks, 2], ids=["often", "twice"])
 def test_a_tee_that_shows_through_the_cone_behind_it_does_not_end_the_search(shown):
     """From nearby a lamp shows the tee alone, as one of the bore at hand. Where few looks have
     shown the reducer before the pipe ends, they are enough."""
@@ -1578,6 +1578,17 @@ def test_the_axis_before_a_near_bend_does_not_turn_the_wye_that_it_follows(std):
     fittings = (part.fitting for part in robot.explorer.belief.network.pipes.parts)
     (wye,) = (fitting for fitting in fittings if isinstance(fitting, Wye))
     assert (abs(np.degrees(wye.angle) - 45) < 0.01) == (std > 0.0)
+
+
+@pytest.mark.parametrize(("away", "inspected"), [(0.03, True), (0.08, False)])
+def test_a_robot_that_hangs_just_before_an_end_that_it_has_seen_has_inspected_it(away, inspected):
+    """Farther off something else stops it, and the way ahead is taken for closed."""
+    robot = PointRobot(validate({"fittings": [straight("foot", 1.0)]}), "foot.start")
+    nose = 1.0 - away - robot.robot.length / 2
+    robot._blocked = lambda position, frame: position[2] > nose and robot.explorer.leg.gear > 0
+    robot.run()
+    assert bool(of_kind(robot, EndInspected)) == inspected
+    assert bool(of_kind(robot, ExplorationComplete)) == inspected
 
 
 @pytest.mark.parametrize(("lean", "believed"), [(10, True), (45, False)])

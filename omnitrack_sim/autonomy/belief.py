@@ -30,6 +30,7 @@ class BeliefSettings:
         error: m, of a sighting out of a fitting: there a longer gap that is closed is in doubt.
         angle_std: rad, standard deviation of the angle of a bend: 25 measured with the depth camera
             were off by 0.3 degrees, at most by 0.75.
+        turn_std: rad, standard deviation of a fitting's turn about the pipe before it.
         certain: standard deviations by which a size may be off.
         digits: decimals that are kept of lengths in m and, less one, of angles in degrees.
     """
@@ -38,8 +39,14 @@ class BeliefSettings:
     min_straight: float = 0.07
     error: float = 0.03
     angle_std: float = math.radians(0.4)
+    turn_std: float = math.radians(0.7)
     certain: float = 2.0
     digits: int = 6
+
+    @property
+    def resolution(self) -> float:
+        """Least difference of two lengths that a map keeps, m."""
+        return 10.0**-self.digits
 
 
 BELIEF = BeliefSettings()

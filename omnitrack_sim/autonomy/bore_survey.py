@@ -18,6 +18,7 @@ from omnitrack_sim.autonomy.looks import (
     SHALLOW,
     LookRecord,
     reducer_std,
+    weights_of,
     without_extremes,
 )
 from omnitrack_sim.autonomy.mapping_pilot import MappingPilot, end_of
@@ -96,7 +97,7 @@ class ReducerSearch:
         """Add a look back from arc length ``distance`` m, and plan the next one."""
         reducer = None if behind is None else behind.fitting
         if behind is None or not isinstance(reducer, Reducer):
-            self.next_look = distance + LOOKS.confirm_step * 2**self.uninformative_looks
+            self.next_look = distance + LOOKS.step_again * 2**self.uninformative_looks
             self.uninformative_looks += 1
             return
         self.next_look, self.uninformative_looks = distance + LOOKS.missed_step, 0
@@ -112,7 +113,7 @@ class ReducerSearch:
         Fewer are enough where two more have shown none, as from farther off none will, and one
         where the next would be beyond the ``end`` of the leg, m.
         """
-        enough = LOOKS.size_looks if self.uninformative_looks > 1 else LOOKS.length_looks
+        enough = LOOKS.min_looks if self.uninformative_looks > 1 else LOOKS.max_looks
         enough = 1 if self.next_look > end else enough
         if self.latest is None or len(self.lengths) < enough:
             return None
@@ -204,7 +205,7 @@ class BoreSurvey(LookRecord):
         else:
             # The robot may still stand in the reducer.
             self._last_measured_bore = look.bore
-            pilot.look_at = look.distance + 2 * LOOKS.confirm_step
+            pilot.look_at = look.distance + 2 * LOOKS.step_again
 
     def _correct_bore(self, here: Passage, look: Look) -> None:
         """Give the pipe around the robot, the last of its leg, the bore that its arms measure."""
@@ -406,7 +407,7 @@ def _between_fittings(
         placed: m, standard deviation of where the robot is.
     """
     looks = math.hypot(std, min(gap, 0.0))
-    weights = np.maximum([looks, placed], LOOKS.min_std) ** -2
+    weights = weights_of([looks, placed])
     length = reducer.length + gap * float(weights[1] / weights.sum())
     length = max(length, reducer.length / 2)  # not a step, however badly it knows its place
     std = math.hypot(LOOKS.distance_floor, weights.sum() ** -0.5) if std else 0.0

@@ -54,24 +54,19 @@ class ExplorerSettings:
     """When a robot that explores looks ahead.
 
     Attributes:
-        assumed_step: m, of free pipe assumed at an unexplored port where a look shows nothing.
-        max_assumed: m, of free pipe assumed without a look that shows something: pipe that has not
-            been seen is not on the map, by which the robot then localises itself badly.
-        look_before: m, before the end of a leg where a robot looks ahead: far enough for a second
-            look before its nose is in a fitting that follows directly.
-        settling: m, travel after a bend on the map has been corrected in which a robot relocalises
-            on the map.
+        assumed_step: m, of free pipe assumed at an unexplored port where a look shows nothing, at
+            most twice: by pipe that has not been seen the robot localises itself badly.
         touch: m, from the nose to an observed end, within which a robot without progress is there.
     """
 
     assumed_step: float = 0.1
-    max_assumed: float = 0.2
-    look_before: float = 0.02
-    settling: float = 0.05
     touch: float = 0.05
 
 
 EXPLORER = ExplorerSettings()
+LOOK_BEFORE = 2 * LOOKS.step_again
+"""How far before the end of a leg a robot looks ahead, m: far enough for a second look before its
+nose is in a fitting that follows directly."""
 
 
 class Explorer(MappingPilot):
@@ -107,7 +102,7 @@ class Explorer(MappingPilot):
         self.goals, self._explores = list(goals), not goals
         self.frontier = Frontier(belief)
         self._tries_home_again = True  # after as many falls as it may have
-        self._rear = RearLooks(belief, self.half, LOOKS.min_confidence, distance)
+        self._rear = RearLooks(belief, self.half, distance)
         self._check = SightingCheck(self, self._rear)
         self._mapper = Mapper(self, self._rear, self._check)
         self._bores = BoreSurvey(self, self._rear, robot.length + LOOKS.step)
@@ -180,8 +175,7 @@ class Explorer(MappingPilot):
     def _look_ahead(self, look: Look) -> Decision:
         """Decide after a look ahead from the corrected position."""
         ahead, distance, route = look.ahead, look.distance, self.route()
-        unsure = ahead is None or ahead.confidence < LOOKS.min_confidence
-        if ahead is None or unsure or self._check.is_impossible(look):
+        if ahead is None or self._check.is_impossible(look):
             return self._on_ambiguous_look(look)
         again = self._check.next_look(ahead, look, route)
         if again is not None:
@@ -191,7 +185,7 @@ class Explorer(MappingPilot):
 
     def _on_ambiguous_look(self, look: Look) -> Decision:
         """Decide after a look ahead that tells nothing: look again as long as there is room."""
-        self.look_at = look.distance + LOOKS.retry_step
+        self.look_at = look.distance + LOOKS.step_again
         # It may have come too near to what it has seen before.
         latest = self._check.close.latest
         near = latest is not None and self.look_at > self.leg.end
@@ -216,7 +210,7 @@ class Explorer(MappingPilot):
         self.doubts[name] = "seen from afar only"
         belief.set_provisional(None)
         observed = self.end in belief.ends
-        self.look_at = math.inf if observed else self.leg.end - EXPLORER.look_before
+        self.look_at = math.inf if observed else self.leg.end - LOOK_BEFORE
 
     def _map_sighting(self, ahead: Sighting, distance: float, look: Look) -> Decision:
         """Put a sighting made at arc length ``distance`` m into the map.
@@ -245,8 +239,8 @@ class Explorer(MappingPilot):
             # The map has moved under the robot: it relocalises before it measures what is beyond.
             # An end or a reducer is kept: soon the lens may be too near to see it.
             self.extend_leg_to(path)
-            last = self.leg.end - EXPLORER.look_before
-            self.look_at = max(distance, min(distance + EXPLORER.settling, last))
+            last = self.leg.end - LOOK_BEFORE
+            self.look_at = max(distance, min(distance + LOOKS.step_again, last))
             return Decision(self.leg, True)
         if ahead.fitting is not None:
             return self._enter_fitting(ahead, path, look)
@@ -274,7 +268,7 @@ class Explorer(MappingPilot):
         if part is None or onward is None:
             return self._replan(look.time, events, self._onward(distance))
         self.extend_leg_to(onward)
-        self.look_at = self.leg.end - EXPLORER.look_before
+        self.look_at = self.leg.end - LOOK_BEFORE
         if self.belief.is_leaf(part):
             self._look_closer(ahead, path, distance)
         return Decision(self.leg, True, events)
@@ -295,7 +289,7 @@ class Explorer(MappingPilot):
             return Decision(None, False, self._verdict(time))
         if end in self.belief.ends:
             return self._inspect(time, distance, end, goal)
-        if self.assumed > EXPLORER.max_assumed - EXPLORER.assumed_step / 2:
+        if self.assumed > 1.5 * EXPLORER.assumed_step:
             self._abandon(end, "no look into it tells anything")
             return self._replan(time, [], self._onward(distance))
         # The look has shown nothing: assume a little free pipe, and look again.
@@ -464,7 +458,7 @@ class Explorer(MappingPilot):
             record.begin_leg()
         end = self.end
         blind = self.leg.goal < 0 or end == self.belief.start or end in self.belief.ends
-        self.look_at = math.inf if blind else self.leg.end - EXPLORER.look_before
+        self.look_at = math.inf if blind else self.leg.end - LOOK_BEFORE
         if self.leg.gear != before.gear or self.leg.path[: len(before.path)] != before.path:
             return decision
         if any(isinstance(event, FellOff) for event in events):

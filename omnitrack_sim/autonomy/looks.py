@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.belief import BELIEF, Belief
+from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Array, angle_between
 from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Route, Wye
@@ -25,89 +26,67 @@ class LookSettings:
     """Conditions in which a robot that explores looks again at what it has observed or passed.
 
     Attributes:
-        min_confidence: probability from which on a robot believes an observation.
         sure: probability from which on an observation is not in doubt.
         step: m, travel between two looks along a pipe whose end is not in sight.
+        step_again: m, travel to the next look where one was ambiguous or another is to agree: what
+            a picture shows changes little within 10 mm. It doubles with each look back that tells
+            nothing.
+        missed_step: m, travel to the next look back at a reducer that the map has missed: before
+            the robot comes to what follows it is to look ``max_looks`` times.
         rear_room: m, from its rear to a fitting behind it when it looks back at that.
         in_sight: m, to a fitting behind it up to which a robot looks back whenever it looks ahead:
             a lamp shows no more from farther off.
-        rear_step: m, travel to the next look back; it doubles with each one in a straight that
-            tells nothing: what an elbow shows from behind changes little within 10 mm.
-        max_lean: rad, tilt beyond which a look back is mistaken: no robot leans so in a straight.
-        max_std: m, standard deviation up to which a look back places the robot. Round a bend the
-            estimate of arc length is off by centimetres.
         max_shift: m, shift of arc length from which on two looks have to agree.
-        agreement: m, difference of two looks that agree.
         close: m, from the robot's front to the end of a straight when it looks there once more:
             from there both cameras measure distances to 1 or 2 mm.
         min_close: m, the same of the last try: nearer, a lens sees too little of the wall before
             it.
         out_of_fitting: m, farther off for an end that was observed out of a fitting, where a robot
             knows least how far it has come: an open end hardly shows from nearer than ``close``.
-        slip_gate: standard deviations of two looks by which travel between them has to be off for
-            the belts to have slipped: of 440 looks by both cameras one was off by more than 3.
-        min_slip: m, the same in addition.
+        gate: standard deviations by which two measurements contradict each other, such as two looks
+            between which belts have slipped: of 440 looks by both cameras one was off by more.
         travel_std: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in
             the filter, which has to follow belts that slip, ten lengths were off by a quarter of
             what was stated.
-        retry_step: m, travel to the next look where one was ambiguous.
-        confirm_step: m, travel to the next look where two contradict each other.
-        missed_step: m, travel to the next look back at a reducer that the map has missed.
         through_cone: m, from its rear to a fitting behind it up to which a robot may look through
             the cone of a reducer directly behind that, and not see it.
-        min_std: m, standard deviation of a distance below which one look counts no more than
-            another.
         max_axis_error: rad, between the axis of a pipe on the map and in a picture, from which on
             sizes and distances in that are wrong: by a lamp radii and distances are 20 mm too
             great.
-        max_size_std: m, standard deviation of a size measured from behind up to which it is known:
-            half of what lengths on a map may be wrong by.
         max_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
-        distance_floor: m, standard deviation of what looks at one end have in common, which no mean
-            of them reduces.
+        distance_floor: m, standard deviation of what looks at one end have in common, which no
+            mean of them reduces.
         radius_floor: the same of the mean radius of an elbow, as a part of it: by a lamp means of
             five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
         bore_floor: the same of a diameter, as a part of it.
-        size_looks: looks from close by that the sizes of a reducer or an elbow are the mean of.
-        length_looks: looks back that the length of a reducer is the mean of, or as many as its pipe
-            has room for, at least ``size_looks``: looks by depth at 3 % scatter by 5 to 7 mm, and
-            now and then one is off by 20 mm.
-        more_looks: the same where they leave a size in doubt, or the length of the pipe before it,
-            or differ in the radius of an elbow: of looks by a lamp at 45 degrees one in five is off
-            by 60 mm, and the least and the greatest of five are left out.
+        min_looks: looks from one side that a size is the mean of.
+        max_looks: the same where they leave a size in doubt, or the length of the pipe before it,
+            or differ: looks by depth at reducers of 3 % scatter by 5 to 7 mm, and now and then one
+            is off by 20 mm; of looks by a lamp at elbows of 45 degrees one in five is off by 60 mm.
+            The least and the greatest of more than ``min_looks`` are left out.
     """
 
-    min_confidence: float = 0.5
-    sure: float = 0.95
+    sure: float = RECOGNISER.confidence
     step: float = 0.1
+    step_again: float = 0.01
+    missed_step: float = 0.005
     rear_room: float = 0.1
     in_sight: float = 0.4
-    rear_step: float = 0.01
-    max_lean: float = math.radians(4)
-    max_std: float = 0.01
     max_shift: float = 0.1
-    agreement: float = 0.02
     close: float = 0.1
     min_close: float = 0.05
     out_of_fitting: float = 0.03
-    slip_gate: float = 3.0
-    min_slip: float = 0.005
+    gate: float = 3.0
     travel_std: float = 0.005
-    retry_step: float = 0.003
-    confirm_step: float = 0.01
-    missed_step: float = 0.005
     through_cone: float = 0.2
-    min_std: float = 1e-4
     max_axis_error: float = math.radians(1.5)
-    max_size_std: float = 0.005
     max_reducer_std: float = 0.02
     distance_floor: float = 0.001
     radius_floor: float = 0.005
     bore_floor: float = 0.01
-    size_looks: int = 3
-    length_looks: int = 6
-    more_looks: int = 5
+    min_looks: int = 3
+    max_looks: int = 6
 
 
 LOOKS = LookSettings()
@@ -133,22 +112,22 @@ def has_slipped(shift: float, *stds: float) -> bool:
 
     ``stds`` are the standard deviations of these looks, m.
     """
-    return abs(shift) > LOOKS.min_slip + LOOKS.slip_gate * math.hypot(*stds)
+    return abs(shift) > LOOKS.gate * math.hypot(LOOKS.distance_floor, *stds)
 
 
 def weights_of(stds: Sequence[float]) -> Array:
     """Return weights (n,) of measurements, 1/m², by their standard deviations, m."""
-    return np.maximum(stds, LOOKS.min_std) ** -2
+    return np.maximum(stds, BELIEF.resolution) ** -2
 
 
 def without_extremes(values: Array) -> NDArray[np.intp]:
     """Return indices of values in ascending order, without the extremes of many.
 
-    The least and the greatest of more than ``LOOKS.size_looks`` are left out: one look may be far
+    The least and the greatest of more than ``LOOKS.min_looks`` are left out: one look may be far
     off.
     """
     order = np.argsort(values, kind="stable")
-    return order[1:-1] if len(order) > LOOKS.size_looks else order
+    return order[1:-1] if len(order) > LOOKS.min_looks else order
 
 
 def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()) -> float:

@@ -32,7 +32,6 @@ class LoopClosureSettings:
         miss_angle: rad, by which their directions may miss being opposite.
         length_std: m, standard deviation of the length of a straight that is not measured, and
         length_share: the same in addition, as a part of the length.
-        turn_std: rad, standard deviation of a fitting's turn about the pipe before it.
         surprise: squared standard deviations by which the two ends of a loop may miss each other in
             position and direction, six numbers: 99 of 100 loops do not miss by more.
         closing_std: m and rad, standard deviation of what two ports that meet are apart.
@@ -44,7 +43,6 @@ class LoopClosureSettings:
     miss_angle: float = math.radians(10)
     length_std: float = 0.003
     length_share: float = 0.01
-    turn_std: float = math.radians(0.7)
     surprise: float = 16.8
     closing_std: float = 1e-3
     adjustments: int = 3
@@ -218,9 +216,7 @@ def _variables(belief: Belief, end: Port, other: Port) -> list[_Variable]:
         # Of a round fitting the turn means nothing.
         if joint is not None and not belief.fitting(joint[1][0]).is_axial:
             about = swing(ahead, left.position)
-            found.append(
-                _Variable(LOOP_CLOSURE.turn_std, about, partial(belief.rotate_joint, port))
-            )
+            found.append(_Variable(BELIEF.turn_std, about, partial(belief.rotate_joint, port)))
     return found
 
 

@@ -34,17 +34,10 @@ class MapperSettings:
     Attributes:
         max_end_shift: m, between the positions of an end by looks from afar and from close by, from
             which on the length of the pipe is in doubt: the robot may have slipped.
-        min_bend: rad, least angle of an elbow.
-        bend_tolerance: rad, error of an elbow's angle from which on the map is corrected.
-        turn_tolerance: rad, the same of its direction: a look is off by a degree, and so is how the
-            robot takes itself to be turned.
         blind: m, from the nose to where a lens of 100 degrees sees the wall of a pipe.
     """
 
     max_end_shift: float = 0.06
-    min_bend: float = math.radians(5)
-    bend_tolerance: float = math.radians(0.5)
-    turn_tolerance: float = math.radians(3)
     blind: float = 0.07
 
 
@@ -275,23 +268,22 @@ class Mapper(LookRecord):
         assert isinstance(fitting, Elbow | Wye)
         if isinstance(fitting, Wye) and is_sharp(fitting, enter, leave):
             angle = math.pi - angle
-        if angle < MAPPER.min_bend:
-            return
         self._correct_angle(part, fitting, angle, look.std)
         joint = belief.attached_to(part)
-        if abs(off) > MAPPER.turn_tolerance and joint is not None and joint[1][1] == enter:
+        wrong = abs(off) > LOOKS.gate * BELIEF.turn_std
+        if wrong and joint is not None and joint[1][1] == enter:
             belief.rotate_joint(joint[1], off)
 
     def _correct_angle(self, part: int, fitting: Elbow | Wye, angle: float, std: float) -> None:
         """Give a bend on the map its measured angle, rad; ``std``: m, of where the robot is."""
-        right = abs(angle - fitting.angle) < MAPPER.bend_tolerance
+        right = abs(angle - fitting.angle) < BELIEF.angle_std
         if not right:
             try:
                 self._belief.resize(part, angle=angle)
             except GeometryError:
                 return
         # Within the tolerance the map keeps an angle that may be off by any part of it.
-        kept = MAPPER.bend_tolerance / math.sqrt(3) if right else 0.0
+        kept = BELIEF.angle_std / math.sqrt(3) if right else 0.0
         self._belief.set_stds(part, angle=math.hypot(BELIEF.angle_std, kept) if std else 0.0)
 
     def _bend_passed(self) -> Edge | None:

@@ -135,7 +135,7 @@ class CloseLooks(LookRecord):
         As far as a map may not be wrong in them, and in the length of the pipe before the fitting,
         which begins at arc length ``before`` m.
         """
-        if len(self._looks) < LOOKS.size_looks:
+        if len(self._looks) < LOOKS.min_looks:
             return True
         radii = self._radii() or [0.0]
         begin, std = self.begin_of(*self._looks[-1])
@@ -144,7 +144,7 @@ class CloseLooks(LookRecord):
             or doubtful_sizes(Straight(max(begin - before, BELIEF.min_length)), {"length": std})
             or doubtful_sizes(self.mean(), self.stds())
         )
-        return bool(more) and len(self._looks) < LOOKS.more_looks
+        return bool(more) and len(self._looks) < LOOKS.max_looks
 
     def begin_of(self, ahead: Sighting, distance: float) -> tuple[float, float]:
         """Return the arc length at which a fitting or an end begins, and its standard deviation.
@@ -190,7 +190,7 @@ class CloseLooks(LookRecord):
         mean = np.average(sizes, axis=0, weights=weights_of(self._stds()))
         if np.any(np.ptp(sizes, axis=0) > [2 * MIN_LENGTH, *(LENGTHS * mean[1:])]):
             return "looks at it differ in its sizes"
-        return "its length was seen from one side only" if least > LOOKS.max_size_std else ""
+        return "its length was seen from one side only" if least > MIN_LENGTH / 2 else ""
 
     def weight(self) -> float:
         """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m².
@@ -245,7 +245,7 @@ class NearLooks(LookRecord):
             where the route does not end in a straight or the robot is close to its end already.
         """
         last, close = route.passages[-1], route.length - self._half - LOOKS.close
-        if not self._belief.fitting(last.index).is_plain or distance >= close - LOOKS.retry_step:
+        if not self._belief.fitting(last.index).is_plain or distance >= close - LOOKS.step_again:
             return None
         self._belief.set_provisional(last.index)
         self._kinds, self._far = Counter([ahead.kind]), ahead
@@ -253,7 +253,7 @@ class NearLooks(LookRecord):
         if distance > last.s_enter + self._half:
             return close
         self._far = None
-        return max(close - LOOKS.out_of_fitting, distance + LOOKS.retry_step)
+        return max(close - LOOKS.out_of_fitting, distance + LOOKS.step_again)
 
     def begin_leg(self) -> None:
         """See ``LookRecord``."""
@@ -309,7 +309,7 @@ def _is_alike(far: Sighting, near: Sighting) -> bool:
     picture is taken for: wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm
     off, 8 elbows up to 1.
     """
-    placed = far.distance_std < LOOKS.max_std and far.kind == near.kind
+    placed = far.distance_std < MIN_LENGTH and far.kind == near.kind
     if not placed or far.fitting is None:
         return placed
     told = far.size_stds.get("angle", 0.0) if isinstance(far.fitting, Wye) else 0.0

@@ -50,7 +50,6 @@ class RearLooks(LookRecord):
     Args:
         belief: its map.
         half: m, from its centre to its ends.
-        min_confidence: probability from which on it believes what it sees.
         distance: m, from the port where it began to its centre then, in the first pipe.
 
     Attributes:
@@ -58,8 +57,8 @@ class RearLooks(LookRecord):
         placement: in the pipe behind a fitting, by a look at that on this leg; None without one.
     """
 
-    def __init__(self, belief: Belief, half: float, min_confidence: float, distance: float) -> None:
-        self._belief, self._half, self._confidence = belief, half, min_confidence
+    def __init__(self, belief: Belief, half: float, distance: float) -> None:
+        self._belief, self._half = belief, half
         self.doubts: dict[str, str] = {}
         self.placement: Placement | None = Placement(0, distance, 0.0)
         # By part, reducers and elbows to be measured from behind: length or mean radius, m, by each
@@ -161,12 +160,12 @@ class RearLooks(LookRecord):
 
         ``more``: the pipe has room for more looks.
         """
-        sizes, enough = self._sizes.get(part), LOOKS.size_looks
+        sizes, enough = self._sizes.get(part), LOOKS.min_looks
         if sizes is None:
             return
         if isinstance(behind.fitting, Reducer):
             sizes.append((behind.fitting.length, behind.distance_std))
-            enough = LOOKS.length_looks if more else enough
+            enough = LOOKS.max_looks if more else enough
         elif isinstance(behind.fitting, Elbow):
             std = behind.size_stds.get("mean_radius", 0.0)
             sizes.append((behind.fitting.mean_radius, std))
@@ -183,10 +182,10 @@ class RearLooks(LookRecord):
         distance, behind = look.distance, look.behind
         i = route.index_at(distance)
         part = route.passages[i].index
-        self._first_look, self._second_look = distance + LOOKS.rear_step, math.inf
+        self._first_look, self._second_look = distance + LOOKS.step_again, math.inf
         known = None if i == 0 or behind is None else self._with_known_sizes(behind, route, i)
         if behind is None or known is None or not self._is_clear(route, i, known, look.frame):
-            self._first_look = distance + LOOKS.rear_step * 2 ** self._uninformative[part]
+            self._first_look = distance + LOOKS.step_again * 2 ** self._uninformative[part]
             self._uninformative[part] += 1
             return distance
         self._uninformative[part] = 0
@@ -208,7 +207,7 @@ class RearLooks(LookRecord):
             return self._averaged(place, distance, shift)
         if has_slipped(shift - before, known.distance_std):
             # Of looks at elbows one in twenty is off by a centimetre.
-            self._shift, self._second_look = shift, distance + LOOKS.confirm_step
+            self._shift, self._second_look = shift, distance + LOOKS.step_again
             return distance
         self.placement, self._shift = place, math.inf
         self.add_slip_uncertainty(shift)
@@ -226,7 +225,7 @@ class RearLooks(LookRecord):
         shift, before = located - distance, self._shift
         self._shift = shift
         # One wrong look must not move the robot far along its map.
-        if abs(shift) > LOOKS.max_shift and abs(shift - before) > LOOKS.agreement:
+        if abs(shift) > LOOKS.max_shift and has_slipped(shift - before, known.distance_std):
             return distance
         self._shift = math.inf
         more = self._first_look < here.s_leave - self._half
@@ -275,9 +274,7 @@ class RearLooks(LookRecord):
         ``frame`` (3, 3) is that of the robot.
         """
         passed, seen = route.passages[i - 1], behind.fitting
-        if seen is None or behind.confidence < self._confidence:
-            return False
-        if behind.axis[2] < math.cos(LOOKS.max_lean) or behind.distance_std > LOOKS.max_std:
+        if seen is None or behind.distance_std > MIN_LENGTH:
             return False
         known = self._belief.fitting(passed.index)
         both = isinstance(known, Wye) and isinstance(seen, Wye)
@@ -319,4 +316,4 @@ def _is_measured(looks: Sequence[tuple[float, float]], enough: int) -> bool:
     As many as are ``enough`` have been made, and their mean is known well enough.
     """
     std = float(weights_of([std for _, std in looks]).sum()) ** -0.5 if looks else math.inf
-    return len(looks) >= enough and std < LOOKS.max_size_std
+    return len(looks) >= enough and std < MIN_LENGTH / 2

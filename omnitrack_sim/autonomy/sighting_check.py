@@ -96,7 +96,7 @@ class SightingCheck:
 
         None where none is.
         """
-        distance, later = look.distance, look.distance + LOOKS.confirm_step
+        distance, later = look.distance, look.distance + LOOKS.step_again
         self._keep_sizes(ahead, look, route)
         self.near.add(ahead, route)
         if self.near.is_doubted(ahead, route) and not self.near.is_too_late(later, route):
@@ -181,13 +181,13 @@ class SightingCheck:
 
     def _shows_sizes(self, ahead: Sighting, route: Route) -> bool:
         """Return whether a sighting is one of a reducer or an elbow from close by."""
-        near = ahead.distance - self._pilot.half < LOOKS.close + LOOKS.confirm_step
+        near = ahead.distance - self._pilot.half < LOOKS.close + LOOKS.step_again
         close = near or provisional_passage(self._belief, route) is not None
         return isinstance(ahead.fitting, Reducer | Elbow) and close
 
     def _wants_more(self, ahead: Sighting, route: Route, distance: float) -> bool:
         """Return whether a robot close to a reducer or an elbow is to look at it once more."""
-        again = distance + LOOKS.confirm_step
+        again = distance + LOOKS.step_again
         late = again > self._pilot.leg.end or self.near.is_too_late(again, route)
         i = provisional_passage(self._belief, route)
         # Out of a fitting, its nose is about to come into the reducer.

@@ -8,6 +8,31 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 
+FREE = 10.0
+"""Standard deviation of a number of a camera that a picture alone tells, m or rad."""
+
+
+def numbers(aside: float, tilt: float, distance: float, turn: float) -> Array:
+    """Return values (6,) for the six numbers of a camera, which are alike across the pipe.
+
+    Args:
+        aside: m, of both places across it.
+        tilt: rad, of both tilts.
+        distance: m.
+        turn: rad.
+    """
+    return np.array([aside, aside, tilt, tilt, distance, turn])
+
+
+def _both_ways(*angles_deg: float) -> Array:
+    """Return 0 and ascending angles either way, rad, from their sizes in degrees."""
+    return np.radians([0.0, *(-angle for angle in angles_deg[::-1]), *angles_deg])
+
+
+def _around(reach: float, step: float) -> Array:
+    """Return offsets every ``step`` from ``-reach`` to ``reach``."""
+    return np.arange(-reach, reach + step / 20, step)
+
 
 @dataclass(frozen=True, eq=False)
 class RecogniserSettings:
@@ -121,12 +146,10 @@ class RecogniserSettings:
     followed: tuple[int, int, int] = (14, 7, 3)
     follow_cost: tuple[float, float, float] = (400.0, 200.0, 100.0)
     follow_forms: tuple[int, int, int] = (5, 4, 2)
-    rough_turns: Array = field(
-        default_factory=lambda: np.radians([0, -65, -45, -30, -18, -8, 8, 18, 30, 45, 65])
-    )
-    fine_turns: Array = field(default_factory=lambda: np.radians([0, -8, -5, -2.5, 2.5, 5, 8]))
+    rough_turns: Array = field(default_factory=lambda: _both_ways(8, 18, 30, 45, 65))
+    fine_turns: Array = field(default_factory=lambda: _both_ways(2.5, 5, 8))
     few_starts: int = 3
-    restart_offsets: Array = field(default_factory=lambda: np.arange(-0.06, 0.0601, 0.012))
+    restart_offsets: Array = field(default_factory=lambda: _around(0.06, 0.012))
     restart_length: float = 0.375
     restart_cost: float = 4.0
     restart_sizes: int = 10
@@ -136,8 +159,8 @@ class RecogniserSettings:
     dim_distances: Array = field(default_factory=lambda: np.arange(0.5, 2.35, 0.15))
     dim_turns: int = 16
     dim_starts: int = 9
-    end_offsets: Array = field(default_factory=lambda: np.arange(-0.04, 0.0401, 0.002))
-    angle_offsets: Array = field(default_factory=lambda: np.arange(-0.45, 0.451, 0.05))
+    end_offsets: Array = field(default_factory=lambda: _around(0.04, 0.002))
+    angle_offsets: Array = field(default_factory=lambda: _around(0.45, 0.05))
     usual_bend: float = np.pi / 2
     usual_bend_std: float = 0.05
     # Decision
@@ -153,10 +176,8 @@ class RecogniserSettings:
     misfit_confidence: float = 0.5
     confidence: float = 0.95
     # Fit
-    camera_std: Array = field(
-        default_factory=lambda: np.array([0.004, 0.004, 0.03, 0.03, 10.0, 10.0])
-    )
-    bend_std: Array = field(default_factory=lambda: np.array([0.008, 0.008, 0.1, 0.1, 10.0, 10.0]))
+    camera_std: Array = field(default_factory=lambda: numbers(0.004, 0.03, FREE, FREE))
+    bend_std: Array = field(default_factory=lambda: numbers(0.008, 0.1, FREE, FREE))
     port_std: float = 0.01
     gain_std: float = 0.02
     gain_range: tuple[float, float] = (0.8, 1.25)
@@ -164,10 +185,8 @@ class RecogniserSettings:
     joint_cost: float = 15.0
     joints: int = 4
     fixed_weight: float = 1e12
-    nudge: Array = field(
-        default_factory=lambda: np.array([0.0005, 0.0005, 0.005, 0.005, 0.001, 0.01])
-    )
-    longest: Array = field(default_factory=lambda: np.array([0.003, 0.003, 0.03, 0.03, 0.04, 0.3]))
+    nudge: Array = field(default_factory=lambda: numbers(0.0005, 0.005, 0.001, 0.01))
+    longest: Array = field(default_factory=lambda: numbers(0.003, 0.03, 0.04, 0.3))
     longest_size: int = 8
     farthest: float = 0.85
     size_grain: int = 8
