@@ -13,12 +13,12 @@ from runs import rolling_tee, same_result, there_and_back
 from test_robots import Ball
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.bounds import MAX_ORDERS
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.driving import DriverTable, ObeysOrders, Order
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.scenario.loading import LONGEST_DRIVE, to_drive, with_orders
+from omnitrack_sim.scenario.loading import MAX_DRIVE, to_drive, with_orders
 
 Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
 
@@ -89,7 +89,7 @@ def test_record_tells_who_drove(handed_over):
     assert handed_over.outcome is ot.Outcome.REACHED_GOAL
     assert handed_over.as_expected is None
     assert handed_over.scenario.name == "tee_turn_driven"
-    assert handed_over.scenario.run.time_limit == LONGEST_DRIVE
+    assert handed_over.scenario.run.time_limit == MAX_DRIVE
 
 
 def test_the_end_is_no_change_of_drivers():
@@ -191,7 +191,7 @@ def test_orders_come_in_order():
     ("parameters", "told"),
     [
         ({"orders": [{"time": 2.0}, {"time": 1.0}]}, "orders: has one for 1 s behind one for 2 s"),
-        ({"orders": [{"time": 0.0}] * (MOST_ORDERS + 1)}, f"at most {MOST_ORDERS} items"),
+        ({"orders": [{"time": 0.0}] * (MAX_ORDERS + 1)}, f"at most {MAX_ORDERS} items"),
         ({"orders": [{"time": 0.0, "by": "luck"}]}, "'hand', 'autopilot'|hand, autopilot, end"),
         ({"autopilot": "driven"}, "autopilot: obeys orders itself"),
         ({"autopilot": "jacobean"}, "did you mean 'jacobian'"),
