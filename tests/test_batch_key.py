@@ -14,6 +14,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario.tables import PullTable
 from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
+from omnitrack_sim.trials.batches import Trial, batched
 
 OWN = (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in Omnitrack.own_values))
 """Paths that robots of one batch may differ in."""
@@ -173,3 +174,11 @@ def test_what_is_taken_of_each_robot_matters(make: Any, path: str) -> None:
     """The other value leads to another record, so that the comparison in a batch can fail."""
     expected = path in NO_MATTER[make.__name__]
     assert same_record(alone(make), alone(make, path)) is expected
+
+
+@pytest.mark.parametrize(("base", "count"), [("tee_turn", 1), ("robots/presser_elbow", 2)])
+def test_what_trials_share_follows_from_their_robot(base: str, count: int) -> None:
+    """Robots of one batch may differ in the springs of the one kind, and not of the other."""
+    bases = {"base": ot.load_scenario(base).model_dump(mode="json")}
+    trials = [Trial(i, "base", {"robot.preload": 25.0 + i}) for i in range(2)]
+    assert len(batched(bases, trials, 8)) == count

@@ -56,8 +56,8 @@ def installed(group: Group) -> Mapping[str, EntryPoint]:
 
 
 @lru_cache(maxsize=8)
-def _installed(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
-    """Return entry points by name; ``path`` is where Python looks for distributions."""
+def _installed(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Return entry points by name; ``_path``, where Python looks for them, is part of the key."""
     from importlib.metadata import entry_points
 
     # Of two of one name the first counts, as of two modules of one name.

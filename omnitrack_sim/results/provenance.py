@@ -14,8 +14,11 @@ from omnitrack_sim.scenario import Scenario
 
 
 def provenance_of(scenario: Scenario) -> dict[str, Any]:
-    """Provenance of a result: seed, scenario hash, collider, versions, platform, git commit of a
-    checkout; and who drove, where that was no controller."""
+    """Return the provenance of a result.
+
+    That is seed, scenario hash, collider, versions, platform and git commit of a checkout; and who
+    drove, where that was no controller.
+    """
     made = {
         "seed": scenario.seed,
         "scenario_sha256": scenario.hash,
@@ -47,8 +50,10 @@ def _version(package: str) -> str | None:
 
 
 def _git_commit() -> str | None:
-    """Commit of the checkout that the package runs from, with ``+changes`` where files differ; None
-    outside one."""
+    """Return the commit of the checkout that the package runs from; None outside one.
+
+    ``+changes`` stands behind it where files differ.
+    """
     root = Path(__file__).parents[2]
     # An installed package may lie inside somebody's repository, whose commit is not ours.
     if not (root / ".git").exists():

@@ -76,8 +76,9 @@ class Observation:
 
 
 class Actuation(NamedTuple):
-    """Command to the actuators of n robots until the next control step. Fields that are None keep
-    their values.
+    """Command to the actuators of n robots until the next control step.
+
+    Fields that are None keep their values.
 
     Attributes:
         ctrl: (n, nu) MuJoCo's control inputs, in the order of the model's actuators.
@@ -124,8 +125,10 @@ def checked(command: _Command, start: _Command) -> _Command:
 
 
 def held_command(command: _Command, held: _Command, active: NDArray[np.bool_]) -> _Command:
-    """Return the command that n robots carry out: fields that it omits, and all fields of robots
-    that are not ``active`` (n,), are kept from the command ``held`` so far.
+    """Return the command that n robots carry out.
+
+    Fields that it omits, and all fields of robots that are not ``active`` (n,), are kept from the
+    command ``held`` so far.
 
     A field that holds for one period is None where it is left out.
     """

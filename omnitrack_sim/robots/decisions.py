@@ -69,7 +69,7 @@ class InputDecisions:
     @classmethod
     def actions_of(cls, robot: Robot) -> tuple[str, ...]:
         """Return the names of the entries of an action: those of the actuators."""
-        model = compiled(robot)  # type: ignore[arg-type]  # a frozen model is hashable
+        model = compiled(robot)
         return tuple(model.actuator(i).name or f"input_{i}" for i in range(model.nu))
 
     @classmethod

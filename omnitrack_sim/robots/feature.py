@@ -20,7 +20,7 @@ from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.robot import GRAVITY
 
 XYZ, XY = ("x", "y", "z"), ("x", "y")
-FARTHEST = 4.0
+MAX_DISTANCE = 4.0
 """Distance from which on a fitting ahead counts as far, D: more than a robot rolls over on its
 way."""
 AHEAD = (0.25, 0.75, 1.5)
@@ -202,8 +202,9 @@ def entry_slices(features: Sequence[Feature]) -> dict[str, slice]:
 def select_features(
     names: str | Sequence[str], where: str, shipped: Mapping[str, Feature | Sequence[Feature]]
 ) -> tuple[Feature, ...]:
-    """Return features by the names of sets, of single ones, and of a user's own, ``module:Object``:
-    a ``Feature`` or a list of them.
+    """Return features by names: of sets, of single ones, and of a user's own, ``module:Object``.
+
+    The last are a ``Feature`` or a list of them.
 
     Args:
         names: one, or several that follow each other.
@@ -239,8 +240,10 @@ def select_features(
 
 
 def _distance_to(mark: str) -> Callable[[FeatureInput], Array]:
-    """Distance (n,), D, from the robot's centre to the ``start`` or ``end`` of the fitting being
-    passed or next."""
+    """Return the distance (n,), D, to the ``start`` or ``end`` of the fitting being passed or next.
+
+    It is counted from the robot's centre.
+    """
     return lambda m: (
         (m.of_passage(mark) - m.observation.location.distance) / m.setup.robot.nominal_bore
     )
@@ -311,13 +314,18 @@ ASIDE = Feature(
 TO_FITTING = Feature(
     "to_fitting",
     "D",
-    -FARTHEST,
-    FARTHEST,
+    -MAX_DISTANCE,
+    MAX_DISTANCE,
     "way from the robot's centre to where the bend or opening that it is in or comes to begins",
     _distance_to("start"),
 )
 TO_EXIT = Feature(
-    "to_exit", "D", -FARTHEST, FARTHEST, "way to where that fitting ends", _distance_to("end")
+    "to_exit",
+    "D",
+    -MAX_DISTANCE,
+    MAX_DISTANCE,
+    "way to where that fitting ends",
+    _distance_to("end"),
 )
 KIND = Feature(
     "kind",

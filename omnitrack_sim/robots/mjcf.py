@@ -103,14 +103,16 @@ class Mjcf(Robot):
         """See ``Robot``."""
         if self.body:
             return self.body
-        model = compiled(self)  # type: ignore[arg-type]  # a frozen model is hashable
+        model = compiled(self)
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         return model.body(model.jnt_bodyid[free[0]]).name if len(free) else ""
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
-        """Tail and nose along the forward axis from the chassis' origin, and the largest distance
-        from that axis, m."""
+        """Extent of the parts that touch, m, along and about the forward axis.
+
+        Tail and nose along the axis from the chassis' origin, and the largest distance from it.
+        """
         data = initial_state(self)
         model = data.model
         touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)

@@ -1,5 +1,7 @@
-"""The plant: n robots of one model in exact pipes, in one batch, and the causes for which they make
-no headway. The only door to MuJoCo's state."""
+"""The plant: n robots of one model in exact pipes, the only door to MuJoCo's state.
+
+And the diagnosis of robots that make no headway.
+"""
 
 from __future__ import annotations
 
@@ -108,8 +110,10 @@ def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSp
 
 
 def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
-    """Names of the bodies of a model that have geoms which can touch, in order; those without a
-    name get one by their number."""
+    """Return the names of the bodies of a model whose geoms can touch, in order.
+
+    Bodies without a name get one by their number.
+    """
     for i, body in enumerate(spec.bodies):
         if not body.name:
             body.name = f"body_{i}"
@@ -117,9 +121,13 @@ def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
     return [b.name for b in bodies if any(g.contype | g.conaffinity for g in b.geoms)]
 
 
-@cache
 def compiled(robot: Robot) -> mujoco.MjModel:
-    """Return the model of a robot alone, with the sensors that ``scene`` adds."""
+    """Return the model of a robot alone, with the sensors that ``scene`` adds; made once."""
+    return _compiled(robot)  # type: ignore[arg-type]  # a frozen model is hashable
+
+
+@cache
+def _compiled(robot: Robot) -> mujoco.MjModel:
     leave_no_log()
     spec = robot.spec()
     for body in touching_bodies(spec):
@@ -129,7 +137,7 @@ def compiled(robot: Robot) -> mujoco.MjModel:
 
 def initial_state(robot: Robot) -> mujoco.MjData:
     """Return data of the model of a robot alone, in its initial state."""
-    data = mujoco.MjData(compiled(robot))  # type: ignore[arg-type]  # a frozen model is hashable
+    data = mujoco.MjData(compiled(robot))
     mujoco.mj_kinematics(data.model, data)
     return data
 
@@ -150,8 +158,11 @@ def is_similar(robot: Robot, other: Robot) -> bool:
 
 
 def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
-    """Sensor of the contacts of a body with the walls: for each of the largest ones whether there
-    is one, its force in the frame of the contact, and the speed at which the surfaces slide."""
+    """Add a sensor of the contacts of a body with the walls.
+
+    For each of the largest contacts it says whether there is one, its force in the frame of the
+    contact, and the speed at which the surfaces slide.
+    """
     fields = mujoco.mjtConDataField
     wanted = (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_LINVEL)
     largest_first = 2
@@ -167,8 +178,7 @@ def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
 
 
 class Plant:
-    """n copies of a model, each with its own start, friction and gravity, stepped on ``threads``
-    threads.
+    """n copies of a model, each with its own start, friction and gravity.
 
     Args:
         model: pipes and robot; see ``scene``.
@@ -274,8 +284,10 @@ class Plant:
 
     @cached_property
     def _tail(self) -> tuple[int, Array]:
-        """Body that carries the tail, and the lever (3,) m of forces there about its centre of
-        mass, in its frame."""
+        """Body that carries the tail, and the lever of forces there.
+
+        The lever (3,) m is about the body's centre of mass, in its frame.
+        """
         model, robot = self.model, self.robot
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, robot.tail)
         if site >= 0:
@@ -298,8 +310,10 @@ class Plant:
         return readings
 
     def carried_out(self, command: Any, gear: NDArray[np.int_]) -> Any:
-        """Return the command that robots carry out for one that their controllers give, which
-        takes the robot as ``seen`` shows it."""
+        """Return the command that robots carry out for one that their controllers give.
+
+        Controllers take the robot as ``seen`` shows it.
+        """
         return command
 
     def commanded(self, command: Any) -> Mapping[str, Array]:
@@ -535,8 +549,10 @@ _POSE_SENSORS = tuple(
 
 
 def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
-    """Channels of a robot that follow from its model: actuators, contacts of bodies, and the named
-    sensors of the model."""
+    """Return the channels that follow from a robot's model, by name.
+
+    They are of actuators, of contacts of bodies, and of the named sensors of the model.
+    """
     meaning = "control inputs, by actuator"
     own = {"source": "command", "names": _actuator_names(model)}
     ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
@@ -686,6 +702,5 @@ class Diagnosis:
         return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
 
     def words(self, robot: int, time: float) -> str:
-        """Return measurements at the end of a run of ``time`` s, after the robot's tilt; "" for
-        none."""
+        """Return measurements at the end of a run of ``time`` s, in words; "" for none."""
         return ""

@@ -123,8 +123,10 @@ def quantity(
 
 
 def quantity_of(table: type[BaseModel], key: str) -> Quantity:
-    """Return unit and source of a field; of one that is declared otherwise, with the meaning that
-    stands below it and no provenance."""
+    """Return unit and source of a field.
+
+    One that is not declared by ``quantity`` has the meaning that stands below it and no provenance.
+    """
     info = table.model_fields[key]
     extra: Any = info.json_schema_extra
     if extra is None:
@@ -177,8 +179,7 @@ def borrowed(whose: str) -> Callable[[type[_Table]], type[_Table]]:
 
 
 def parameter_rows(model: BaseModel, prefix: str = "") -> list[Parameter]:
-    """Return every field of ``model``, and of the models in it, with value, unit, provenance and
-    source.
+    """Return value, unit, provenance and source of every field of a model and those in it.
 
     Args:
         model: robot, motor or the like.

@@ -159,8 +159,11 @@ class Robot(Sized, ABC):
 
     @abstractmethod
     def spec(self) -> mujoco.MjSpec:
-        """Return the robot alone as a MuJoCo model, ready to compile; in its initial state its
-        frame is the world's: z along the pipe, the origin on the pipe's axis."""
+        """Return the robot alone as a MuJoCo model, ready to compile.
+
+        In its initial state its frame is the world's: z along the pipe, the origin on the pipe's
+        axis.
+        """
 
     def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
@@ -180,8 +183,7 @@ class Robot(Sized, ABC):
 
     @property
     def ends(self) -> tuple[str, str] | None:
-        """Names of sites at nose and tail, between which the robot's z axis lies; None: it is the
-        chassis' own."""
+        """Names of sites at nose and tail, between which z lies; None: it is the chassis' own."""
         return None
 
     @property
@@ -191,8 +193,10 @@ class Robot(Sized, ABC):
 
     @property
     def length(self) -> float:
-        """Nose to tail along the robot axis, m; by default between the sites of these names along
-        z, in the initial state."""
+        """Nose to tail along the robot axis, m.
+
+        By default between the sites of these names along z, in the initial state.
+        """
         from omnitrack_sim.robots.plant import initial_state
 
         data = initial_state(self)
@@ -224,8 +228,11 @@ class Robot(Sized, ABC):
 
     @property
     def nominal_speed(self) -> float:
-        """Speed along a level straight, m/s, that it is made for: benchmarks take time limits from
-        it. By default a fifth of a bore a second, slow enough for most."""
+        """Speed along a level straight that it is made for, m/s.
+
+        Benchmarks take time limits from it. By default a fifth of a bore a second, slow enough for
+        most.
+        """
         return self.nominal_bore / 5
 
     @property
@@ -250,8 +257,11 @@ class Robot(Sized, ABC):
         return "the robot's drive"
 
     def slip_excess(self, steps: float) -> float:
-        """Return the share by which slip reads too large at a time step of ``steps`` times the
-        default one of a robot of this size; not a number where it has not been measured."""
+        """Return the share by which slip reads too large at a time step; NaN if not measured.
+
+        Args:
+            steps: of the time step, in default ones of a robot of this size.
+        """
         return math.nan
 
     # Control
@@ -264,14 +274,17 @@ class Robot(Sized, ABC):
 
     @property
     def start_ctrl(self) -> Array | None:
-        """Control inputs (nu,) while the robot settles in its pipe and until its controller's first
-        command; None: zeros."""
+        """Control inputs (nu,) until the controller's first command; None: zeros.
+
+        The robot settles in its pipe with them.
+        """
         return None
 
     @property
     def input_range(self) -> Array:
-        """Least and largest value (nu, 2) of each control input, between which learners decide; by
-        default the actuators' ``ctrlrange``.
+        """Least and largest value (nu, 2) of each control input, between which learners decide.
+
+        By default the actuators' ``ctrlrange``.
 
         Raises:
             InputError: an actuator has none.
@@ -305,13 +318,17 @@ class Robot(Sized, ABC):
         return InputDecisions
 
     def gait(self, observation: Any) -> Array | None:
-        """Return the control inputs (n, nu) of the robot's own gait; None: it has none, and its
-        actuators stay as they are at the start."""
+        """Return the control inputs (n, nu) of the robot's own gait; None: it has none.
+
+        Without one its actuators stay as they are at the start.
+        """
         return None
 
     def odometry(self) -> Odometry | None:
-        """Return what its body measures of its motion, for runs by its own sensors
-        (``sensing.kind = "onboard"``); None: nothing is known of that."""
+        """Return what its body measures of its motion; None: nothing is known of that.
+
+        Runs by its own sensors need it (``sensing.kind = "onboard"``).
+        """
         return None
 
     # What is measured, judged and shown

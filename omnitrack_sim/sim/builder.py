@@ -61,7 +61,7 @@ def batch_key(data: Mapping[str, Any]) -> str:
         data: a scenario as plain data with every key. It need not be valid, and no route is built.
     """
     shared = copy.deepcopy(dict(data))
-    for path in _own_paths(str(data.get("robot", {}).get("kind", DEFAULT))):
+    for path in _own_paths(robot_kind(data)):
         *tables, key = path.split(".")
         place: Any = shared
         for table in tables:
@@ -82,10 +82,15 @@ def _own_paths(kind: str) -> tuple[str, ...]:
     return (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in values))
 
 
+def robot_kind(data: Mapping[str, Any]) -> str:
+    """Return the kind of robot of a scenario's plain data."""
+    return str(data.get("robot", {}).get("kind", DEFAULT))
+
+
 @functools.cache
-def is_shared(path: str) -> bool:
-    """Return True if the scenarios of a batch share the value at a dotted path."""
-    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(DEFAULT))
+def is_shared(path: str, kind: str) -> bool:
+    """Return whether scenarios of a batch, with robots of a kind, share the value at a path."""
+    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(kind))
 
 
 def each(scenarios: Sequence[Scenario], name: str) -> NDArray:
@@ -150,8 +155,10 @@ def _step_note(scenario: Scenario) -> Iterator[str]:
 
 
 def slip_excess(scenario: Scenario) -> float:
-    """Return the share by which a typical run's slip reads too large at a scenario's time step; not
-    a number where it has not been measured."""
+    """Return the share by which slip reads too large at a scenario's time step.
+
+    That of a typical run; not a number where it has not been measured.
+    """
     steps = scenario.physics.timestep / (TIMESTEP * scenario.robot.time_scale)
     return scenario.robot.slip_excess(steps)
 
@@ -200,8 +207,7 @@ def _still_note(scenario: Scenario) -> Iterator[str]:
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:
-    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network
-    of a mission."""
+    """Largest pipe radius over bend radius on a robot's route, or in a mission's network."""
     if scenario.mission is None:
         return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]

@@ -1,5 +1,4 @@
-"""Runs scenarios to their ends. One run is a batch of one; those that share a model share a
-batch."""
+"""Runs scenarios to their ends: one run is a batch of one."""
 
 from __future__ import annotations
 
@@ -11,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.control import Controller
-from omnitrack_sim.robots.kinds import DEFAULT
+from omnitrack_sim.robots.control import Controller, parameters_model
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.loading import autopilot_of
@@ -122,8 +121,7 @@ def run_batch(
 
 
 def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()) -> list[float]:
-    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
-    gravity.
+    """Measure the mean slip speed, m/s, of robots in a straight pipe without gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
     run, one for each robot, physics, friction and speed; not a number where that run ends early, as
@@ -157,9 +155,14 @@ sixth of the time of a turn."""
 
 
 def _says_all(scenario: Scenario) -> bool:
-    """Return whether nothing decides a scenario's run that stands in a file or in a user's code,
-    which may change while a process lasts."""
-    return scenario.robot.kind == DEFAULT and scenario.control.kind in ("jacobian", "paper")
+    """Return whether a scenario's data decide its run, and no file or code of a user's.
+
+    Those may change while a process lasts.
+    """
+    controller = scenario.controller_class
+    tables = (type(scenario.robot), parameters_model(controller))
+    own = all(one.__module__.startswith("omnitrack_sim.") for one in (tables[0], controller))
+    return own and not any(marks_of(table, FileName) for table in tables)
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:

@@ -16,7 +16,7 @@ from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario, set_value, validate
-from omnitrack_sim.sim.builder import batch_key, is_shared
+from omnitrack_sim.sim.builder import batch_key, is_shared, robot_kind
 from omnitrack_sim.sim.run import run_batch
 
 FORMAT = 2
@@ -118,8 +118,10 @@ def batched(
     plain = {name: copy.deepcopy(dict(data)) for name, data in bases.items()}
     groups: dict[str, list[Trial]] = {}
     keys: dict[str, str] = {}  # batch keys, by base and those values that decide them
+    kinds = {name: robot_kind(data) for name, data in bases.items()}
     for one in trials:
-        shared = {path: value for path, value in one.changes.items() if is_shared(path)}
+        kind = str(one.changes.get("robot.kind", kinds[one.base]))
+        shared = {path: value for path, value in one.changes.items() if is_shared(path, kind)}
         group = json.dumps([one.base, shared], default=str)
         if group not in keys:
             for path, value in shared.items():

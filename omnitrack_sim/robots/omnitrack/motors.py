@@ -96,12 +96,15 @@ class Motor(NamedTable):
     def full_torque_speed(self) -> float:
         """Fastest speed at which the torque-speed line leaves the whole torque limit, rad/s.
 
-        It is 0 where the limit is beyond the stall torque."""
+        It is 0 where the limit is beyond the stall torque.
+        """
         return self.no_load_speed * max(0.0, 1 - self.torque_limit / self.stall_torque)
 
     def at_scale(self, scale: float) -> Self:
-        """The motor in a robot of ``scale``: itself, or with all figures scaled from its own
-        ``scale``. The result is not checked."""
+        """Return the motor in a robot of ``scale``: itself, or with all figures scaled to it.
+
+        The result is not checked.
+        """
         if self.scale is None or self.scale == scale:
             return self
         figures = {
@@ -158,8 +161,10 @@ Example:
 
 
 def _motor_of(given: Any) -> Any:
-    """Return the motor, or its table, for an entry of a file: a shipped motor's name, or a table
-    that may start from one with ``like``."""
+    """Return the motor, or its table, for an entry of a file.
+
+    That is a shipped motor's name, or a table that may start from one with ``like``.
+    """
     if isinstance(given, str):
         if given not in MOTORS:
             raise PydanticKnownError("literal_error", {"expected": _CHOICES})

@@ -293,8 +293,7 @@ class Omnitrack(Robot):
         return robot
 
     def _misfits(self) -> Iterator[tuple[str, str]]:
-        """Values, each within its range, that do not go together: the field to change, and the
-        problem."""
+        """Yield field and problem of values, each within its range, that do not go together."""
         nominal = self.nominal_pipe_radius
         if self.reach <= nominal:
             yield "reach", f"must be over nominal_pipe_radius, {nominal:.6g} m"
@@ -347,8 +346,7 @@ class Omnitrack(Robot):
 
     @property
     def climbing_torque(self) -> float:
-        """Torque of a third of the robot's weight at a module's shaft, N m: the worst steady
-        climb."""
+        """Torque at a module's shaft in the worst steady climb, N m: of a third of the weight."""
         return self.mass * GRAVITY / 3 * self.lug_radius
 
     @property
@@ -397,8 +395,7 @@ class Omnitrack(Robot):
         return self.contact_length / self.lugs_per_track
 
     def spring_force(self, radius: float) -> float:
-        """Return the force of a module's springs in a bore of ``radius`` m, N; 0 where they are
-        slack."""
+        """Return the force of a module's springs in a bore of ``radius`` m, N, at least 0."""
         return max(0.0, self.preload + self.module_stiffness * (self.nominal_pipe_radius - radius))
 
     @property
@@ -408,8 +405,7 @@ class Omnitrack(Robot):
 
     @property
     def length(self) -> float:
-        """Tip to tip along the robot axis, m: outermost lug centres and a lug radius at each
-        end."""
+        """Tip to tip along the robot axis, m: outermost lug centres and two lug radii."""
         return self.contact_length + 2 * self.lug_radius
 
     @property
@@ -444,8 +440,9 @@ class Omnitrack(Robot):
         return f"motor {self.motor.name} (robot.motor)"
 
     def slip_excess(self, steps: float) -> float:
-        """Return the share by which a typical turn's slip reads too large at a time step of
-        ``steps`` times 2 ms, the latter for scale 1.
+        """Return the share by which a typical turn's slip reads too large; see ``Robot``.
+
+        ``steps`` are of 2 ms at scale 1.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
         (``benchmarks/tee_turns.py steps``).
@@ -515,9 +512,12 @@ class Omnitrack(Robot):
 
     @property
     def joints(self) -> Mapping[str, slice]:
-        """See ``Robot``: ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``,
-        ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then
-        shafts."""
+        """Columns of joint positions by the names of the joints; see ``Robot``.
+
+        They are ``robot``, and of each module ``slide_1``, ``pitch_1``, ``roll_1``,
+        ``belt_upper_1``, ``belt_lower_1``, ``sprocket_front_1`` and ``sprocket_rear_1``; then those
+        of shafts.
+        """
         modules = [f"{name}_{i + 1}" for i in range(MODULES) for name in JOINTS_OF_A_MODULE]
         shafts = [f"shaft_{i + 1}" for i in range(drive_of(self.drive).shafts)]
         columns = {name: slice(7 + i, 8 + i) for i, name in enumerate([*modules, *shafts])}
@@ -569,8 +569,7 @@ class Omnitrack(Robot):
         return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
-        """Return notes on the largest force and travel of an arm that a run should not have
-        shown."""
+        """Return notes on the largest force and travel of an arm, where they are beyond reason."""
         events: list[Event] = []
         low, high = self.slide_range
         forces = np.nan_to_num(trajectory["normal_force"])  # (T, 3); no number if it diverged
@@ -603,8 +602,10 @@ class Omnitrack(Robot):
         ).singular_range
 
     def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
-        """Yield the bore for which the robot is not made, though its arms reach it: where the
-        springs press the modules most unlike they do in the nominal bore."""
+        """Yield a remark on the bore that the arms reach, but for which the springs are not made.
+
+        It is the one where they press the modules most unlike they do in the nominal bore.
+        """
         forces = {bore: self.spring_force(bore / 2) for bore in bores}
         narrowest, widest = min(forces), max(forces)
         # The springs of the standard robot stay within these limits from 147.5 to 166 mm.

@@ -1,5 +1,4 @@
-"""Driving by orders: someone steers the robot, from a keyboard or by a list in its scenario, and
-may hand over to another controller, the autopilot.
+"""Controller that obeys the orders of a driver, who may hand over to an autopilot.
 
 An order says what is asked from its time on: a speed, a heading, a roll. The heading is a direction
 and no rate of turning, because nobody reacts fast enough for a rate: in a tee, where the inner
@@ -203,8 +202,11 @@ class DrivenController:
         return Command(speed * self._belt_sign, roll, phase, nobody_hangs)
 
     def _wanted_rotation(self, observation: Observation, gear: Array) -> Array:
-        """Rotation per metre of travel (n, 3) rad/m, world frame, that turns the noses to their
-        headings."""
+        """Return the rotation that turns the noses to their headings.
+
+        Returns:
+            (n, 3) rad/m, rotation for each metre of travel, world frame.
+        """
         nose = gear[:, None] * observation.rotation[:, :, 2]
         angle = angle_between(nose, self._heading) * self._steered
         # The rate is this times the speed: backward, the sign changes so that the nose turns alike.

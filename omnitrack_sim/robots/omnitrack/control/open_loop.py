@@ -45,8 +45,9 @@ class PaperTable(Table):
 
 
 class PaperController:
-    """Speeds by Eq. 20 in elbows; in tees modules on the inner side backward, the others forward,
-    at cruise speed.
+    """Sets speeds at marks: by Eq. 20 in elbows, in tees by the side that a module is on.
+
+    In a tee modules on the inner side run backward, the others forward, at cruise speed.
 
     theta5 is read when a turn begins and the speeds are kept until it is complete. Alignment before
     fittings is that of the default controller; the paper does it by hand.
