@@ -16,8 +16,9 @@ from PIL import Image, ImageDraw
 from shape import Arguments
 
 import omnitrack_sim as ot
+from omnitrack_sim.show.film.encoding import film
 from omnitrack_sim.show.film.overlay import font
-from omnitrack_sim.show.film.render import film, render_frames
+from omnitrack_sim.show.film.render import render_frames
 from omnitrack_sim.trials.entries import robot_entry
 from omnitrack_sim.trials.mobility import load_course
 

@@ -98,7 +98,7 @@ class Steered(JacobianController):
         self.handed_back |= off < np.radians(HANDED_BACK_DEG)
         since = (observation.time - self.begun) / SPACING
         steered = (since < KNOTS - 1) & ~self.handed_back
-        sign = self.aligner.belt_sign(observation.roll)
+        sign = self.aligner.rolls.belt_sign(observation.roll)
         own = np.where(self.replace[:, None], 0.0, command.belt_speed * sign)
         speed = own + between(self.knots, np.nan_to_num(since))
         limit = self.settings.speed_limit[:, None]
@@ -206,7 +206,7 @@ def trace(scenarios: Sequence[Scenario], knots: Array, replace: NDArray[np.bool_
         command = controller.step(seen)
         sim.step(command)
         speed = command.belt_speed
-        wall_speed = speed * controller.aligner.belt_sign(seen.roll)
+        wall_speed = speed * controller.aligner.rolls.belt_sign(seen.roll)
         place = turn.before(seen.position), turn.heading(seen.rotation)
         rows.append((seen.time - controller.begun, *place, wall_speed, speed))
     return Trace(passed(sim), *map(np.array, zip(*rows, strict=True)))

@@ -75,8 +75,8 @@ from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import override as override
 from .scenario.model import Scenario as Scenario
 from .show.film.render import render_frame as render_frame
-from .show.film.render import render_strip as render_strip
 from .show.film.render import render_video as render_video
+from .show.film.strip import render_strip as render_strip
 from .show.plots.mission_figure import plot_mission as plot_mission
 from .show.plots.network_figure import plot_network as plot_network
 from .show.plots.run_figures import plot_channel as plot_channel

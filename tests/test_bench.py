@@ -42,7 +42,7 @@ SHORT = Course("short", "up the run for a moment", 4, 2, _short)
 
 
 def _status(monkeypatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "--suite", "control", *arguments])
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "control", *arguments])
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
@@ -164,7 +164,6 @@ def test_intervals():
     ("arguments", "told"),
     [
         (["--course", "trun"], "did you mean 'turn'"),
-        (["--suite", "contrl"], "did you mean 'control'"),
         (["--controller", "feedbck"], "did you mean 'feedback'"),
         (["--controller", "xyz"], "jacobian, paper, driven, policy, module:Object"),
         (["--controller", "no_such:Thing"], "module 'no_such' cannot be imported"),
@@ -181,6 +180,17 @@ def test_bad_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, tol
     assert _status(monkeypatch, "--quick", "--out", str(out), *arguments) == 2
     assert told in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
+
+
+def test_an_unknown_suite_is_refused(tmp_path, monkeypatch, capsys):
+    """With those there are."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["omnitrack", "bench", "contrl"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    assert "did you mean 'control'" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_folders_of_something_else_are_left_alone(tmp_path, monkeypatch, capsys):

@@ -99,7 +99,7 @@ def test_legs_of_a_mission_count_together():
 
 def test_a_network_beyond_the_bound_is_refused_as_such(monkeypatch):
     """The length counts in a network of its own, too, up to that of a town."""
-    monkeypatch.setattr(network, "MOST_TOWN_LENGTH", 1e4)
+    monkeypatch.setattr(network, "MAX_TOWN_LENGTH", 1e4)
     data = _chain(9)["network"]
     for fitting in data["fittings"][:6] + data["fittings"][7:]:
         fitting["length"] = 999.0
@@ -207,7 +207,7 @@ def test_parts_in_one_place_are_told_up_to_a_bound():
     """A circle of elbows that is driven round fifty times has 2,500 overlaps; the first are
     told."""
     faults = _faults(validate, {"pipes": [{"kind": "elbow"}] * 200}, ScenarioError)
-    assert 1 <= len(faults) <= 2 * bounds.MOST_FAULTS
+    assert 1 <= len(faults) <= 2 * bounds.MAX_FAULTS
 
 
 def test_touching_balls_are_those_that_touch():

@@ -17,7 +17,7 @@ from omnitrack_sim.cli.common import out
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.comparison import figure_row, value_row
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.run_figures import OF_MODULES, OF_ROBOT
+from omnitrack_sim.show.plots.run_figures import OF_ROBOT
 
 PIPES = [{"kind": "straight", "length": 1.0}, {"kind": "elbow"}]
 BASE = validate({"name": "base", "pipes": PIPES})
@@ -101,7 +101,7 @@ def test_the_figure_has_both_runs_in_every_panel():
         {"world.friction": 0.5}, trajectory=sample_trajectory(end=6.0), outcome=Outcome.STUCK
     )
     figure = ot.plot_compare(a, b)
-    assert len(figure.axes) == len(OF_ROBOT) + 3 * len(OF_MODULES)
+    assert len(figure.axes) == len(OF_ROBOT) + 3 * len(a.scenario.robot.display.compared)
     for axis in figure.axes:
         first, second = axis.lines
         assert (len(first.get_xdata()), second.get_xdata()[-1]) == (201, 6.0)

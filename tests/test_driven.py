@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from runs import rolling_tee, same_result, there_and_back
+from test_robots import Ball
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.bounds import MAX_ORDERS
 from omnitrack_sim.results.provenance import provenance_of
-from omnitrack_sim.robots.driving import Order
+from omnitrack_sim.robots.driving import DriverTable, ObeysOrders, Order
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
-from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.scenario.loading import LONGEST_DRIVE, to_drive, with_orders
+from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.scenario.loading import MAX_DRIVE, to_drive, with_orders
 
 Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
 
@@ -87,7 +89,7 @@ def test_record_tells_who_drove(handed_over):
     assert handed_over.outcome is ot.Outcome.REACHED_GOAL
     assert handed_over.as_expected is None
     assert handed_over.scenario.name == "tee_turn_driven"
-    assert handed_over.scenario.run.time_limit == LONGEST_DRIVE
+    assert handed_over.scenario.run.time_limit == MAX_DRIVE
 
 
 def test_the_end_is_no_change_of_drivers():
@@ -189,7 +191,7 @@ def test_orders_come_in_order():
     ("parameters", "told"),
     [
         ({"orders": [{"time": 2.0}, {"time": 1.0}]}, "orders: has one for 1 s behind one for 2 s"),
-        ({"orders": [{"time": 0.0}] * (MOST_ORDERS + 1)}, f"at most {MOST_ORDERS} items"),
+        ({"orders": [{"time": 0.0}] * (MAX_ORDERS + 1)}, f"at most {MAX_ORDERS} items"),
         ({"orders": [{"time": 0.0, "by": "luck"}]}, "'hand', 'autopilot'|hand, autopilot, end"),
         ({"autopilot": "driven"}, "autopilot: obeys orders itself"),
         ({"autopilot": "jacobean"}, "did you mean 'jacobian'"),
@@ -203,6 +205,62 @@ def test_faults_of_orders_are_told(parameters, told):
     with pytest.raises(ot.ScenarioError, match=told) as caught:
         ot.override(ot.load_scenario("straight"), changes)
     assert "control.parameters" in str(caught.value)
+
+
+class SpunBall(Ball):
+    """A ball that a torque about its y axis rolls through a level pipe."""
+
+    def spec(self) -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        ball = spec.worldbody.add_body(name="chassis")
+        _ = ball.add_freejoint(name="root"), ball.add_geom(size=[self.radius, 0, 0])
+        motor = spec.add_actuator(name="spin", target="root", gear=[0, 0, 0, 0, 1, 0])
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        return spec
+
+    @classmethod
+    def controllers(cls) -> Mapping[str, type[Any]]:
+        return {**super().controllers(), "by_orders": ByOrders}
+
+
+class ByOrders:
+    """Torque of the ball by its driver's orders, 1 N m for each m/s."""
+
+    Parameters = DriverTable
+
+    def __init__(self, setup: ot.ControlSetup) -> None:
+        self.setup, self.roll = setup, np.zeros((setup.n, 3))
+        self._orders = [list(table.orders) for table in setup.parameters]
+
+    def give(self, order: Order, robot: int = 0) -> None:
+        self._orders[robot].append(order)
+
+    def orders(self, robot: int = 0) -> tuple[Order, ...]:
+        return tuple(self._orders[robot])
+
+    def step(self, observation: ot.Observation) -> ot.Actuation:
+        due = [
+            [order for order in orders if order.time <= time]
+            for time, orders in zip(observation.time, self._orders, strict=True)
+        ]
+        return ot.Actuation(np.array([[one[-1].speed if one else 0.0] for one in due]))
+
+
+def test_a_robot_from_outside_is_driven_by_its_own_controller():
+    """The controller is found by its parameters; orders move the robot, and are kept."""
+    pipes, name = [{"kind": "straight", "length": 1.0}], f"{__name__}:{SpunBall.__name__}"
+    level = {"axis": [1, 0, 0], "distance": 0.2}
+    scenario = to_drive(validate({"robot": name, "pipes": pipes, "start": level}), "a test")
+    assert scenario.control.kind == "by_orders"
+    assert scenario.control_parameters.autopilot == "own"
+    scenario = with_orders(ot.override(scenario, {"run.time_limit": 0.5}), [])
+    still = ot.run(scenario)
+    moved = ot.run(with_orders(scenario, [Order(time=0.1, speed=0.05)]))
+    ways = [np.ptp(result.trajectory["distance"]) for result in (still, moved)]
+    assert ways[0] < 0.001 < 0.01 < ways[1]
+    assert moved.provenance["driven_by"] == "a test"
+    assert moved.provenance["orders"] == 1
+    assert isinstance(ot.Simulation([scenario]).controller, ObeysOrders)
 
 
 def test_a_robot_that_nobody_can_drive_is_refused():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnitrack_sim.show.film.render import FILM_FORMATS, film
+from omnitrack_sim.show.film.encoding import FILM_FORMATS, film
 
 
 def moving_frames(count: int = 10) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ from omnitrack_sim.autonomy.looks import LOOKS
 from omnitrack_sim.autonomy.loop_closure import close_loop, known_port
 from omnitrack_sim.autonomy.near_looks import Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
-from omnitrack_sim.autonomy.sight import Look, Sighting
+from omnitrack_sim.autonomy.sight import Look, Sighting, side_of
 from omnitrack_sim.base.rotations import Pose, angle_between, rotation_about
 from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import compare_maps
@@ -124,6 +124,44 @@ def test_a_bend_that_is_not_over_is_not_taken_for_another_one():
     robot = PointRobot(network, "foot.start", erring=before_the_end_of_the_bend)
     robot.run()
     assert compare_maps(robot.explorer.belief.network, network).same
+
+
+@pytest.mark.parametrize(
+    ("angle", "beside", "believed"),
+    [(30, 0, False), (30, 40, True), (50, 0, True)],
+    ids=["the rest", "to another side", "too much to be the rest"],
+)
+def test_a_bend_out_of_a_bend_to_the_same_side_may_be_its_rest(angle, beside, believed):
+    """Before a wide bend its far end is hidden, so the map may have it too short by that much;
+    however often it is seen in one place, it is not another bend."""
+    parts = [straight("foot", 0.6), elbow("bend"), straight("on", 0.5)]
+    joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
+    robot = PointRobot(validate({"fittings": parts, "joints": joints}), "foot.start")
+    explorer, on_look, looks = robot.explorer, robot.explorer.on_look, []
+
+    def stop(look):
+        out_of_bend = explorer.belief.fitting(explorer.end[0]).kind == "elbow"
+        if out_of_bend and look.ahead is not None and explorer.belief.provisional is None:
+            looks.append(look)
+            raise Stopped
+        return on_look(look)
+
+    explorer.on_look = stop
+    with pytest.raises(Stopped):
+        robot.run()
+    (part, port), (look,) = explorer.end, looks
+    axis = explorer.belief.port((part, port)).rotation[:, 2]
+    middle = explorer.belief.port((part, "start")).rotation[:, 2]
+    side = side_of(look.frame, axis)
+    turn = np.arctan2(middle @ np.cross(axis, side), middle @ side) + np.radians(beside)
+    away, needed = explorer.route().passages[-1].s_leave + 0.01 - look.distance, []
+    for on in (0.0, 0.02):
+        bend = Elbow(0.24, np.radians(angle))
+        ahead = Sighting(bend, "start", distance=away - on, turn=turn)
+        there = look._replace(distance=look.distance + on)
+        needed.append(explorer._check.next_look(ahead, there, explorer.route()))
+    assert needed[0] is not None
+    assert (needed[1] is None) == believed
 
 
 @pytest.mark.parametrize(

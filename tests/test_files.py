@@ -16,7 +16,7 @@ from omnitrack_sim.base.errors import (
     StudyError,
     SweepError,
 )
-from omnitrack_sim.base.reading import MOST_BYTES
+from omnitrack_sim.base.reading import MAX_BYTES
 from omnitrack_sim.base.text import printable
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.pipes.network import load_network
@@ -77,8 +77,8 @@ def test_json_says_the_same_as_toml(tmp_path):
         ),
         ("a.toml", PIPE * 1001, "pipes: must have at most 1000 items, not 1001"),
         ("a.toml", "pipes = [1, []]", "pipes.1: input should be a table (given: [])"),
-        ("a.toml", "#" * (MOST_BYTES["TOML"] + 1), "is too large: at most 1000000 bytes of TOML"),
-        ("a.json", " " * (MOST_BYTES["JSON"] + 1), "is too large: at most 2000000 bytes of JSON"),
+        ("a.toml", "#" * (MAX_BYTES["TOML"] + 1), "is too large: at most 1000000 bytes of TOML"),
+        ("a.json", " " * (MAX_BYTES["JSON"] + 1), "is too large: at most 2000000 bytes of JSON"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_a_fault(tmp_path, name, text, message):
@@ -210,7 +210,7 @@ def test_a_misspelt_key_is_asked_back(tmp_path, load, text, error):
         ("a.json", "[1]", "holds no table; a file of values is a table"),
         ("a.toml", "\ud800", "is no text in UTF-8; a file of values is a file of TOML or JSON"),
         ("a.txt", '{"a": 1}', "is JSON, it seems; the name of such a file ends in .json"),
-        ("a.toml", "#" * (MOST_BYTES["TOML"] + 1), "is too large"),
+        ("a.toml", "#" * (MAX_BYTES["TOML"] + 1), "is too large"),
     ],
 )
 def test_a_file_of_values_that_cannot_be_used_is_a_fault(tmp_path, name, text, message):

@@ -19,7 +19,7 @@ from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.base.table import Unit, marks_of
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
 from omnitrack_sim.pipes.compiled import HIGH, LOW
-from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
+from omnitrack_sim.pipes.fittings.base import MAX_PORTS, MAX_SIZES
 from omnitrack_sim.pipes.fittings.kinds import fitting_class, shipped_fittings
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
@@ -137,7 +137,7 @@ def test_axes_tell_length_and_bores(fitting):
     radii = {fitting.port_radius(port) for port in fitting.port_names}
     found = {r for axis in fitting.axes for r in (axis.start_radius, axis.end_radius)}
     assert found == radii
-    assert max(radii) == fitting.largest_radius
+    assert max(radii) == fitting.max_radius
     assert sum(a.curve.length for a in fitting.axes) == pytest.approx(fitting.length_of_axes)
 
 
@@ -180,7 +180,7 @@ def test_gradient_is_the_derivative(fitting):
 
 def test_the_surface_is_that_of_an_independent_formula(fitting):
     """Distance and gradient in the bore are those of an independent NumPy formula."""
-    assert len(fitting.sizes) <= MOST_SIZES
+    assert len(fitting.sizes) <= MAX_SIZES
     points = inside(fitting, 2000, 2)
     distance, gradient = fitting.signed_distance(points)
     points, gradient, distance = (a[distance > 1e-3] for a in (points, gradient, distance))
@@ -195,7 +195,7 @@ def test_the_surface_is_that_of_an_independent_formula(fitting):
 def test_the_span_of_a_line_is_what_lies_between_the_ports(fitting):
     """Of a line near the wall the span holds what is well between the ports, and nothing well
     beyond them."""
-    assert len(fitting.port_names) <= MOST_PORTS
+    assert len(fitting.port_names) <= MAX_PORTS
     rng = np.random.default_rng(3)
     points = inside(fitting, 3000, 4)
     distance, gradient = fitting.signed_distance(points)

@@ -63,6 +63,7 @@ def test_bad_options_are_refused(given, told):
     ("given", "told"),
     [
         ({"num_envs": 0}, "num_envs: is 0"),
+        ({"num_envs": 65537}, "num_envs: is 65537; a number from 1 to 65536"),
         ({"autoreset_mode": "SameSteps"}, "NextStep, SameStep, Disabled"),
         ({"render_mode": "human"}, "for one robot alone"),
     ],

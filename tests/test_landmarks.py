@@ -18,8 +18,9 @@ from omnitrack_sim.pipes.planning import Leg
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.film.overlay import MapPanel
-from omnitrack_sim.show.film.render import render_frames, strip_times
+from omnitrack_sim.show.film.render import render_frames
 from omnitrack_sim.show.film.shots import FollowCamera
+from omnitrack_sim.show.film.strip import strip_times
 from omnitrack_sim.show.landmarks import Landmarks, passage_spans
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback

@@ -85,6 +85,49 @@ def test_nothing_is_said_outside_what_was_tried():
     assert not passport.estimate("tee, run to branch", inside).is_known.any()
 
 
+def test_a_few_passes_do_not_vouch_for_a_strong_pull():
+    """Friction and pull always matter: where all of a few trials pass, the largest pull that was
+    tried is less certain than the middle of the trials."""
+    x = points(np.random.default_rng(1), 24)
+    kind = KindTrials(x, np.ones(24), np.full((24, 3), np.nan), ["stuck"] * 24)
+    middle, pulled = (x.mean(axis=0) for _ in range(2))
+    pulled[1] = x[:, 1].max()
+    made = kind.estimate(np.stack([middle, pulled]))
+    assert made.low[1] < made.low[0] / 5
+
+
+def test_a_combination_that_nobody_tried_is_unknown():
+    """Slippery walls were tried going down and dry ones going up; the other way round nothing is
+    said, though each feature alone lies in its range."""
+    rng = np.random.default_rng(1)
+    x = points(rng, 200)
+    x[:, 2] = np.clip(2 * (x[:, 0] - 0.3) / 0.7 - 1 + rng.normal(0, 0.05, 200), -1, 1)
+    kind = KindTrials(x, np.ones(200), np.full((200, 3), np.nan), ["stuck"] * 200)
+    asked = np.tile(x.mean(axis=0), (2, 1))
+    asked[:, 0], asked[:, 2] = 0.95, (0.85, -0.9)
+    assert kind.estimate(asked).is_known.tolist() == [True, False]
+
+
+def test_costs_of_few_passes_scatter_all_the_same():
+    """Two passes of equal cost say little of what a third one takes."""
+    x, passed = points(np.random.default_rng(1), 20), np.zeros(20)
+    passed[:2] = 1
+    costs = np.where(passed[:, None] == 1, [[5.0, 2.0, 0.1]], np.nan)
+    made = KindTrials(x, passed, costs, ["stuck"] * 20).estimate(x[:1])
+    assert made.seconds == pytest.approx(5.0, rel=0.1)
+    assert made.seconds_std > 0.3 * made.seconds
+
+
+def test_a_pass_without_a_cost_of_its_own_does_not_spoil_the_mean():
+    """Less than nothing may be left of a run without its straights; the mean is of the others."""
+    x = points(np.random.default_rng(1), 20)
+    costs = np.tile([[5.0, 2.0, 0.1]], (20, 1))
+    costs[3, 0] = -0.2
+    kind = KindTrials(x, np.ones(20), costs, ["stuck"] * 20)
+    made = kind.estimate(x.mean(axis=0)[None])
+    assert made.seconds == pytest.approx(5.0, rel=0.2)
+
+
 def test_features_of_a_passage_are_slopes_and_shape():
     """Up a run and out through the branch: climb 1, lift 0, a right angle; the other way round the
     robot climbs last."""

@@ -74,7 +74,7 @@ def test_ports_lie_on_the_axis(name):
         z = port.rotation[:, 2]
         rim = port.position + fitting.port_radius(end) * port.rotation[:, :2].T
         assert np.allclose(fitting.signed_distance(rim)[0], 0, atol=1e-9)
-        assert fitting.port_radius(end) <= fitting.largest_radius
+        assert fitting.port_radius(end) <= fitting.max_radius
         assert np.isclose(fitting.extent(port.position), 0, atol=1e-9)
         assert (
             fitting.extent(port.position - 0.01 * z) > 0 > fitting.extent(port.position + 0.01 * z)
@@ -91,7 +91,7 @@ def test_reducer_distance_is_that_of_the_cone(name):
     radius = np.interp(
         z, [0, reducer.length], [reducer.port_radius("start"), reducer.port_radius("end")]
     )
-    u = np.arange(0, 2 * np.pi, spacing / reducer.largest_radius)
+    u = np.arange(0, 2 * np.pi, spacing / reducer.max_radius)
     cone = np.stack(
         [radius[:, None] * np.cos(u), radius[:, None] * np.sin(u), z[:, None] + 0 * u], -1
     ).reshape(-1, 3)

@@ -213,7 +213,7 @@ def test_a_route_through_a_town_is_cut_out_with_what_is_beside_it(monkeypatch):
     for part in whole.pipes.parts:
         if part.name in kept:
             assert kept[part.name] == pytest.approx(part.pose.position, abs=1e-6)
-    monkeypatch.setattr("omnitrack_sim.scenario.loading.MOST_PARTS", 5)
+    monkeypatch.setattr("omnitrack_sim.scenario.loading.MAX_PARTS", 5)
     far = ot.load_scenario("missions/fig14", changes | {"mission.start": "inlet"})
     assert far.mission.start == "inlet"
     assert len(far.network.fittings) < len(whole.fittings)

@@ -14,6 +14,8 @@ import omnitrack_sim as ot
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.recording import FIELDS
 from omnitrack_sim.show.recording_playback import RecordingPlayback
+from omnitrack_sim.show.replay.document import replay_data
+from omnitrack_sim.show.sources import playback_of
 
 GEOM = mujoco.mjtGeom
 PAGE = Path(__file__).parents[1] / "docs/how-to/any-robot.md"
@@ -320,6 +322,23 @@ def test_a_saved_recording_is_the_same(rolling, tmp_path):
     assert loaded.append(data)
     assert len(loaded) == len(rolling) + 1
     assert repr(loaded).startswith("Recording(81 samples")
+
+
+def test_a_page_shows_two_recordings_through_the_same_pipes(rolling, tmp_path):
+    """Also of a file; one through other pipes is refused."""
+    model, pipes = ball_model()
+    slower = recorded(model, pipes, 0.1).save(tmp_path / "slower.npz")
+    first, second = RecordingPlayback(rolling), playback_of(slower)
+    runs = replay_data(first, second)["runs"]
+    assert [run["heading"]["duration"] for run in runs] == pytest.approx([1.58, 0.08])
+    assert ot.render_replay(rolling, compare=slower).html.count("recording of ball") >= 2
+    spec = mujoco.MjSpec()
+    moved = ot.add_pipes(spec, bend((0.0, 0.0, 0.5)))
+    body = spec.worldbody.add_body(name="ball", pos=[0.0, 0.1, 0.5])
+    body.add_freejoint()
+    body.add_geom(size=[BALL, 0, 0])
+    with pytest.raises(ot.InputError, match="other pipes"):
+        ot.render_replay(rolling, compare=recorded(spec.compile(), moved, 0.1))
 
 
 def test_damaged_files_are_refused(rolling, tmp_path):

@@ -14,14 +14,8 @@ from film_samples import SIZE, elbow_result
 
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.show.film.render import (
-    FRAMES,
-    render_frame,
-    render_frames,
-    render_strip,
-    render_video,
-    strip_times,
-)
+from omnitrack_sim.show.film.render import render_frame, render_frames, render_video
+from omnitrack_sim.show.film.strip import FRAMES, render_strip, strip_times
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def test_a_robot_without_a_model_cannot_be_made():
     class Bare(Robot):
         bore: float = 0.1
 
-    with pytest.raises(TypeError, match="abstract method spec"):
+    with pytest.raises(TypeError, match=r"abstract.*spec"):
         Bare()  # type: ignore[abstract]
 
 

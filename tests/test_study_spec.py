@@ -169,7 +169,7 @@ def test_single_faults(changes, where, told):
 
 def test_too_many_bases_are_refused(monkeypatch):
     """The bounds of every variable are tried in each of them."""
-    monkeypatch.setattr(study_file, "MOST_BASES", 1)
+    monkeypatch.setattr(study_file, "MAX_BASES", 1)
     told = _faults(trials=[TRIALS | {"base": ["straight", "tee_turn"], "batch": 1}])
     assert told == {"trials": "trials: have 2 base scenarios; at most 1"}
 

@@ -44,7 +44,7 @@ def lean(theta5_deg: float, slip: float, progress: float, **changes: float) -> n
         seen = bench.observe(inside, theta5_deg, rotation=turned, **more)
         return sway.step(seen, ~NOT, NOT, FIRST).aside
 
-    for _ in range(round(1.2 * SWAY.least_turn / RATE / PERIOD)):
+    for _ in range(round(1.2 * SWAY.min_turn / RATE / PERIOD)):
         step(0.5 * SWAY.judged, **readings)
     # What slips later does not count.
     asked = step(progress, wall_speed=wall_speed) if progress > SWAY.judged else step(progress)

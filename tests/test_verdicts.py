@@ -4,15 +4,17 @@ import json
 from functools import partial
 from itertools import product
 
+import numpy as np
 import pytest
 from claim_samples import sample_finding
-from samples import sample_result
+from samples import sample_result, sample_trajectory
 from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
 from omnitrack_sim.paper import driving
 from omnitrack_sim.paper.claim import ClaimVerdict, Measurement, Sample, tally
 from omnitrack_sim.paper.reproduce import ReportFigure, page
+from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 
 HOLDS, CALIBRATED, CONTRADICTION, FAILS, STUDY = ClaimVerdict
@@ -179,3 +181,28 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
     assert "turns: expected does not come out, came out holds." in text
     assert text.count("<dt>asked</dt>") == 1
     assert text.count("<dt>true if</dt>") == 2
+
+
+@pytest.mark.parametrize(("lever", "slip"), [(0.05, 0.0), (0.08, 0.01)])
+def test_the_lever_fits_module_speeds_to_rotation_in_bends(lever, slip):
+    """Of a robot that turns for 2 s and then hardly, and is shaken by single lugs all the while:
+    neither the straight nor the shaking counts, and slip that is alike in all modules turns
+    nothing."""
+    time = np.arange(0.0, 4.0, 0.02)
+    rate = np.where(time < 2.0, 0.5, 0.05)  # rad/s, about x
+    shake = 0.005 * (-1.0) ** np.arange(len(time))
+    half = (np.cumsum(rate) * 0.02 + shake) / 2
+    zero = np.zeros_like(half)
+    of_unit = np.array(
+        [angular_velocity(row, np.zeros(1), 1.0)[0, :2] for row in np.eye(3)[:, None]]
+    )
+    # In the straight the modules are asked for a turn that the pipe does not let happen.
+    asked = np.stack([lever * np.where(time < 2.0, rate, 0.5), zero], axis=-1)
+    record = sample_trajectory(
+        len(time),
+        float(time[-1]),
+        quaternion=np.stack([np.cos(half), np.sin(half), zero, zero], axis=-1),
+        wall_speed=asked @ np.linalg.pinv(of_unit) + slip,
+        slip_velocity=np.full((len(time), 3), slip),
+    )
+    assert driving.lever_of([sample_result(record)]) == pytest.approx((lever, lever), rel=0.05)

@@ -23,7 +23,7 @@ STARTING = 4.0
 """Processor time that Python and the package may take to start, s."""
 PATIENCE = 300.0
 """Seconds by the clock that a process may take."""
-MOST_TOLD = 10_000
+MAX_TOLD = 10_000
 """Characters that a message or the output of a refused command may have."""
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _Value = TypeVar("_Value")
@@ -69,7 +69,7 @@ class Desk:
                 value = call()
             except allowed as refused:
                 error = refused
-                if len(str(refused)) > MOST_TOLD:
+                if len(str(refused)) > MAX_TOLD:
                     self.add("long message", doing, f"{len(str(refused))} characters")
             except Exception as other:
                 self.faults.append(fault_of(other, doing))
@@ -112,7 +112,7 @@ class Desk:
                 self.add(f"{word} on the screen", doing, text[:300])
         if _CONTROL.search(text):
             self.add("control characters on the screen", doing, repr(text[:300]))
-        if status == 2 and len(text) > MOST_TOLD:
+        if status == 2 and len(text) > MAX_TOLD:
             self.add("long message", doing, f"{len(text)} characters")
         if status == 2 and not text.strip():
             self.add("no message", doing)

@@ -15,7 +15,7 @@ from typing import Literal
 
 from omnitrack_sim.base.rotations import Array, Pose, frame_along, wrap_angle
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Port, Straight
-from omnitrack_sim.pipes.map_difference import LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.map_difference import LENGTHS, MIN_LENGTH
 from omnitrack_sim.pipes.network import Joint, Network, Origin, both_ways
 
 
@@ -392,7 +392,7 @@ def doubtful_sizes(fitting: Fitting, stds: Mapping[str, float]) -> str:
         std = math.hypot(along, fitting.mean_radius * stds.get("angle", 0.0))
     else:
         std = stds.get("length", 0.0)
-    if BELIEF.certain * std > max(LENGTHS * length, LEAST_LENGTH):
+    if BELIEF.certain * std > max(LENGTHS * length, MIN_LENGTH):
         off["length"] = BELIEF.certain * std
     for port in fitting.port_names:
         std = stds.get(fitting.bore_key(port), 0.0)

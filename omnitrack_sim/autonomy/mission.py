@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from omnitrack_sim.autonomy.leg_planner import LegPlanner
-from omnitrack_sim.base.bounds import MOST_GOALS, MOST_PARTS
+from omnitrack_sim.base.bounds import MAX_GOALS, MAX_PARTS
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import ARCS, Arcs, Port
@@ -25,12 +25,12 @@ class Mission(Table):
     """Map that the robot has: "known", or "unknown" where it makes one of its own."""
     task: Literal["explore", "find"] | None = None
     """With an unknown map: "explore" all of it and come back, or "find" the goals."""
-    goals: Annotated[tuple[str, ...], Field(max_length=MOST_GOALS)] = ()
+    goals: Annotated[tuple[str, ...], Field(max_length=MAX_GOALS)] = ()
     """Open ends, in the order they are driven to; at least one. To find: in any order. None to
     explore."""
-    avoid: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
+    avoid: Annotated[tuple[str, ...], Field(max_length=MAX_PARTS)] = ()
     """Fittings that are not entered; with a known map."""
-    blocked: Annotated[tuple[str, ...], Field(max_length=MOST_PARTS)] = ()
+    blocked: Annotated[tuple[str, ...], Field(max_length=MAX_PARTS)] = ()
     """Ports closed by a plate that the robot does not know of."""
 
     def ports_in(self, network: Network) -> tuple[list[Port], tuple[Port, ...]]:

@@ -26,7 +26,7 @@ from omnitrack_sim.autonomy.looks import (
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Elbow, Reducer, Route, Straight, Wye
-from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH, LENGTHS
+from omnitrack_sim.pipes.map_difference import ANGLES, LENGTHS, MIN_LENGTH
 
 
 class Confirmation(LookRecord):
@@ -140,7 +140,7 @@ class CloseLooks(LookRecord):
         radii = self._radii() or [0.0]
         begin, std = self.begin_of(*self._looks[-1])
         more = (
-            max(radii) - min(radii) > LEAST_LENGTH / 2
+            max(radii) - min(radii) > MIN_LENGTH / 2
             or doubtful_sizes(Straight(max(begin - before, BELIEF.min_length)), {"length": std})
             or doubtful_sizes(self.mean(), self.stds())
         )
@@ -188,9 +188,9 @@ class CloseLooks(LookRecord):
         if least > LOOKS.max_reducer_std:
             return "its ends hardly show"
         mean = np.average(sizes, axis=0, weights=weights_of(self._stds()))
-        if np.any(np.ptp(sizes, axis=0) > [2 * LEAST_LENGTH, *(LENGTHS * mean[1:])]):
+        if np.any(np.ptp(sizes, axis=0) > [2 * MIN_LENGTH, *(LENGTHS * mean[1:])]):
             return "looks at it differ in its sizes"
-        return "its length was seen from one side only" if least > LEAST_LENGTH / 2 else ""
+        return "its length was seen from one side only" if least > MIN_LENGTH / 2 else ""
 
     def weight(self) -> float:
         """Return the weight of the mean length of a reducer, or radius of an elbow, 1/m².
@@ -309,7 +309,7 @@ def _is_alike(far: Sighting, near: Sighting) -> bool:
     picture is taken for: wyes whose angle is told to 5 and 11 degrees were placed 35 and 147 mm
     off, 8 elbows up to 1.
     """
-    placed = far.distance_std < LEAST_LENGTH and far.kind == near.kind
+    placed = far.distance_std < MIN_LENGTH and far.kind == near.kind
     if not placed or far.fitting is None:
         return placed
     told = far.size_stds.get("angle", 0.0) if isinstance(far.fitting, Wye) else 0.0

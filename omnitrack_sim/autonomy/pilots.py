@@ -107,8 +107,10 @@ class Pilot(Protocol):
 
     @property
     def route_key(self) -> Hashable:
-        """Equal for robots of one batch whose legs have the same route, which is then built once;
-        by default no other robot's."""
+        """Key of the leg's route; robots of a batch with equal keys share the route.
+
+        By default no other robot has the same.
+        """
         return object()
 
     @property
@@ -117,8 +119,7 @@ class Pilot(Protocol):
         return ()
 
     def done_at(self, distance: float) -> float:
-        """Return about what part of its task, 0 to 1, is done ``distance`` m along the leg at
-        hand, for those who wait."""
+        """Estimate the part of the task, 0 to 1, done at ``distance`` m along the leg."""
         begin, end = self.leg.begin, self.leg.end
         return min(max((distance - begin) / max(end - begin, 1e-9), 0.0), 1.0)
 
@@ -193,8 +194,10 @@ class Pilot(Protocol):
 
     @property
     def rights_itself(self) -> bool:
-        """Whether ``on_fall`` is asked for a robot that leans over or lies across as well, so that
-        it rights itself before it is wedged."""
+        """Whether ``on_fall`` is also asked for a robot that leans over or lies across.
+
+        It then rights itself before it is wedged.
+        """
         return False
 
     # For robots that look ahead
@@ -247,8 +250,7 @@ Replan = Callable[[LegPlanner, int, Closed], list[Leg] | None]
 
 
 class MapPilot(Pilot):
-    """Drives legs through a network by a map, and replans where a leg is blocked or the robot has
-    fallen off it.
+    """Drives legs through a network by a map, and replans after a blockage or a fall.
 
     Args:
         number: of the robot in its batch, for events.
@@ -314,8 +316,11 @@ class MapPilot(Pilot):
         raise NotImplementedError
 
     def _obstacles(self) -> Iterator[Closed]:
-        """Yield what is closed to a plan. A turn that the robot has fallen off is taken from the
-        other side, and tried again only where there is no other way."""
+        """Yield what is closed to a plan, the most first.
+
+        A turn that the robot has fallen off is taken from the other side, and tried again only
+        where there is no other way.
+        """
         if self._turns:
             yield (*self._closed, *self._turns)
         yield tuple(self._closed)

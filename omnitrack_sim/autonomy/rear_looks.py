@@ -23,7 +23,7 @@ from omnitrack_sim.autonomy.looks import (
 from omnitrack_sim.autonomy.sight import Look, Sighting
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.pipes import Elbow, Reducer, Route, Wye
-from omnitrack_sim.pipes.map_difference import ANGLES, LEAST_LENGTH
+from omnitrack_sim.pipes.map_difference import ANGLES, MIN_LENGTH
 
 
 class Placement(NamedTuple):
@@ -139,7 +139,7 @@ class RearLooks(LookRecord):
             return None
         looks = np.array(self._sizes.pop(part))
         sizes, stds = looks[without_extremes(looks[:, 0])].T
-        if np.ptp(sizes) > 2 * LEAST_LENGTH:
+        if np.ptp(sizes) > 2 * MIN_LENGTH:
             return None
         size = float(np.average(sizes, weights=weights_of(stds)))
         fitting = self._belief.fitting(part)
@@ -274,7 +274,7 @@ class RearLooks(LookRecord):
         ``frame`` (3, 3) is that of the robot.
         """
         passed, seen = route.passages[i - 1], behind.fitting
-        if seen is None or behind.distance_std > LEAST_LENGTH:
+        if seen is None or behind.distance_std > MIN_LENGTH:
             return False
         known = self._belief.fitting(passed.index)
         both = isinstance(known, Wye) and isinstance(seen, Wye)
@@ -316,4 +316,4 @@ def _is_measured(looks: Sequence[tuple[float, float]], enough: int) -> bool:
     As many as are ``enough`` have been made, and their mean is known well enough.
     """
     std = float(weights_of([std for _, std in looks]).sum()) ** -0.5 if looks else math.inf
-    return len(looks) >= enough and std < LEAST_LENGTH / 2
+    return len(looks) >= enough and std < MIN_LENGTH / 2

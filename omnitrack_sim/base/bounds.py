@@ -10,32 +10,32 @@ from __future__ import annotations
 
 from omnitrack_sim.base.errors import Fault
 
-MOST_STEPS = 100_000_000
+MAX_STEPS = 100_000_000
 """Physics steps of a run up to its time limit: 55 simulated hours at 2 ms, some ten hours of
 computing."""
-SHORTEST_STEP = 1e-6
+MIN_STEP = 1e-6
 """Time step, s: a hundredth of the fastest contact of the smallest robot. The short run that
 measures the slip without load takes 0.8 simulated seconds at this step too."""
-MOST_SAMPLES = 5_000_000
+MAX_SAMPLES = 5_000_000
 """Samples of all robots of one batch up to their time limits: 28 simulated hours of one robot at
 20 ms. They stay in memory, 0.7 kB each, until the run is over, and twice that while it is written;
 a run that gets through is over in a quarter of its time limit."""
-MOST_LENGTH = 10_000.0
+MAX_LENGTH = 10_000.0
 """Length of all pipes, m. Parts are searched for overlaps along all of it: a second for a
 kilometre in pieces of half a metre."""
-MOST_PARTS = 1_000
+MAX_PARTS = 1_000
 """Fittings of a route or network: checked and placed in some seconds, and a random network of so
 many is grown in about ten."""
-MOST_TOWN_LENGTH, MOST_TOWN_PARTS = 2_000_000.0, 100_000
+MAX_TOWN_LENGTH, MAX_TOWN_PARTS = 2_000_000.0, 100_000
 """Length of all pipes of a network file, m, and its fittings: a town of 400 km in 20,000 parts is
-read, placed and searched for overlaps in ten seconds. What is simulated is at most ``MOST_LENGTH``
-and ``MOST_PARTS`` of it (``Network.around``)."""
-MOST_PIECES = 200_000
+read, placed and searched for overlaps in ten seconds. What is simulated is at most ``MAX_LENGTH``
+and ``MAX_PARTS`` of it (``Network.around``)."""
+MAX_PIECES = 200_000
 """Boxes and capsules of all walls of primitives: a minute to build, and 1 GB. The exact collider
 has one wall a fitting and no such bound."""
-MOST_GOALS = 200
+MAX_GOALS = 200
 """Goals of a mission: each has legs of its own, whose routes stay in memory."""
-MOST_ORDERS = 5_000
+MAX_ORDERS = 5_000
 """Orders of a driver in a scenario: each is a key that was pressed, and takes 250 bytes of a file
 that may have 2 MB."""
 MAX_POLICY_BYTES = 16_000_000
@@ -47,33 +47,33 @@ MAX_WIDTH = 2_048
 """Numbers between two of its layers: a layer of that width takes 30 ms a robot and decision."""
 MAX_WEIGHT = 1e6
 """Size of a number in a policy's network: what it makes of entries then stays finite."""
-MOST_TRIALS = 1_000_000
+MAX_TRIALS = 1_000_000
 """Trials of a sweep, or of a study's search, or of its check: each is a row of the table, which
 stays in memory, and a run of a second or more."""
-MOST_AXES = 50
+MAX_AXES = 50
 """Axes of a sweep."""
-MOST_VALUES = 10_000_000
+MAX_VALUES = 10_000_000
 """Values that a sweep sets, trials times axes: they are drawn before the first run."""
-MOST_WORDS = 200
+MAX_WORDS = 200
 """Texts and truth values on an axis of a sweep: each is tried in the scenario before the first
 run."""
-MOST_BATCH = 4_096
+MAX_BATCH = 4_096
 """Trials of a sweep that run together in one batch."""
-MOST_CANDIDATES = 1_000_000
+MAX_CANDIDATES = 1_000_000
 """Candidates of a study: each is a row of its history, which stays in memory."""
-MOST_BASES = 50
+MAX_BASES = 50
 """Base scenarios of a study, of all its trials: the bounds of every variable are tried in each."""
-LARGEST = 1e15
+MAX_NUMBER = 1e15
 """Size of a number on an axis of a sweep, and of a bound of a study: what is drawn between two of
 them stays finite."""
-MOST_FAULTS = 20
+MAX_FAULTS = 20
 """Faults of one kind that are looked for where each takes time to find, such as parts that run into
 each other: a route that goes round in a circle a hundred times has thousands of them."""
-FARTHEST = 1e5
+MAX_COORDINATE = 1e5
 """Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
 
 
-def too_long(length: float, where: str, most: float = MOST_LENGTH) -> list[Fault]:
+def too_long(length: float, where: str, most: float = MAX_LENGTH) -> list[Fault]:
     """Return a fault if pipes are longer together than ``most`` m."""
     if length <= most:
         return []

@@ -9,9 +9,9 @@ from typing import Self
 
 from omnitrack_sim.base.text import clipped, did_you_mean, listed, printable
 
-MOST_TOLD = 30
+MAX_TOLD = 30
 """Number of faults that a message spells out; further ones are only counted."""
-_LONGEST_PLACE, _LONGEST_PROBLEM = 200, 600
+_MAX_PLACE, _MAX_PROBLEM = 200, 600
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Fault:
     def __str__(self) -> str:
         # A problem quotes what stands in the file, which may be a megabyte or hold terminal
         # escapes.
-        problem = clipped(self.problem, _LONGEST_PROBLEM)
-        text = f"{clipped(self.where, _LONGEST_PLACE)}: {problem}" if self.where else problem
+        problem = clipped(self.problem, _MAX_PROBLEM)
+        text = f"{clipped(self.where, _MAX_PLACE)}: {problem}" if self.where else problem
         text += did_you_mean(self.given, self.choices)
         return printable(f"{text} (choose from: {listed(self.choices)})" if self.choices else text)
 
@@ -57,7 +57,7 @@ class OmnitrackError(Exception):
 
 
 class InputError(OmnitrackError):
-    """Bad input. ``faults`` lists every fault; the message spells out the first ``MOST_TOLD``.
+    """Bad input. ``faults`` lists every fault; the message spells out the first ``MAX_TOLD``.
 
     Example:
         >>> try:
@@ -74,7 +74,7 @@ class InputError(OmnitrackError):
         super().__init__(self.faults)
 
     def __str__(self) -> str:
-        lines = [str(fault) for fault in self.faults[:MOST_TOLD]]
+        lines = [str(fault) for fault in self.faults[:MAX_TOLD]]
         rest = len(self.faults) - len(lines)
         return "\n".join([*lines, f"and {rest} more faults"] if rest else lines)
 

@@ -31,22 +31,22 @@ from omnitrack_sim.base.text import nearest, shown
 
 NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
 """A scenario's name is also that of a folder: not empty, not hidden, no separators."""
-LARGEST_INTEGER = 2**63 - 1
+MAX_INTEGER = 2**63 - 1
 """Largest integer that TOML guarantees and other readers of JSON accept."""
 KIND_FAULT = "kind"
 """Type of pydantic's error where the ``kind`` of a table is missing or names nothing."""
-MOST_LEVELS = 32
+MAX_LEVELS = 32
 """Deepest nesting of tables and lists."""
 _Model = TypeVar("_Model", bound=BaseModel)
-MOST_BYTES = {"TOML": 1_000_000, "JSON": 2_000_000}
+MAX_BYTES = {"TOML": 1_000_000, "JSON": 2_000_000}
 """Largest file that is read, by language: two seconds of reading and checking at worst. The
 scenario.json of a run through 5,000 fittings is as large."""
 TOWN_TIMES = 30
 """A network's file may be larger by this: a town of 20,000 parts has 4 MB."""
-_TOO_DEEP = f"is nested too deeply: at most {MOST_LEVELS} levels of tables and lists"
+_TOO_DEEP = f"is nested too deeply: at most {MAX_LEVELS} levels of tables and lists"
 # Python's TOML reader takes time with the square of the number of keys between dots.
 _DEEP_KEY = re.compile(
-    rf"(?<![^\s,=\[\]{{}}#])(?:[^\s.,=\[\]{{}}#]+\s*\.\s*){{{MOST_LEVELS}}}"  # a.b.c. and so on
+    rf"(?<![^\s,=\[\]{{}}#])(?:[^\s.,=\[\]{{}}#]+\s*\.\s*){{{MAX_LEVELS}}}"  # a.b.c. and so on
 )
 
 
@@ -75,7 +75,7 @@ SCENARIO = Kind("scenario", "run", frozenset({"pipes", "network", "mission"}), "
 SWEEP = Kind("sweep", "sweep", frozenset({"base", "axes"}), "sweeps")
 NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), "networks")
 STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), "studies")
-SUITE = Kind("suite", "bench --suite", frozenset({"courses", "measures"}), "suites")
+SUITE = Kind("suite", "bench", frozenset({"courses", "measures"}), "suites")
 COURSE = Kind("course", "bench --course", frozenset({"words"}), "courses")
 KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE, SUITE)
 _RECORDS = {
@@ -121,7 +121,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
         InputError: of class ``error``: it cannot be read, is too large, or holds no table.
     """
     language = "JSON" if path.suffix.lower() == ".json" else "TOML"
-    most = MOST_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
+    most = MAX_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
         with path.open("rb") as file:
             # One byte more than allowed shows that a file is too large without reading all of it.
@@ -154,7 +154,7 @@ def _read(text: str, language: str) -> Any:
 
 
 def parsed(text: str, language: str) -> Any:
-    """Parse a text into plain data of at most ``MOST_LEVELS`` levels.
+    """Parse a text into plain data of at most ``MAX_LEVELS`` levels.
 
     Args:
         text: of a file, or a part of one.
@@ -195,10 +195,10 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _is_deep(data: Any) -> bool:
-    """Return whether tables and lists are nested deeper than ``MOST_LEVELS``."""
+    """Return whether tables and lists are nested deeper than ``MAX_LEVELS``."""
     layer = [data]
     # Level by level and without recursion, which hostile data could drive into its limit.
-    for _ in range(MOST_LEVELS + 1):
+    for _ in range(MAX_LEVELS + 1):
         layer = [
             inside
             for item in layer
@@ -406,11 +406,11 @@ def _oddity(value: Any, depth: int) -> str | None:
         if value.isascii() or not re.search(r"[\ud800-\udfff]", value):
             return None
         return f"is {shown(value)}, which has bytes or halves of characters that are no text"
-    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+    if isinstance(value, int) and abs(value) > MAX_INTEGER:
         return "is an integer of more than 64 bits"
     if isinstance(value, datetime.date | datetime.time):
         return f"is the date or time {value}; a text stands in quotes"
-    if isinstance(value, Mapping | list | tuple) and depth > MOST_LEVELS:
+    if isinstance(value, Mapping | list | tuple) and depth > MAX_LEVELS:
         return _TOO_DEEP
     return None
 

@@ -208,7 +208,7 @@ def orthonormal(rotation: Array) -> Array:
 def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
     """Flip frames of robots in reverse gear, so that z points along travel.
 
-    Args: ``rotation`` (..., 3, 3); ``gear`` (...,), -1 in reverse.
+    ``rotation`` (..., 3, 3); ``gear`` (...,), -1 in reverse.
     """
     back = gear < 0
     if not np.count_nonzero(back):

@@ -11,9 +11,9 @@ from difflib import get_close_matches
 from itertools import accumulate
 from typing import Any
 
-MOST_COMPARED = 2000
+MAX_COMPARED = 2000
 """Number of choices that are compared with a misspelt name; each takes some 20 us."""
-_LONGEST_WORD = 100
+_MAX_WORD = 100
 _NEAR_PART = 4
 """Letters from which on a word is compared with parts of names; a shorter one has to be a part."""
 _SHORT = reprlib.Repr()
@@ -64,8 +64,8 @@ def nearest(given: str, choices: Sequence[str]) -> str | None:
 
     If no whole name is near, a name counts of which a part between ``_``, ``/`` or dots is.
     """
-    given = given[:_LONGEST_WORD].lower()
-    known = {one.lower(): one for one in choices[:MOST_COMPARED] if len(one) < _LONGEST_WORD}
+    given = given[:_MAX_WORD].lower()
+    known = {one.lower(): one for one in choices[:MAX_COMPARED] if len(one) < _MAX_WORD}
     for match in get_close_matches(given, known, n=1):
         return known[match]
     parts: dict[str, str] = {}

@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def write_file(path: str | Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
+def npz_of(arrays: Mapping[str, Any]) -> bytes:
     """Pack arrays as ``numpy.savez_compressed`` does; equal arrays give equal bytes."""
     data = io.BytesIO()
     np.savez_compressed(data, **arrays)

@@ -31,6 +31,7 @@ def _shipped(kind: ShippedKind) -> Callable[[str], Choices]:
 scenarios = _shipped("scenarios")
 sweeps = _shipped("sweeps")
 studies = _shipped("studies")
+suites = _shipped("suites")
 networks = _shipped("networks")
 
 

@@ -318,7 +318,7 @@ def _strip(
     if count is not None and times is not None and count != len(times):
         raise InputError(Fault("--strip", f"is {count}, but --at has {len(times)} times"))
     # Loaded this late, since faults of the options should not wait for a renderer.
-    from omnitrack_sim.show.film.render import FRAMES
+    from omnitrack_sim.show.film.strip import FRAMES
 
     target = file or run_dir / "strip.png"
     count = FRAMES if count is None else count
@@ -341,7 +341,8 @@ def _film(
     processes: int | None,
 ) -> None:
     from omnitrack_sim.base.writing import check_file
-    from omnitrack_sim.show.film.render import CAMERAS, check_request, film_format
+    from omnitrack_sim.show.film.encoding import film_format
+    from omnitrack_sim.show.film.render import CAMERAS, check_request
 
     format = "mp4" if file is None else film_format(file)
     wanted = dict(GIF if format == "gif" else FILM)

@@ -140,10 +140,11 @@ def optimise(
 def bench(
     suite: Annotated[
         str,
-        typer.Option(
+        typer.Argument(
             metavar="SUITE",
             help="A suite file, or a shipped one by name: mobility, of robots; or control, of "
             "controllers and policies of the default robot.",
+            autocompletion=complete.suites,
         ),
     ] = "mobility",
     robots: Annotated[

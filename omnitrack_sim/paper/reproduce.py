@@ -173,7 +173,8 @@ def _draw(runs: Runs, folder: Path, format: str) -> dict[str, ReportFigure | Non
         return ReportFigure(name, caption, figure_bytes(figure, "svg"), "svg+xml")
 
     def stills(name: str) -> ReportFigure:
-        from omnitrack_sim.show.film.render import composed, render_frames, strip_times
+        from omnitrack_sim.show.film.render import render_frames
+        from omnitrack_sim.show.film.strip import composed, strip_times
 
         result, data = runs[name][len(runs[name]) // 2], io.BytesIO()
         times = strip_times(result, STILLS)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.bounds import MOST_FAULTS
+from omnitrack_sim.base.bounds import MAX_FAULTS
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, dot, length, rotation_about, unit
 from omnitrack_sim.pipes.centreline import Centreline, Segment
@@ -220,7 +220,7 @@ class Part:
 
     def stretches(self) -> list[Stretch]:
         """Its axes in stretches of about ``STRETCH`` m, or of two bores where that is more."""
-        stretches, room = [], self.fitting.largest_radius
+        stretches, room = [], self.fitting.max_radius
         for number, (line, start_radius, end_radius) in enumerate(self.axes):
             widest = max(start_radius, end_radius)
             count = int(np.ceil(line.length / max(STRETCH, 4 * widest)))
@@ -238,7 +238,7 @@ class Part:
         Each as start (3,) m, end (3,) m and radius, m.
         """
         # A bore without a rim reaches no farther than its radius from its axis.
-        room = 0.0 if self.fitting.is_cut_square else self.fitting.largest_radius
+        room = 0.0 if self.fitting.is_cut_square else self.fitting.max_radius
         capsules = []
         for axis in self.fitting.axes:
             widest = max(axis.start_radius, axis.end_radius)
@@ -379,7 +379,7 @@ class Assembly:
             for i, j in self.overlaps()
         ]
 
-    def overlaps(self, most: int = MOST_FAULTS) -> list[tuple[int, int]]:
+    def overlaps(self, most: int = MAX_FAULTS) -> list[tuple[int, int]]:
         """Return pairs of parts that share space and are not joined, by index, at most ``most``."""
         joined = {(min(i, j), max(i, j)) for (i, _), (j, _) in self.joints}
         pairs = []
@@ -439,7 +439,7 @@ class Assembly:
         apart = (pair for pair in pairs if ends[pair[0]][0] != ends[pair[1]][0])
         return [
             self._closed(ends[first], ends[second])
-            for first, second in sorted(map(tuple, islice(apart, MOST_FAULTS)))
+            for first, second in sorted(map(tuple, islice(apart, MAX_FAULTS)))
         ]
 
     def _closed(self, first: Port, second: Port) -> Fault:

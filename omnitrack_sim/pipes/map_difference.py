@@ -24,7 +24,7 @@ from omnitrack_sim.pipes.network import Network, both_ways, connected
 
 LENGTHS = 0.03
 """Difference of two lengths or bores that are the same, as a part of the true one."""
-LEAST_LENGTH = 0.01
+MIN_LENGTH = 0.01
 """Difference of two lengths that are the same whatever the true one is, m."""
 ANGLES = math.radians(5)
 """Difference of two directions that are the same, rad."""
@@ -417,7 +417,7 @@ class _Walk:
                     )
                 )
                 onward.append((following[0], following[1], *sides))
-        if any(abs(a - b) > max(LENGTHS * b, LEAST_LENGTH) for a, b in lengths):
+        if any(abs(a - b) > max(LENGTHS * b, MIN_LENGTH) for a, b in lengths):
             self._sizes[there[0]] = names
         self._length += true.run or true.fitting.length_of_axes
         self._error += abs(

@@ -48,8 +48,10 @@ def machine() -> str:
 
 
 def code_file(source: str, name: str, digest: str) -> Path:
-    """Return the file of a function's code: beside the source, as Python keeps bytecode, or where
-    that may not be written, with the user's caches.
+    """Return the file of a function's code.
+
+    It lies beside the source, as Python keeps bytecode, or where that may not be written, with the
+    user's caches.
 
     Args:
         source: file that defines it.
@@ -64,8 +66,10 @@ def code_file(source: str, name: str, digest: str) -> Path:
 
 
 def load_file(file: Path) -> int | None:
-    """Return the address of the function in a file; None where there is none, it is damaged, or it
-    needs something that this process lacks."""
+    """Return the address of the function in a file.
+
+    None where there is no file, it is damaged, or it needs something that this process lacks.
+    """
     octets = file.read_bytes() if file.is_file() else b""
     body = octets[_CHECKSUM:]
     # LLVM ends the process where code is damaged or refers to what there is not.
@@ -73,8 +77,10 @@ def load_file(file: Path) -> int | None:
 
 
 def load_code(body: bytes) -> int | None:
-    """Return the address of the function in code as ``object_code`` returns it; None where it needs
-    something that this process lacks."""
+    """Return the address of the function in code as ``object_code`` returns it.
+
+    None where it needs something that this process lacks.
+    """
     head, _, code = body.partition(b"\n")
     symbol, externals = json.loads(head)
     target, process = _target(), ctypes.CDLL(None)
@@ -155,8 +161,10 @@ def compiled(python: _Function) -> _Function:
 
 
 def intrinsic(definition: Callable[..., Any]) -> Any:
-    """Mark a function that returns the signature and the code of a function, made of instructions;
-    its first parameter is numba's."""
+    """Mark a function that returns signature and code of a compiled one, made of instructions.
+
+    Its first parameter is numba's.
+    """
     definition.numba = _intrinsic  # type: ignore[attr-defined]
     return definition
 
@@ -185,8 +193,10 @@ def _intrinsic(definition: FunctionType) -> Any:
 
 
 def _with_numba(python: FunctionType) -> FunctionType:
-    """Return a function that calls marked ones as numba knows them: numba is loaded by a process
-    that compiles, and by no other."""
+    """Return a copy of a function that calls marked ones as numba knows them.
+
+    Made where a process compiles, so that no other one loads numba.
+    """
     known = {name: value.numba(value) for name, value in _called(python)}
     names = python.__globals__ | known
     return FunctionType(
@@ -203,8 +213,7 @@ def _called(python: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _is_known(value: Any) -> bool:
-    """Return whether a value is a function that numba compiles where one that it compiles calls
-    it."""
+    """Return whether a value is a function that compiled ones may call."""
     return hasattr(value, "numba") or hasattr(value, "py_func")
 
 
@@ -275,8 +284,11 @@ def _made(python: Callable[..., Any], signature: Any) -> Any:
 
 
 def _digest(function: Any, signature: Any) -> str:
-    """Digest of the code of a function, of all marked functions that it calls, of the constants
-    that these use, and of this file, whose intrinsics they call."""
+    """Digest of all that the machine code of a function depends on.
+
+    These are the code of the function and of all marked ones that it calls, the constants that they
+    use, the compilers and processor, and this file, whose intrinsics they call.
+    """
     reached, pending = [], [function]
     while pending:
         python = pending.pop()
@@ -299,8 +311,10 @@ def _digest(function: Any, signature: Any) -> str:
 
 
 def _lasting(constant: Any) -> Any:
-    """Return a constant of a function in a form that is the same in each process, also where it is
-    the code of a function within it."""
+    """Return a constant of a function in a form that is the same in each process.
+
+    It may be the code of a function within it.
+    """
     if isinstance(constant, CodeType):
         return constant.co_code, list(map(_lasting, constant.co_consts))
     return constant
@@ -312,9 +326,7 @@ def pointers(*arrays: Array) -> list[Any]:
 
 
 def calling(signature: Any) -> tuple[Any, Any]:
-    """Signature and code of an intrinsic that calls the C function at an address, its first
-    argument, with the other ones."""
-
+    """Signature and code of an intrinsic that calls the C function at its first argument."""
     returned, kinds = signature._restype_, signature._argtypes_
 
     def code(context, builder, own_signature, arguments):

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Self, TypeVar
 import numpy as np
 from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
-from omnitrack_sim.base.bounds import FARTHEST, MOST_TOWN_LENGTH, MOST_TOWN_PARTS, too_long
+from omnitrack_sim.base.bounds import MAX_COORDINATE, MAX_TOWN_LENGTH, MAX_TOWN_PARTS, too_long
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.paths import Document
 from omnitrack_sim.base.reading import (
@@ -160,7 +160,7 @@ PartName = Annotated[str, Field(pattern=r"^[^\s./\\\x00-\x1f]+$")]
 """A part's name is also one of a port and of a geom: no dot, no space, no separator."""
 
 
-Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 
 
 class NetworkFitting(FittingEntry):
@@ -243,13 +243,13 @@ class Network(Table):
             ],
             ...,
         ],
-        Field(min_length=1, max_length=MOST_TOWN_PARTS),
+        Field(min_length=1, max_length=MAX_TOWN_PARTS),
     ]
-    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MOST_TOWN_PARTS)] = ()
+    joints: Annotated[tuple[Joint, ...], Field(max_length=2 * MAX_TOWN_PARTS)] = ()
     # Left out of plain data where there is none: noise is drawn by a scenario's data.
     places: Annotated[
         tuple[PartOrigin, ...],
-        Field(max_length=MOST_TOWN_PARTS, exclude_if=lambda places: not places),
+        Field(max_length=MAX_TOWN_PARTS, exclude_if=lambda places: not places),
     ] = ()
     ports: dict[str, str] = Field(default_factory=dict)
 
@@ -268,7 +268,7 @@ class Network(Table):
         faults = self._naming_faults()
         # Each check needs the ones before it: lengths need valid sizes, placing needs a bounded
         # number.
-        faults = faults or too_long(self.length, "fittings", MOST_TOWN_LENGTH)
+        faults = faults or too_long(self.length, "fittings", MAX_TOWN_LENGTH)
         if not faults:
             _ = self.pipes  # raises by itself
             free = dict.fromkeys(self.open_ends)

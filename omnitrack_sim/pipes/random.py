@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.base.bounds import MOST_LENGTH, MOST_PARTS
+from omnitrack_sim.base.bounds import MAX_LENGTH, MAX_PARTS
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
@@ -23,9 +23,9 @@ CLEARANCE = 0.05
 TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 REDUCER_ANGLE = math.radians(10)
 """Largest half cone angle of the reducers, rad."""
-SHORTEST_REDUCER = 0.1
+MIN_REDUCER = 0.1
 """Least length of the reducers, m."""
-SHORTEST_STRAIGHT = 0.01
+MIN_STRAIGHT = 0.01
 """Least length of the straights, m, which are drawn in multiples of it."""
 _TRIES, _STARTS = 60, 100
 
@@ -84,20 +84,18 @@ def random_network(
 
 def _bad_numbers(seed: int, low: int, high: int, supply: _Supply) -> Iterator[Fault]:
     """Faults of numbers that are invalid or ask for too large a network."""
-    if not 1 <= low <= high <= MOST_PARTS:
-        problem = f"is from {low} to {high}; from 1 to {MOST_PARTS}, and the least number first"
+    if not 1 <= low <= high <= MAX_PARTS:
+        problem = f"is from {low} to {high}; from 1 to {MAX_PARTS}, and the least number first"
         yield Fault("fittings", problem)
     if seed < 0:
         yield Fault("seed", f"is {seed}; at least 0")
     shortest, longest = supply.lengths
-    if not SHORTEST_STRAIGHT <= shortest <= longest:
-        problem = (
-            f"is from {shortest} to {longest} m; at least {SHORTEST_STRAIGHT} m, and the least"
-        )
+    if not MIN_STRAIGHT <= shortest <= longest:
+        problem = f"is from {shortest} to {longest} m; at least {MIN_STRAIGHT} m, and the least"
         yield Fault("lengths", f"{problem} first")
-    elif not high * longest <= MOST_LENGTH:
+    elif not high * longest <= MAX_LENGTH:
         problem = f"{high} fittings of up to {longest} m may make {high * longest:.6g} m of pipe"
-        yield Fault("lengths", f"{problem}; at most {MOST_LENGTH:.6g} m")
+        yield Fault("lengths", f"{problem}; at most {MAX_LENGTH:.6g} m")
     for name in ("tee_share", "reducer_share"):
         share = getattr(supply, name)
         if not 0 <= share <= 1:
@@ -163,7 +161,7 @@ def _reducer(rng: np.random.Generator, bore: float, others: list[float]) -> Redu
     if rng.random() < 0.5:
         ends.reverse()
     least = abs(ends[0] - ends[1]) / 2 / math.tan(REDUCER_ANGLE)
-    return Reducer(max(SHORTEST_REDUCER, math.ceil(100 * least) / 100), ends[1], ends[0])
+    return Reducer(max(MIN_REDUCER, math.ceil(100 * least) / 100), ends[1], ends[0])
 
 
 def _grown(
@@ -288,7 +286,7 @@ class _Surroundings:
         samples = part.bore_samples()
         centre = (samples.max(axis=0) + samples.min(axis=0)) / 2
         # Samples stand at 0.95 of the radius.
-        room = 0.1 * part.fitting.largest_radius + 2 * CLEARANCE
+        room = 0.1 * part.fitting.max_radius + 2 * CLEARANCE
         return cls(samples, centre, float(np.linalg.norm(samples - centre, axis=1).max()) + room)
 
 

@@ -229,7 +229,7 @@ class RouteMap:
     ) -> tuple[Array, Array]:
         """Positions (n, 3) m and rotations (n, 3, 3) on the centreline of robots at their start.
 
-        Args: ``distance`` (n,) m, arc length. ``theta5`` (n,) rad.
+        ``distance`` (n,) m, arc length. ``theta5`` (n,) rad.
         """
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
         turning = self._turning_direction(distance, self._passage(distance, route), normal)
@@ -238,7 +238,7 @@ class RouteMap:
     def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
         """Return positions (k, 3) m and rotations (k, 3, 3) on the centreline, along its tangent.
 
-        Args: ``distance`` (k,) m, arc length. ``turn`` (k,) rad, of module 1 from the centreline's
+        ``distance`` (k,) m, arc length. ``turn`` (k,) rad, of module 1 from the centreline's
         normal.
         """
         position, tangent, normal, _ = self.centreline.at(distance, self._route(route))

@@ -179,7 +179,7 @@ class Pieces:
 def stave_count(radius: float, tolerance: float) -> int:
     """Return the least number of staves, a multiple of 4, within ``tolerance`` m of a bore.
 
-    Args: ``radius``: m, of the bore.
+    ``radius``: m, of the bore.
     """
     # R (1 / cos(pi / N) - 1) / 2 <= tolerance
     exact = math.pi / math.acos(1 / (1 + 2 * tolerance / radius))
@@ -219,7 +219,7 @@ class Ring:
     ) -> None:
         """Add the stave on the side ``out`` (3,) of an axis ``along`` (3,), if any is left of it.
 
-        Args: ``ends``: m, from the origin. ``depth``: m.
+        ``ends``: m, from the origin. ``depth``: m.
         """
         start, end = ends
         if end - start > 1e-5:

@@ -220,7 +220,7 @@ class _Samples:
         self.slip_speed = _between(np.abs(touch.slip_speed).mean(axis=1))
         self.power = _between(power.sum(axis=1))
         self.force = _between(force.mean(axis=1))
-        self.least_force = running_mean(force, time, FORCE_WINDOW).min(axis=1)
+        self.min_force = running_mean(force, time, FORCE_WINDOW).min(axis=1)
         self.tilt, self.theta5 = (np.degrees(trajectory[name]) for name in ("tilt", "theta5"))
 
     def figures(self, rows: NDArray[np.intp]) -> dict:
@@ -241,7 +241,7 @@ class _Samples:
             "slip_ratio_mean": float(weight @ self.slip[rows]) / touching if touching > 0 else None,
             "slip_distance_m": float(step @ self.slip_speed[rows]),
             "normal_force_mean_n": float(weight @ self.force[rows] / weight.sum()),
-            "normal_force_min_n": float(self.least_force[rows].min()),
+            "normal_force_min_n": float(self.min_force[rows].min()),
             "energy_j": float(step @ self.power[rows]),
         }
 

@@ -50,6 +50,7 @@ class RobotDisplay:
         finite: channels that must be finite in a sample that is shown.
         summary: channel of each panel of the summary figure, row by row, and the module where it
             shows only one.
+        compared: channels with a value for each module in the figure of two runs compared.
         plots: channels that have a plot on pages.
         first_plots: those of them that are shown before the reader chooses.
         page_channels: further channels that pages need.
@@ -73,6 +74,7 @@ class RobotDisplay:
         (("tilt", None), ("actuator_velocity", None), ("contact_speed", None)),
         (("offset", None), ("actuator_force", None), ("actuator_power", None)),
     )
+    compared: ClassVar[tuple[str, ...]] = ()
     first_plots: ClassVar[tuple[str, ...]] = (
         *("wall_force", "contact_speed", "actuator_power", "tilt"),
     )

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.bounds import MAX_ORDERS
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Angle, Table, Unit
@@ -54,7 +54,7 @@ class DriverTable(Table):
     """The controller to which the driver can hand over: a shipped one, or `module:Class`."""
     autopilot_parameters: dict[str, Any] = Field(default_factory=dict)
     """The `control.parameters` of the autopilot; once the scenario is checked, all of them."""
-    orders: Annotated[tuple[Order, ...], Field(max_length=MOST_ORDERS)] = ()
+    orders: Annotated[tuple[Order, ...], Field(max_length=MAX_ORDERS)] = ()
     """A list of tables with the keys below, in the order of their times; at most 5,000."""
 
     @classmethod

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from omnitrack_sim.base.arguments import check_changes, check_is
-from omnitrack_sim.base.bounds import MOST_PARTS
+from omnitrack_sim.base.bounds import MAX_PARTS
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
 from omnitrack_sim.base.paths import Document, keys_of, value_at
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
@@ -230,7 +230,7 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
     if not (isinstance(start, str) and isinstance(goals, Sequence) and len(goals) == 1):
         return data
     names = {fitting.name for fitting in network.fittings} - network.ports.keys()
-    if len(network.fittings) <= MOST_PARTS and not names & {start, goals[0]}:
+    if len(network.fittings) <= MAX_PARTS and not names & {start, goals[0]}:
         return data
     part, start, goal = around_route(network, start, goals[0])
     return {**data, "network": part, "mission": {**mission, "start": start, "goals": [goal]}}
@@ -363,7 +363,7 @@ def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return validate(scenario.model_dump(mode="json"), changes=changes)
 
 
-LONGEST_DRIVE = 3600.0
+MAX_DRIVE = 3600.0
 """Time limit of a drive whose scenario has none of its own, s."""
 
 
@@ -387,7 +387,7 @@ def to_drive(scenario: Scenario, driver: str) -> Scenario:
     }
     # The default follows from the route's length, which says nothing of how long somebody drives.
     if data["run"]["time_limit"] is None:
-        data["run"]["time_limit"] = LONGEST_DRIVE
+        data["run"]["time_limit"] = MAX_DRIVE
     return validate(data)
 
 

@@ -16,7 +16,7 @@ from omnitrack_sim.autonomy.mission import Mission, MissionPlanner
 from omnitrack_sim.autonomy.pilots import FixedRoute, Pilot, Planned
 from omnitrack_sim.autonomy.sight import TrueSight
 from omnitrack_sim.base.arguments import check_controller, refuse_taken
-from omnitrack_sim.base.bounds import MOST_PARTS, MOST_PIECES, MOST_SAMPLES, MOST_STEPS, too_long
+from omnitrack_sim.base.bounds import MAX_PARTS, MAX_PIECES, MAX_SAMPLES, MAX_STEPS, too_long
 from omnitrack_sim.base.errors import (
     Fault,
     GeometryError,
@@ -86,7 +86,7 @@ class Scenario(Table):
             Annotated[SerializeAsAny[Pipe], by_kind(partial(table_of, entry=Pipe))],
             ...,
         ],
-        Field(max_length=MOST_PARTS),
+        Field(max_length=MAX_PARTS),
     ] = ()
     """The pipes in the order of the route, each joined to the one before, the x axes of the ports
     together, then turned."""
@@ -457,8 +457,8 @@ def _taken_names(scenario: Scenario) -> list[Fault]:
 def _too_large(network: Network) -> list[Fault]:
     """Return the faults of a town that is simulated as a whole."""
     count, hint = len(network.fittings), "simulate a part of it (Network.around)"
-    if count > MOST_PARTS:
-        return [Fault("network.fittings", f"are {count}; at most {MOST_PARTS} items: {hint}")]
+    if count > MAX_PARTS:
+        return [Fault("network.fittings", f"are {count}; at most {MAX_PARTS} items: {hint}")]
     return too_long(network.length, "network.fittings")
 
 
@@ -540,10 +540,10 @@ def _misplaced(scenario: Scenario) -> Iterator[Fault]:
 
 def samples_of(scenario: Scenario) -> int:
     """Most samples that a run records, up to its time limit."""
-    return math.ceil(most_seconds(scenario) / scenario.record.period)
+    return math.ceil(max_seconds(scenario) / scenario.record.period)
 
 
-def most_seconds(scenario: Scenario) -> float:
+def max_seconds(scenario: Scenario) -> float:
     """Simulated time limit of a run, s; of a mission that of all its legs if nothing is in the
     way."""
     planner, exploration = scenario.planner, scenario.exploration
@@ -557,16 +557,16 @@ def most_seconds(scenario: Scenario) -> float:
 
 def too_much_work(scenario: Scenario) -> Iterator[Fault]:
     """Figures of a scenario that go beyond the bounds, at the key that is to be changed."""
-    physics, seconds = scenario.physics, most_seconds(scenario)
+    physics, seconds = scenario.physics, max_seconds(scenario)
     where = _unusual(scenario)
     work = f"makes {{:.4g}} {{}} in a time limit of {seconds:.4g} s{_origin(scenario, where)}"
     steps = seconds / physics.timestep
-    if steps > MOST_STEPS:
+    if steps > MAX_STEPS:
         problem = work.format(steps, "time steps")
-        yield Fault(where, f"{problem}; at most {MOST_STEPS:,}")
-    elif (samples := samples_of(scenario)) > MOST_SAMPLES:
+        yield Fault(where, f"{problem}; at most {MAX_STEPS:,}")
+    elif (samples := samples_of(scenario)) > MAX_SAMPLES:
         problem = work.format(samples, "samples")
-        yield Fault("record.period", f"{problem}; at most {MOST_SAMPLES:,}")
+        yield Fault("record.period", f"{problem}; at most {MAX_SAMPLES:,}")
     yield from _too_many_pieces(scenario)
 
 
@@ -577,8 +577,8 @@ def _too_many_pieces(scenario: Scenario) -> Iterator[Fault]:
         return
     parts = scenario.route.network.parts
     pieces = sum(part.fitting.piece_count(physics.wall_tolerance, physics.staves) for part in parts)
-    if pieces > MOST_PIECES:
-        problem = f"makes walls of about {pieces:,} pieces; at most {MOST_PIECES:,}"
+    if pieces > MAX_PIECES:
+        problem = f"makes walls of about {pieces:,} pieces; at most {MAX_PIECES:,}"
         yield Fault(
             _finest(scenario), f'{problem} (physics.collider = "exact" makes one a fitting)'
         )

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from omnitrack_sim.base.bounds import SHORTEST_STEP
+from omnitrack_sim.base.bounds import MIN_STEP
 from omnitrack_sim.base.table import Angle, Direction, NotNegative, Part, Positive, Table, Unit
 from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry
@@ -190,7 +190,7 @@ ColliderName = Literal["primitives", "exact"]
 class PhysicsTable(Table):
     """Numerics."""
 
-    timestep: Annotated[float, Field(ge=SHORTEST_STEP, le=0.005), Unit("s")] = 0.002
+    timestep: Annotated[float, Field(ge=MIN_STEP, le=0.005), Unit("s")] = 0.002
     """Of the physics."""
     control_period: Annotated[float, Field(gt=0, le=0.05), Unit("s")] = 0.01
     """Whole number of time steps."""

@@ -145,7 +145,7 @@ class RecordingPlayback(Playback):
     @cached_property
     def size(self) -> float:
         """Size of pictures, by the widest bore and by the robot's reach."""
-        bore = 2 * max(part.fitting.largest_radius for part in self.network.parts)
+        bore = 2 * max(part.fitting.max_radius for part in self.network.parts)
         moving = np.unique(self.model.geom_bodyid[list(self.seen)])
         rows = list(self.extremes)
         away = self.recording.bodies[rows][:, moving[moving > 0], :3]

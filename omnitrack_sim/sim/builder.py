@@ -155,8 +155,10 @@ def _step_note(scenario: Scenario) -> Iterator[str]:
 
 
 def slip_excess(scenario: Scenario) -> float:
-    """Return the share by which a typical run's slip reads too large at a scenario's time step; not
-    a number where it has not been measured."""
+    """Return the share by which slip reads too large at a scenario's time step.
+
+    That of a typical run; not a number where it has not been measured.
+    """
     steps = scenario.physics.timestep / (TIMESTEP * scenario.robot.time_scale)
     return scenario.robot.slip_excess(steps)
 
@@ -205,8 +207,7 @@ def _still_note(scenario: Scenario) -> Iterator[str]:
 
 
 def _sharpest_bend(scenario: Scenario, route: Route) -> float:
-    """Largest pipe radius over bend radius that a robot may meet: on its route, or in the network
-    of a mission."""
+    """Largest pipe radius over bend radius on a robot's route, or in a mission's network."""
     if scenario.mission is None:
         return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]

@@ -47,8 +47,10 @@ def ending_at_goal(
 
 
 def _by_map(scenario: Scenario, pilot: Pilot, reason: str) -> Ending:
-    """Judge a robot at its goal by the map that it has made; parts that it reports as unexplored
-    may be missing."""
+    """Judge a robot at its goal by the map that it has made.
+
+    Parts that it reports as unexplored may be missing.
+    """
     exploration, belief = scenario.exploration, pilot.belief
     # Who searches for goals has no need of a whole map.
     if exploration is None or belief is None or exploration.mission.task == "find":

@@ -115,8 +115,10 @@ class Legs:
 
 
 def _on_map(leg: Leg, network: Network) -> Leg:
-    """Return a leg with that stretch of its path which is on a map: pipe that a robot assumed to be
-    there, or saw from afar, may have been taken back since."""
+    """Return a leg with that stretch of its path which is on a map.
+
+    Pipe that a robot assumed to be there, or saw from afar, may have been taken back since.
+    """
     parts, joined = network.pipes.parts, both_ways(network.pipes.joints)
     path: list[Edge] = []
     for part, enter, leave in leg.path:

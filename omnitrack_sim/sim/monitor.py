@@ -104,8 +104,7 @@ class Monitor:
         time_limit: Array,
         rights: NDArray[np.bool_],
     ) -> None:
-        """Watch robots ``rows`` (k,) from the start of a new run; arguments (k,) as of the
-        monitor."""
+        """Watch robots ``rows`` (k,) from the start of a new run; see the class."""
         patience = self._patience_length / cruise_speed
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
         self._time_limit[rows], self._farthest[rows] = time_limit - TIME_ROUNDING, start
@@ -121,8 +120,7 @@ class Monitor:
         self.extend_time_limit(robot, seconds)
 
     def shift_progress(self, robot: int, shift: float) -> None:
-        """Take note that the estimate of a robot has been moved by ``shift`` m along its leg: where
-        it has been farthest moves with it."""
+        """Move the farthest point of a robot whose estimate has been moved by ``shift`` m."""
         self._farthest[robot] += shift
 
     def extend_time_limit(self, robot: int, seconds: float) -> None:
@@ -189,8 +187,10 @@ class Monitor:
         return (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
 
     def _leaning_over(self, location: Location, robots: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Robots (n,) that right themselves, were upright on the leg at hand and have leant over
-        for too long: soon they would lie across, and be wedged."""
+        """Robots (n,) that lean over for too long: soon they would lie across, and be wedged.
+
+        Those that right themselves, and were upright on the leg at hand.
+        """
         if not np.count_nonzero(self._rights):
             return self._rights
         robots = robots & self._rights

@@ -1,5 +1,4 @@
-"""Runs scenarios to their ends. One run is a batch of one; those that share a model share a
-batch."""
+"""Runs scenarios to their ends: one run is a batch of one."""
 
 from __future__ import annotations
 
@@ -122,8 +121,7 @@ def run_batch(
 
 
 def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ()) -> list[float]:
-    """Mean slip speed, m/s, of the same robots at the same speed in a straight pipe without
-    gravity.
+    """Measure the mean slip speed, m/s, of robots in a straight pipe without gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
     run, one for each robot, physics, friction and speed; not a number where that run ends early, as

@@ -54,8 +54,13 @@ class Runs:
         readings: Mapping[str, Array],
         notes: Sequence[Sequence[str]],
     ) -> None:
-        """Begin the runs of robots ``rows`` (k,), with remarks ``notes`` (k,) on each; ``readings``
-        are those of all n."""
+        """Begin the runs of some robots.
+
+        Args:
+            rows: (k,) numbers of the robots.
+            readings: of all n.
+            notes: (k,) remarks on each.
+        """
         set_rows(self, rows, active=True, end_time=np.nan, _near=self._legs.near[rows])
         for row, words in zip(rows.tolist(), notes, strict=True):
             self.endings[row] = None
@@ -91,8 +96,10 @@ class Runs:
         self._locate_again(rows)
 
     def carry_out(self, verdicts: Sequence[Verdict]) -> None:
-        """Have pilots decide on verdicts; put robots onto their next legs, and end the runs of
-        others. Of several verdicts on a robot the first one counts."""
+        """Put robots onto the legs that their pilots decide on verdicts; end the runs of others.
+
+        Of several verdicts on a robot the first one counts.
+        """
         sent: list[int] = []
         for robot, found in verdicts:
             if robot in sent or not self.active[robot]:
@@ -111,8 +118,7 @@ class Runs:
         self._locate_again(sent)
 
     def end_outside(self, robots: NDArray[np.bool_]) -> None:
-        """End the runs of those of ``robots`` (n,) whose true position is in no pipe, whatever
-        their estimate."""
+        """End the runs of those of ``robots`` (n,) whose true position is in no pipe."""
         outside = self._monitor.outside(self.location) & robots & self.active
         for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
             if not self._scenarios[robot].holds(*self._pose(robot)):
@@ -178,8 +184,10 @@ class Runs:
         set_rows(self, np.array([robot]), active=False, end_time=time)
 
     def progress(self, phase: Sequence[str]) -> tuple[float, str]:
-        """Return the part of all tasks that is done, 0 to 1, which never decreases, and time and
-        place; ``phase`` is of each robot."""
+        """Return the part of all tasks that is done, 0 to 1, and a text of time and place.
+
+        The part never decreases. ``phase`` is of each robot.
+        """
         running, distance, legs = np.flatnonzero(self.active), self.location.distance, self._legs
         part = np.ones(len(self.active))
         part[running] = [legs.pilots[i].done_at(float(distance[i])) for i in running]

@@ -19,8 +19,9 @@ from omnitrack_sim.sim.legs import Legs
 
 
 class Senses(Protocol):
-    """Observations for controllers and pilots of n robots; the plant, the monitor and all metrics
-    know the truth.
+    """Observations for controllers and pilots of n robots.
+
+    The plant, the monitor and all metrics know the truth.
 
     A class of a user's own takes the three arguments of ``MakeSenses``. It may inherit from
     ``Truth`` and change what ``readings`` and ``location`` hold, such as by adding noise. Where it
@@ -79,8 +80,11 @@ class Senses(Protocol):
         ...
 
     def guard(self, command: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return a command restricted for robots whose pose is unknown, and the robots (n,) that
-        have searched for it in vain."""
+        """Restrict a command for robots whose pose is unknown.
+
+        Returns:
+            The command, and the robots (n,) that have searched for their pose in vain.
+        """
         return command, np.zeros(len(self.location.distance), bool)
 
     def look(self, robot: int, back: bool) -> Look:
@@ -94,8 +98,11 @@ class Senses(Protocol):
         """Move a robot's estimate ``more`` m farther along its route."""
 
     def doubt(self, robot: int) -> bool:
-        """Discard the estimate of a robot whose pose lies in no pipe; False where the pose is no
-        estimate, and the run is over."""
+        """Discard the estimate of a robot whose pose lies in no pipe.
+
+        Returns:
+            False where the pose is no estimate, and the run is over.
+        """
         return False
 
     def estimates(self) -> Mapping[str, NDArray]:

@@ -176,8 +176,9 @@ class Simulation:
         return f"Simulation({running}, at {self.time.max():.6g} s: {shown(names)})"
 
     def reset(self, rows: Sequence[int] | NDArray, scenarios: Sequence[Scenario]) -> None:
-        """Start new runs of some robots, each to the bytes of a simulation of its own; the others
-        are unchanged. The controller is not reset: the caller gives the commands.
+        """Start new runs of some robots, each to the bytes of a simulation of its own.
+
+        The others are unchanged. The controller is not reset: the caller gives the commands.
 
         Args:
             rows: numbers of the robots, k, ascending.
@@ -255,8 +256,11 @@ class Simulation:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """MuJoCo's model of pipes and robot. What differs between the robots, such as friction and
-        gravity, each simulation of the batch has of its own."""
+        """MuJoCo's model of pipes and robot.
+
+        What differs between the robots, such as friction and gravity, each simulation of the batch
+        has of its own.
+        """
         return self.plant.model
 
     def data(self, robot: int) -> mujoco.MjData:
@@ -316,8 +320,12 @@ class Simulation:
                 progress(*self.runs.progress(self.phase))
 
     def _judge(self, robots: NDArray[np.bool_], lost: NDArray[np.bool_]) -> None:
-        """Have the monitor judge ``robots`` (n,), of which ``lost`` (n,) search no longer for their
-        pose, and carry out what pilots decide."""
+        """Have the monitor judge robots, and carry out what their pilots decide.
+
+        Args:
+            robots: (n,) those that are judged.
+            lost: (n,) those that search no longer for their pose.
+        """
         plant, command, runs, monitor = self.plant, self._command, self.runs, self.monitor
         # Averages first: the cause of a failure is read from them.
         monitor.average(self.readings, command, plant.saturated, robots)

@@ -92,8 +92,7 @@ class TailLoad:
         return {"tail_force": self.force, **out}
 
     def cause(self, robot: int, cause: Outcome) -> Outcome:
-        """Return the cause for which a robot makes no headway; ``cause`` is the robot's own
-        diagnosis."""
+        """Return the cause for which a robot makes no headway, its own diagnosis or its tether."""
         tethers = self._tethers
         if tethers is None or cause not in VAGUE_CAUSES or not tethers.holds(robot):
             return cause
@@ -133,8 +132,10 @@ class Tethers:
         self._nodes = [np.zeros((1, 3)) for _ in range(n)]
 
     def reset(self, rows: NDArray[np.intp], tail: Array) -> None:
-        """Lay the tethers of robots ``rows`` (k,) anew, from where their routes begin to their
-        tails at arc lengths (k,) m."""
+        """Lay the tethers of robots ``rows`` (k,) anew, from the beginning of their routes.
+
+        They end at the ``tail`` at arc lengths (k,) m.
+        """
         self.out = with_rows(self.out, rows, np.maximum(tail, 0.0))
         for row, place in zip(rows.tolist(), tail.tolist(), strict=True):
             self._nodes[row] = self._laid(row, 0.0)

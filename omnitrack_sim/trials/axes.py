@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, SerializeAsAny, ValidationInfo, field_validator
 
-from omnitrack_sim.base.bounds import LARGEST, MOST_TRIALS
+from omnitrack_sim.base.bounds import MAX_NUMBER, MAX_TRIALS
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array
@@ -19,8 +19,8 @@ BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
 Path = Annotated[str, Field(min_length=1)]
 Paths = Path | Annotated[tuple[Path, ...], Field(min_length=1)]
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-PositiveNumber = Annotated[float, Field(ge=1 / LARGEST, le=LARGEST)]
+Number = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+PositiveNumber = Annotated[float, Field(ge=1 / MAX_NUMBER, le=MAX_NUMBER)]
 Sampling = Literal["random", "latin_hypercube", "sobol"]
 Draws = Literal["common", "independent"]
 """All combinations of the crossed axes share their draws, or each has its own.
@@ -91,7 +91,7 @@ class GridAxis(AxisTable):
     kind: Literal["grid"]
     start: Number
     stop: Number
-    count: Annotated[int, Field(ge=1, le=MOST_TRIALS)]
+    count: Annotated[int, Field(ge=1, le=MAX_TRIALS)]
 
     @property
     def size(self) -> int:
@@ -107,7 +107,7 @@ class ListAxis(AxisTable):
     """Values as written."""
 
     kind: Literal["list"]
-    values: Annotated[tuple[Any, ...], Field(min_length=1, max_length=MOST_TRIALS)]
+    values: Annotated[tuple[Any, ...], Field(min_length=1, max_length=MAX_TRIALS)]
     labels: tuple[str, ...] | None = None
 
     @field_validator("values")

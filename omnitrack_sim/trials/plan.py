@@ -21,8 +21,8 @@ class Round:
         batches: of the trials, whose indices are 0 to n - 1.
         columns: (n,) each, what the plan adds to the rows of the trials, by name; a vector of
             three numbers becomes three columns, and None an empty cell.
-        total: number of trials of the whole plan as far as it is known by now; none: as many as
-            have been asked for.
+        total: number of trials of the whole plan as far as it is known by now; none: as known
+            before, or as many as have been asked for.
         stage: of the plan, such as "generation 2 of 20"; empty for a plan of one round.
         tables: what is known so far, by name, for the folder.
 

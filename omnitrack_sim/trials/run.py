@@ -158,8 +158,10 @@ class _Run:
             # Every n-th batch, not a stretch: neighbouring trials take like times, so shares last
             # as long.
             mine = mine[self._shard[0] - 1 :: self._shard[1]]
-        many = self.status.total + sum(len(batch.trials) for batch in mine)
-        total = many if asked.total is None or self._shard else asked.total
+        many = self.status.done + sum(len(batch.trials) for batch in mine)
+        total = asked.total
+        if total is None or self._shard is not None:
+            total = max(self.status.total, many)
         self.status = replace(self.status, total=total, stage=asked.stage)
         parts = self._run(mine)
         # With shards, others may have run the rest by now, or are still at it.

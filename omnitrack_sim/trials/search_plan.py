@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from omnitrack_sim.base.bounds import LARGEST
+from omnitrack_sim.base.bounds import MAX_NUMBER
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.scenario import Scenario
@@ -51,8 +51,8 @@ class Variable(PathTable):
     @classmethod
     def _has_a_logarithm(cls, scale: str, info: ValidationInfo) -> str:
         low = info.data.get("low")
-        if scale == "log" and low is not None and low < 1 / LARGEST:
-            raise ValueError(f"needs bounds of {1 / LARGEST:g} or more, and low is {low:g}")
+        if scale == "log" and low is not None and low < 1 / MAX_NUMBER:
+            raise ValueError(f"needs bounds of {1 / MAX_NUMBER:g} or more, and low is {low:g}")
         return scale
 
     @field_validator("start")

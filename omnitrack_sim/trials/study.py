@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
-from omnitrack_sim.base.bounds import MOST_TRIALS
+from omnitrack_sim.base.bounds import MAX_TRIALS
 from omnitrack_sim.base.errors import StudyError
 from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.table import Table
@@ -85,7 +85,7 @@ class Final(Table):
     """
 
     candidates: Annotated[int, Field(ge=0, le=100)] = 3
-    samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] | None = None
+    samples: Annotated[int, Field(ge=1, le=MAX_TRIALS)] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**62)] = 1_000_003
 
 

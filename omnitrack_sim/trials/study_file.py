@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from omnitrack_sim.base.bounds import MOST_BASES, MOST_CANDIDATES, MOST_TRIALS
+from omnitrack_sim.base.bounds import MAX_BASES, MAX_CANDIDATES, MAX_TRIALS
 from omnitrack_sim.base.errors import Fault, ScenarioError, StudyError, SweepError
 from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN, STUDY, checked, read_file
@@ -148,8 +148,8 @@ def _started(variable: Variable, base: Mapping[str, Any]) -> Variable:
 def _table_faults(file: StudyFile, sweeps: Sequence[Sweep]) -> list[Fault]:
     """Faults of variables and objectives in the light of the trials."""
     bases = [base for sweep in sweeps for base in sweep.bases.values()]
-    if len(bases) > MOST_BASES:
-        return [Fault("trials", f"have {len(bases)} base scenarios; at most {MOST_BASES}")]
+    if len(bases) > MAX_BASES:
+        return [Fault("trials", f"have {len(bases)} base scenarios; at most {MAX_BASES}")]
     faults: list[Fault] = []
     for i, variable in enumerate(file.variables):
         own = [
@@ -327,8 +327,8 @@ def _excess(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
     """Faults of too many candidates or trials, or of too many samples in a batch."""
     if not file.weighed:
         return
-    if file.candidate_count > MOST_CANDIDATES:
-        problem = f"ask for {file.candidate_count} candidates in all; at most {MOST_CANDIDATES}"
+    if file.candidate_count > MAX_CANDIDATES:
+        problem = f"ask for {file.candidate_count} candidates in all; at most {MAX_CANDIDATES}"
         yield Fault("generations", problem)
         return
     at_once = file.search_count * file.asked_each
@@ -342,8 +342,8 @@ def _excess(file: StudyFile, sweeps: Sequence[Sweep]) -> Iterator[Fault]:
         ("generations", file.candidate_count * size),
         ("final.samples", sum(checks)),
     ):
-        if trials > MOST_TRIALS:
-            yield Fault(where, f"makes {trials} trials; at most {MOST_TRIALS}")
+        if trials > MAX_TRIALS:
+            yield Fault(where, f"makes {trials} trials; at most {MAX_TRIALS}")
     for i, (sweep, check) in enumerate(zip(sweeps, checks, strict=True)):
         together = min(sweep.batch, max(sweep.size * at_once, check))
         for fault in excess_samples(together, sweep.bases.values()):

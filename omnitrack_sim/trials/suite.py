@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field, model_validator
 
-from omnitrack_sim.base.bounds import MOST_AXES, MOST_TRIALS
+from omnitrack_sim.base.bounds import MAX_AXES, MAX_TRIALS
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.reading import NAME_PATTERN, SUITE, beside, checked, read_file
 from omnitrack_sim.base.rotations import Array
@@ -29,7 +29,7 @@ from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_file import resolve
 from omnitrack_sim.trials.table import numbers_of, passed_of
 
-Count = Annotated[int, Field(ge=1, le=MOST_TRIALS)]
+Count = Annotated[int, Field(ge=1, le=MAX_TRIALS)]
 
 
 class BenchMeasure(Table):
@@ -201,7 +201,7 @@ class CourseTable(Table):
     quick: Count
     seed: Annotated[int, Field(ge=0, lt=2**62)]
     base: str | None = None
-    axes: Annotated[tuple[dict[str, Any], ...], Field(max_length=MOST_AXES)] = ()
+    axes: Annotated[tuple[dict[str, Any], ...], Field(max_length=MAX_AXES)] = ()
     course: str | None = None
     missions: Missions | None = None
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from omnitrack_sim.base.bounds import MOST_AXES, MOST_BATCH, MOST_TRIALS
+from omnitrack_sim.base.bounds import MAX_AXES, MAX_BATCH, MAX_TRIALS
 from omnitrack_sim.base.errors import SweepError
 from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import NAME_PATTERN
@@ -73,12 +73,12 @@ class SweepTable(Table):
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    samples: Annotated[int, Field(ge=1, le=MOST_TRIALS)] = 1
+    samples: Annotated[int, Field(ge=1, le=MAX_TRIALS)] = 1
     sampling: Sampling = "random"
     draws: Draws = "common"
-    batch: Annotated[int, Field(ge=1, le=MOST_BATCH)] = 32
+    batch: Annotated[int, Field(ge=1, le=MAX_BATCH)] = 32
     group_by: tuple[str, ...] | None = None
-    axes: Annotated[tuple[Axis, ...], Field(max_length=MOST_AXES)] = ()
+    axes: Annotated[tuple[Axis, ...], Field(max_length=MAX_AXES)] = ()
 
 
 class Sweep(SweepTable, Plan):

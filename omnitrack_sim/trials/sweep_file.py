@@ -11,11 +11,11 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from omnitrack_sim.base.bounds import (
-    MOST_FAULTS,
-    MOST_SAMPLES,
-    MOST_TRIALS,
-    MOST_VALUES,
-    MOST_WORDS,
+    MAX_FAULTS,
+    MAX_SAMPLES,
+    MAX_TRIALS,
+    MAX_VALUES,
+    MAX_WORDS,
 )
 from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
 from omnitrack_sim.base.paths import matches, value_at
@@ -35,7 +35,7 @@ class SweepFile(SweepTable):
         set: changes of the base, by dotted path.
     """
 
-    base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_WORDS)]
+    base: str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_WORDS)]
     set: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -234,13 +234,13 @@ def _misspelt(
         for i, value in enumerate(axis.values)
         if isinstance(value, bool | str) or isinstance(present, bool | str)
     ]
-    if len(words) > MOST_WORDS:
-        problem = f"has {len(words)} texts and truth values; at most {MOST_WORDS}"
+    if len(words) > MAX_WORDS:
+        problem = f"has {len(words)} texts and truth values; at most {MAX_WORDS}"
         yield Fault(f"{where}.values", problem)
         return
     refused = 0
     for i, value in words:
-        if refused >= MOST_FAULTS:
+        if refused >= MAX_FAULTS:
             return
         changes = dict.fromkeys(places, value)
         try:
@@ -260,7 +260,7 @@ def _goes_with_another(
     data = scenario.model_dump(mode="json")
     for other in others:
         places = [place for path in other.paths for place in matches(data, path)]
-        for value in other.values[:MOST_WORDS]:
+        for value in other.values[:MAX_WORDS]:
             try:
                 override(scenario, dict(changes) | dict.fromkeys(places, value))
             except ScenarioError:
@@ -299,11 +299,11 @@ def _clashes(
 def _excess(file: SweepFile, bases: Mapping[str, Scenario]) -> Iterator[Fault]:
     """Faults of too many trials, or of more samples in a batch than fit into memory."""
     size = trial_count(len(bases), file.axes, file.samples)
-    if size > MOST_TRIALS:
-        yield Fault("axes", f"make {size} trials; at most {MOST_TRIALS}")
-    elif size * len(file.axes) > MOST_VALUES:
+    if size > MAX_TRIALS:
+        yield Fault("axes", f"make {size} trials; at most {MAX_TRIALS}")
+    elif size * len(file.axes) > MAX_VALUES:
         problem = f"set {size * len(file.axes)} values, {len(file.axes)} in {size} trials each"
-        yield Fault("axes", f"{problem}; at most {MOST_VALUES}")
+        yield Fault("axes", f"{problem}; at most {MAX_VALUES}")
     yield from excess_samples(min(file.batch, size), bases.values())
 
 
@@ -311,11 +311,11 @@ def excess_samples(together: int, bases: Iterable[Scenario]) -> Iterator[Fault]:
     """Yield the fault of a batch of ``together`` trials with more samples than fit into memory."""
     for scenario in bases:
         samples = samples_of(scenario)
-        if samples * together > MOST_SAMPLES:
+        if samples * together > MAX_SAMPLES:
             problem = (
                 f"takes {together} trials together, each of {samples} samples up to the time limit "
-                f"of {scenario.name!r}: {samples * together} in memory; at most {MOST_SAMPLES}, "
-                f"{MOST_SAMPLES // samples} trials"
+                f"of {scenario.name!r}: {samples * together} in memory; at most {MAX_SAMPLES}, "
+                f"{MAX_SAMPLES // samples} trials"
             )
             yield Fault("batch", problem)
             return

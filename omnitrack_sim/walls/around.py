@@ -21,7 +21,7 @@ from omnitrack_sim.pipes.native import INTEGER, NUMBERS, WORD, c_function, point
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.walls.collider import FIRM_TIME
 from omnitrack_sim.walls.geoms import (
-    LEAST_ROOM,
+    MIN_ROOM,
     WALL_COLOUR,
     add_exact_walls,
     add_plates,
@@ -232,7 +232,7 @@ def solid_depths(network: Assembly) -> list[float]:
     They are as deep as bodies may be thrown into them, and half of the way to the nearest other
     bore at most.
     """
-    depths = [DEPTH_IN_BORE * part.fitting.largest_radius for part in network.parts]
+    depths = [DEPTH_IN_BORE * part.fitting.max_radius for part in network.parts]
     joined = {frozenset((i, j)) for (i, _), (j, _) in network.joints}
     every = [(i, stretch) for i, part in enumerate(network.parts) for stretch in part.stretches()]
     centres = np.array([stretch.centre for _, stretch in every])
@@ -241,7 +241,7 @@ def solid_depths(network: Assembly) -> list[float]:
         for (i, _), (j, stretch) in ((every[one], every[other]), (every[other], every[one])):
             if i != j and frozenset((i, j)) not in joined:
                 gap = _gap(network.parts[i], network.parts[j], stretch)
-                depths[i] = min(depths[i], max(gap / 2, LEAST_ROOM))
+                depths[i] = min(depths[i], max(gap / 2, MIN_ROOM))
     return depths
 
 
@@ -250,7 +250,7 @@ def _gap(part: Part, other: Part, stretch: Stretch) -> float:
     points = other.bore_samples(stretch)
     beside = points[part.extent(points) > 0]
     # Samples stand off their own wall by 5 % of the radius (``Part.bore_samples``).
-    inset = 0.05 * other.fitting.largest_radius
+    inset = 0.05 * other.fitting.max_radius
     return -float(part.signed_distance(beside)[0].max(initial=-np.inf)) - inset
 
 

@@ -15,7 +15,7 @@ import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, MOST_OF_PAIR, touch
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, MAX_OF_PAIR, touch
 from omnitrack_sim.walls.curves import (
     along_circle,
     along_line,
@@ -185,8 +185,8 @@ def mesh(con, n, wall, frame, hull, out):
     """
     vertices, vertex_count, polygons_at, count, begins, sizes, numbers = hull
     # The distances of the vertices stand where MuJoCo has room for contacts that are never kept.
-    is_known = vertex_count <= CONTACT_SIZE * (MOST_OF_PAIR - MOST_KEPT - 1)
-    distances = at(con, CONTACT_SIZE * (MOST_KEPT + 1))
+    is_known = vertex_count <= CONTACT_SIZE * (MAX_OF_PAIR - MAX_KEPT - 1)
+    distances = at(con, CONTACT_SIZE * (MAX_KEPT + 1))
     for v in range(vertex_count):
         # Of the vertices of the mesh those of its hull alone belong to a polygon.
         if polygons_at[v] > 0:

@@ -41,7 +41,7 @@ from omnitrack_sim.walls.bodies import (
     sphere,
     wall_of,
 )
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, MOST_KEPT, in_world
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.layout import library, words_of
 from omnitrack_sim.walls.record import DEPTH, DEPTH_IN_BORE, KIND, MARK, RECORD_SIZE, kinds
@@ -228,7 +228,7 @@ def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
     hull, normals = _hull(model, geom if kind == MESH else -1)
     bound = doubles(model[word(BOUND)])[geom]
     return rim_contacts(
-        con, records, w, kind, sizes, bound, hull, normals, frame, margin, MOST_KEPT, out
+        con, records, w, kind, sizes, bound, hull, normals, frame, margin, MAX_KEPT, out
     )
 
 

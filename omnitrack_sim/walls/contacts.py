@@ -9,7 +9,7 @@ from omnitrack_sim.walls.record import BOX
 CONTACT_SIZE = 10
 """Numbers of a contact (MuJoCo's mjPreContact): distance, position (3), normal (3), first tangent
 (3)."""
-MOST_KEPT, MOST_OF_PAIR = 16, 50
+MAX_KEPT, MAX_OF_PAIR = 16, 50
 """Contacts of one geom and one fitting that are handed on, and those that MuJoCo has room for."""
 
 
@@ -65,7 +65,7 @@ def keep(con, n, wall, d, reach, x, y, z, out):
     """Add a ball's contact at ``d`` m from the wall if it is near; return the number of contacts.
 
     Args:
-        con: room for ``MOST_KEPT`` + 1 contacts.
+        con: room for ``MAX_KEPT`` + 1 contacts.
         n: how many there are.
         wall: see ``bodies.wall_of``.
         d: m, distance of the point from the wall.
@@ -86,7 +86,7 @@ def keep(con, n, wall, d, reach, x, y, z, out):
             if con[n * CONTACT_SIZE] < con[i * CONTACT_SIZE]:
                 _move(con, n, i)
             return n
-    if n == MOST_KEPT:
+    if n == MAX_KEPT:
         _drop_nearest(con, n + 1)
         return n
     return n + 1

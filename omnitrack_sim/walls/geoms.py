@@ -109,7 +109,7 @@ def add_walls(
 SHARP, RIM_ROOM = 1e-6, 0.01
 """Turn of a wall, m/m, from which on it has an edge; and half height of the box around an edge,
 radii."""
-LEAST_ROOM = 0.002
+MIN_ROOM = 0.002
 """Of the bounding box around a bore, m: deeper than any lug presses."""
 
 
@@ -144,7 +144,7 @@ def add_exact_walls(
             _line_ends(network, (index, port), taken.get((index, port)), rims=depths is not None)
             for port in part.fitting.ports
         ]
-        depth = LEAST_ROOM if depths is None else depths[index]
+        depth = MIN_ROOM if depths is None else depths[index]
         # A body that sinks into a plate must not leave the wall beside it.
         fitting = part.fitting if depths is None else part.fitting.extended(depth)
         centre, half = bounding_box(fitting, depth)

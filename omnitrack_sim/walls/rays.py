@@ -58,7 +58,7 @@ SHORT = 1e-7
 """A step at least, m, which crosses port planes in spite of rounding."""
 TOLERANCE = 1e-6
 """Room beyond a port plane, m, in which a part still counts: there are no gaps at joints."""
-MOST_NEAR, NEAR, PORTS_ROOM = 32, 9, 8
+MAX_NEAR, NEAR, PORTS_ROOM = 32, 9, 8
 """Parts that one ray can meet, and numbers for each: the part, its span, the ray in its frame; and
 room for one number a port."""
 
@@ -162,7 +162,7 @@ def parts_along(parts, around, number, x, y, z, ux, uy, uz, far, near, ends, out
         reach = parts[p + REACH]
         # Pythagoras gives the squared distance of the ball's centre from the ray without a root.
         beside = cx * cx + cy * cy + cz * cz - along * along
-        if beside > reach * reach or along < -reach or along > far + reach or count >= MOST_NEAR:
+        if beside > reach * reach or along < -reach or along > far + reach or count >= MAX_NEAR:
             continue
         k = NEAR * count
         line = at(near, k + 3)
@@ -193,7 +193,7 @@ def nearest_port(parts, p, x, y, z):
     return where, best
 
 
-NEWTON_DISTANCE, LONGEST_NEWTON_STEP = 5e-4, 0.01
+NEWTON_DISTANCE, MAX_NEWTON_STEP = 5e-4, 0.01
 """Distance from the wall, m, below which Newton's method takes over from sphere tracing, and its
 longest step, m."""
 EXACT = 1e-10
@@ -204,7 +204,7 @@ open end before which that pipe passes, not through a joint. Walls are thicker t
 of maps fit better."""
 OVER_RELAXATION = 1.6
 """Over-relaxation: a step of sphere tracing over the distance from the wall; see ``_follow``."""
-MOST_STEPS = 300
+MAX_STEPS = 300
 DIM = 0.03
 """Before the end of what has been seen of a straight, m, a ray returns nothing: the end may be
 there, and a ring, or a little before."""
@@ -259,7 +259,7 @@ def _follow(parts, near, count, far, out):
     """
     s, last, stretch = 0.0, -1, OVER_RELAXATION
     from_s, from_d, stretched, at_end = 0.0, 0.0, False, False
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         k = -1 if stretched or at_end else _only(near, count, s)
         d, clear = 0.0, clear_from(parts, near, k, s) if k >= 0 else 0.0
         if clear <= 0.0:
@@ -301,7 +301,7 @@ def _onto_wall(parts, near, k, s, d, out):
         slope = out[0] * line[3] + out[1] * line[4] + out[2] * line[5]
         if abs(d) < EXACT or slope > -1e-2:
             break
-        there = s + max(-LONGEST_NEWTON_STEP, min(d / -slope, LONGEST_NEWTON_STEP))
+        there = s + max(-MAX_NEWTON_STEP, min(d / -slope, MAX_NEWTON_STEP))
         beyond = surface_at(parts, p, line, there, out)
         # A step that does not help is dropped, and the gradient is that of the place kept.
         if abs(beyond) >= abs(d) or there > near[n + 2]:
@@ -402,13 +402,13 @@ def trace(parts, maps, poses, cameras, rays, count, lamp, far, work, hits):
         count: of rays a camera.
         lamp: (3,) m, camera frame, then 1 where there is one, then 1 where walls have a grain.
         far: m, beyond which nothing is seen.
-        work: room for NEAR MOST_NEAR numbers, as many for the way to the lamp, PORTS_ROOM zeros
+        work: room for NEAR MAX_NEAR numbers, as many for the way to the lamp, PORTS_ROOM zeros
             for ports, and a number for each part of a map.
         hits: (cameras, count, HIT_SIZE), written to.
     """
     out = scratch()
-    to_lamp, ends = at(work, NEAR * MOST_NEAR), at(work, 2 * NEAR * MOST_NEAR)
-    around = at(work, 2 * NEAR * MOST_NEAR + PORTS_ROOM)
+    to_lamp, ends = at(work, NEAR * MAX_NEAR), at(work, 2 * NEAR * MAX_NEAR)
+    around = at(work, 2 * NEAR * MAX_NEAR + PORTS_ROOM)
     # The way to the lamp may leave the camera's ball by the lamp's offset.
     aside = math.sqrt(lamp[0] * lamp[0] + lamp[1] * lamp[1] + lamp[2] * lamp[2])
     for camera in range(cameras):
@@ -511,7 +511,7 @@ _TRACE = CFUNCTYPE(
 )
 _NEAREST = CFUNCTYPE(INTEGER, NUMBERS, NUMBERS, NUMBERS, WORD, WORD, NUMBERS, NUMBERS)
 """C types of the compiled functions, in the order of their arguments."""
-_WORK = 2 * NEAR * MOST_NEAR + PORTS_ROOM
+_WORK = 2 * NEAR * MAX_NEAR + PORTS_ROOM
 
 
 class RayWalls:
@@ -689,7 +689,7 @@ def _unplaced(fitting: Fitting) -> tuple[Array, Array, Array]:
     record[SPAN] = fitting.wall_address("span")
     record[CLEAR] = fitting.wall_address("clear")
     # Points that are measured a little outside the wall still belong to it.
-    record[REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.largest_radius / 2
+    record[REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.max_radius / 2
     record[PORTS] = len(fitting.port_names)
     record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
     placed = [ports[name] for name in fitting.port_names]

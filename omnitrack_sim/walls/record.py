@@ -14,14 +14,14 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Fitting
-from omnitrack_sim.pipes.fittings.base import MOST_PORTS, MOST_SIZES
+from omnitrack_sim.pipes.fittings.base import MAX_PORTS, MAX_SIZES
 
 MARK = 402653.0
 """First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
 KIND, SIZE, DEPTH, BOX = 1, 2, 3, 4
 ENDS = BOX + 3
-SIZES = ENDS + MOST_PORTS
-RECORD_SIZE = SIZES + MOST_SIZES
+SIZES = ENDS + MAX_PORTS
+RECORD_SIZE = SIZES + MAX_SIZES
 """Indices in the record of a wall, and its size: mark, number of the kind, radius of the bore, m,
 depth to which the wall is solid, m, centre of the bounding box (3), whether contact ends at each
 port, the fitting's ``sizes``."""
@@ -84,7 +84,7 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array
     """
     record = np.zeros(RECORD_SIZE)
     record[0], record[KIND] = MARK, kinds.add(type(fitting))
-    record[SIZE], record[DEPTH] = fitting.largest_radius, depth
+    record[SIZE], record[DEPTH] = fitting.max_radius, depth
     record[BOX:ENDS] = bounding_box(fitting, depth)[0]
     record[ENDS : ENDS + len(ends)] = ends
     record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes

@@ -32,10 +32,10 @@ SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
     for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
 )
 """Types of geoms that touch exact walls."""
-LEAST_SAMPLES = 16
+MIN_SAMPLES = 16
 FEET = 4
 """Steps by which the foot of a point on an ellipsoid is found."""
-DEEPEST, DEEPEST_IN_BORE = 4.0, 1e-3
+DEEPEST, MAX_DEPTH_IN_BORE = 4.0, 1e-3
 """Way out of a body between the walls' normals, in depths behind its nearest face, and in radii
 beside these, up to which an edge touches: beyond it the edge is at the body's other side."""
 BETWEEN, BETWEEN_BY_DEPTH = 1e-4, 6.0
@@ -242,7 +242,7 @@ def _way_out(slant, frame, body, out):
 
 
 @compiled
-def _least_way_out(low, high, frame, body, out):
+def _min_way_out(low, high, frame, body, out):
     """Return the slant in [a, b] of the normal with the least way out, and the distance along it.
 
     See ``_way_out``.
@@ -308,8 +308,8 @@ def _minimum(con, n, low, high, frame, body, slants, depth, margin, out):
     first, last = first - room, last + room
     slant = math.atan2(-out[9], (out[7] * out[4] + out[8] * out[5]) / radius)
     if d <= 0.0:
-        slant, way = _least_way_out(first, last, frame, body, out)
-        if way < DEEPEST * d - DEEPEST_IN_BORE * radius:
+        slant, way = _min_way_out(first, last, frame, body, out)
+        if way < DEEPEST * d - MAX_DEPTH_IN_BORE * radius:
             return n
         d = way
     # A way out that goes on getting shorter is that of a wall.
@@ -350,8 +350,8 @@ def rim_contacts(con, records, w, kind, sizes, bound, hull, normals, frame, marg
     d_a, slope_a = first
     while a < end and n < most:
         # The distance changes by no more than a metre a metre.
-        stride = max(end / LEAST_SAMPLES / 4.0, 0.5 * (d_a - margin) / radius)
-        b = min(a + min(stride, end / LEAST_SAMPLES), end)
+        stride = max(end / MIN_SAMPLES / 4.0, 0.5 * (d_a - margin) / radius)
+        b = min(a + min(stride, end / MIN_SAMPLES), end)
         # Where it closes rounding must not hide a minimum.
         d_b, slope_b = _at(b, frame, body, out) if b < end else first
         while _may_hide(d_a, slope_a, d_b, slope_b, b - a, radius, margin):

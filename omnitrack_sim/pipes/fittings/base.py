@@ -213,7 +213,7 @@ class Fitting(ABC):
         return self.radius
 
     @property
-    def largest_radius(self) -> float:
+    def max_radius(self) -> float:
         """Bore radius at the widest port, m."""
         return max(self.port_radius(port) for port in self.port_names)
 
@@ -307,7 +307,7 @@ class Fitting(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[float, ...]:
-        """The numbers that the functions of ``wall`` get, at most ``MOST_SIZES``."""
+        """The numbers that the functions of ``wall`` get, at most ``MAX_SIZES``."""
 
     def flare(self, port: str) -> float:
         """Growth of the bore radius, m/m, on the way into the fitting right behind a port."""
@@ -339,7 +339,7 @@ class Fitting(ABC):
         the first port to another.
         """
         # The widest bore needs the most staves for a given sagitta.
-        around = staves or stave_count(self.largest_radius, tolerance)
+        around = staves or stave_count(self.max_radius, tolerance)
         return around * (len(self.port_names) - 1)
 
     @abstractmethod
@@ -354,7 +354,7 @@ class Fitting(ABC):
         return self.fill(kit, 0.0)
 
 
-MOST_SIZES, MOST_PORTS = 10, 4
+MAX_SIZES, MAX_PORTS = 10, 4
 """Room in the exact collider for the numbers and ports of a fitting."""
 
 
@@ -450,5 +450,5 @@ class Axial(Fitting):
     @property
     def bounds(self) -> tuple[Array, Array]:
         """See ``Fitting``."""
-        r = self.largest_radius
+        r = self.max_radius
         return np.array([-r, -r, 0.0]), np.array([r, r, self.length])

@@ -49,7 +49,7 @@ RIM_SAGITTA = 1.5e-4
 _DENSE, _CUT_SAMPLES = 4001, 17
 """Points along the rim between which its curvature is measured, and across the cut end of a
 stave."""
-LEAST_FILL = 5e-4
+MIN_FILL = 5e-4
 """Depth, m, of what a ball rounds off a crotch, below which solids leave the crotch sharp."""
 CLEARANCE = 0.5
 """Least distance of an axis curve from the rim inside its turn, in radii of the branch."""
@@ -93,7 +93,7 @@ class Branched(Fitting):
         return np.array([sin, 0.0, cos])
 
     @property
-    def least_lengths(self) -> tuple[float, float]:
+    def min_lengths(self) -> tuple[float, float]:
         """Least half run and branch length, m: as far as the rim's fillet reaches at the crotch."""
         big, small = self._edge_radii()
         sin, cos = self.sin_cos
@@ -138,33 +138,12 @@ class Branched(Fitting):
             return 0.0
         return self.angle if "run_start" in (enter, leave) else math.pi - self.angle
 
-    @lru_cache(maxsize=1024)  # noqa: B019 - fittings are values, few, and planning asks often
     def axis_curve(self, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
         """See ``Fitting``: a line over the run, or line, arc, line between run and branch.
 
         The arc is as wide as the two legs leave room for.
         """
-        start, turn = self.ports[enter], self.turn_angle(enter, leave)
-        tangent, half = -start.rotation[:, 2], self.run_length / 2
-        if turn == 0:
-            length = 2 * self.branch_length if leave in self.branches else self.run_length
-            return AxisCurve(start.position, tangent, start.rotation[:, 0], ((length, 0.0),))
-        # The arc depends on the direction: out of a branch a wide one passes more often (`Arcs`).
-        wanted, first, last = (
-            (arcs.turn, half, self.branch_length)
-            if leave in self.branches
-            else (arcs.merge, self.branch_length, half)
-        )
-        # An arc of radius q takes q tan(turn / 2) of either axis; tan(pi / 4) is not quite 1.
-        slope = 1.0 if turn == math.pi / 2 else math.tan(turn / 2)
-        onward = self.ports[leave].rotation[:, 2]
-        normal = unit(onward - tangent * (onward @ tangent))
-        radius = min(wanted, half / slope, self.branch_length / slope)
-        radius = self.clear_of_rim(radius, tangent, normal, turn)
-        cut = radius * slope
-        lines = ((first - cut, 0.0), (radius * turn, 1 / radius), (last - cut, 0.0))
-        segments = tuple(segment for segment in lines if segment[0] > 1e-12)
-        return AxisCurve(start.position, tangent, normal, segments)
+        return _axis_curve(self, enter, leave, arcs)
 
     def mouth(self, enter: str) -> tuple[float, float]:
         """Return middle and half length, m, of the branch's opening, along the axis from a port.
@@ -321,7 +300,7 @@ class Branched(Fitting):
     def mouth_at(self, middle: float, half_angle: float) -> tuple[float, float] | None:
         """Return the heights z, m, between which the mouth opens the run near an azimuth, or None.
 
-        Args: ``middle``: azimuth, rad. ``half_angle``: rad, to either side of it.
+        ``middle``: azimuth, rad. ``half_angle``: rad, to either side of it.
         """
         big, small = self._edge_radii()
         sin, cos = self.sin_cos
@@ -394,7 +373,7 @@ class Branched(Fitting):
         # The outer wall is parallel to the bore, so its ball is smaller by the wall's thickness.
         fillet = self.fillet_radius - more
         depth = fillet * (1 / math.sin(self.angle / 2) - 1)  # of what fills the crotch
-        if fillet > 2 * kit.overcut and depth > LEAST_FILL:
+        if fillet > 2 * kit.overcut and depth > MIN_FILL:
             for q in self._solid_rim_angles(kit.sections):
                 solids.append(self._fillet(kit, q, radius, branch_radius, fillet))
         return solids
@@ -437,8 +416,33 @@ class Branched(Fitting):
 def edge_curve(q: Array, big: float, small: float, angle: float) -> Array:
     """Return points (..., 3) m of the edge at angles ``q`` (...,) rad round the branch.
 
-    Args: ``big``, ``small``: A and B of ``wye_surface``, m. ``angle``: rad.
+    ``big``, ``small``: A and B of ``wye_surface``, m. ``angle``: rad.
     """
     y, w = small * np.sin(q), small * np.cos(q)
     x = np.sqrt(big * big - small * small + w * w)
     return np.stack([x, y, (x * math.cos(angle) - w) / math.sin(angle)], axis=-1)
+
+
+@lru_cache(maxsize=1024)  # fittings are values, and planning asks for the same few again and again
+def _axis_curve(fitting: Branched, enter: str, leave: str, arcs: Arcs) -> AxisCurve:
+    start, turn = fitting.ports[enter], fitting.turn_angle(enter, leave)
+    tangent, half = -start.rotation[:, 2], fitting.run_length / 2
+    if turn == 0:
+        length = 2 * fitting.branch_length if leave in fitting.branches else fitting.run_length
+        return AxisCurve(start.position, tangent, start.rotation[:, 0], ((length, 0.0),))
+    # The arc depends on the direction: out of a branch a wide one passes more often (`Arcs`).
+    wanted, first, last = (
+        (arcs.turn, half, fitting.branch_length)
+        if leave in fitting.branches
+        else (arcs.merge, fitting.branch_length, half)
+    )
+    # An arc of radius q takes q tan(turn / 2) of either axis; tan(pi / 4) is not quite 1.
+    slope = 1.0 if turn == math.pi / 2 else math.tan(turn / 2)
+    onward = fitting.ports[leave].rotation[:, 2]
+    normal = unit(onward - tangent * (onward @ tangent))
+    radius = min(wanted, half / slope, fitting.branch_length / slope)
+    radius = fitting.clear_of_rim(radius, tangent, normal, turn)
+    cut = radius * slope
+    lines = ((first - cut, 0.0), (radius * turn, 1 / radius), (last - cut, 0.0))
+    segments = tuple(segment for segment in lines if segment[0] > 1e-12)
+    return AxisCurve(start.position, tangent, normal, segments)

@@ -17,7 +17,7 @@ from omnitrack_sim.base.rotations import Array, Pose, cross
 from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, compiled, in_bore, out_of_two, put
 from omnitrack_sim.pipes.fittings.base import Axis, AxisCurve, Description, Y, in_bores, port_pose
-from omnitrack_sim.pipes.fittings.wye import LEAST_ANGLE_DEG, Wye
+from omnitrack_sim.pipes.fittings.wye import MIN_ANGLE_DEG, Wye
 from omnitrack_sim.pipes.fittings.wye_surface import RUN_OF_CROSS, clip_leg, from_edge
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 
@@ -121,7 +121,7 @@ class Cross(Wye):
         branch_length: Annotated[Size | None, Unit("m", "branch")] = None
         """Of either branch, from the run's axis. Left out: `inner_diameter`, or what the rim asks
         for."""
-        angle_deg: Annotated[float, Field(ge=LEAST_ANGLE_DEG, le=90), Unit("deg", "")] = 90.0
+        angle_deg: Annotated[float, Field(ge=MIN_ANGLE_DEG, le=90), Unit("deg", "")] = 90.0
         """Between the port `branch` and the run towards `run_end`; 30 to 90."""
         branch_diameter: Annotated[Size | None, Unit("m")] = None
         """Of both branches, 0.4 to 1 of `inner_diameter`, which is the run's. Left out:

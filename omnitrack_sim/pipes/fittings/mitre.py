@@ -57,9 +57,9 @@ from omnitrack_sim.pipes.shapes import (
     stave_count,
 )
 
-LARGEST_ANGLE = math.radians(150)
+MAX_ANGLE = math.radians(150)
 """Sharpest corner, rad: the legs then stand 30 degrees apart."""
-LEAST_ANGLE_DEG = 1e-6
+MIN_ANGLE_DEG = 1e-6
 """Of files, degrees: over a pipe of 10 km such a bend makes 0.2 mm."""
 DEFLECTION = math.radians(15)
 """Angle, rad, up to which a robot drives through as it is."""
@@ -168,7 +168,7 @@ class Mitre(Fitting):
         leg_length: Annotated[Size | None, Unit("m", "leg")] = None
         """From a port to the corner. Left out: 0.625 `inner_diameter`, 0.1 m at 160 mm, or what
         the rim asks for."""
-        angle_deg: Annotated[float, Field(ge=LEAST_ANGLE_DEG, le=150), Unit("deg", "")] = 90.0
+        angle_deg: Annotated[float, Field(ge=MIN_ANGLE_DEG, le=150), Unit("deg", "")] = 90.0
         """By which it bends, up to 150."""
         fillet_radius: Annotated[Size | None, Unit("m")] = None
         """Of the rim inside the corner. Left out: 1/64 of `inner_diameter`, 2.5 mm at 160 mm."""
@@ -180,7 +180,7 @@ class Mitre(Fitting):
             self.kind,
             inner_diameter=positive(self.inner_diameter),
             angle=(
-                LEAST_ANGLE_DEG * (1 - 1e-9) <= degrees <= 150 * (1 + 1e-9),
+                MIN_ANGLE_DEG * (1 - 1e-9) <= degrees <= 150 * (1 + 1e-9),
                 f"is {degrees:.6g} degrees; must be over 0, at most 150",
             ),
             fillet_radius=(
@@ -188,11 +188,11 @@ class Mitre(Fitting):
                 f"is {fillet} m; must be over 0 and at most a quarter of the diameter",
             ),
         )
-        least = self.least_leg(self.angle, self.inner_diameter, fillet)
+        least = self.min_leg(self.angle, self.inner_diameter, fillet)
         lengthen(self, left_out, leg_length=least)
 
     @staticmethod
-    def least_leg(angle: float, bore: float, fillet: float) -> float:
+    def min_leg(angle: float, bore: float, fillet: float) -> float:
         """Return the least length of a leg, m: how far the rim's fillet reaches along it.
 
         Args:

@@ -26,7 +26,7 @@ from omnitrack_sim.pipes.compiled import (
 from omnitrack_sim.pipes.fittings.base import BORE, Axial, Bore, FittingTable, Z, check, positive
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, stave_count
 
-STEEPEST_CONE = math.radians(20)
+MAX_CONE_ANGLE = math.radians(20)
 """Largest half cone angle of a reducer, rad."""
 POSITION = 1e-7
 """Accuracy, m, of the end of a span."""
@@ -238,9 +238,9 @@ class Reducer(Axial):
         check(self.kind, **{name: positive(size) for name, size in sizes.items()})
         # Only after the first check: a length or diameter that is not positive would divide by
         # zero.
-        least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(STEEPEST_CONE)
+        least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(MAX_CONE_ANGLE)
         angle = math.degrees(math.atan(abs(self.slope)))
-        steepest = math.degrees(STEEPEST_CONE)
+        steepest = math.degrees(MAX_CONE_ANGLE)
         check(
             self.kind,
             end_diameter=(
@@ -284,7 +284,7 @@ class Reducer(Axial):
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
         """See ``Fitting``: staves tangent to the cone, as wide as its wide end asks for."""
-        widest = self.largest_radius
+        widest = self.max_radius
         ring, slope = Ring.of(widest, staves or stave_count(widest, tolerance)), self.slope
         shift = widest - ring.face
         # The ends of the staves stand square to the cone: at the wide end they go on behind the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 from omnitrack_sim.base.table import Size, Unit
@@ -36,8 +36,9 @@ class Tee(Branched):
     branch_length: float = in_bores(1)
     fillet_radius: float = in_bores(1 / 32)
     inner_diameter: float = BORE
+    angle: float = field(default=math.pi / 2, init=False, repr=False)
+    branch_diameter: float = field(init=False, repr=False)
     kind: ClassVar[str] = "tee"
-    angle: ClassVar[float] = math.pi / 2
 
     class Table(FittingTable):
         """Keys in files."""
@@ -51,6 +52,7 @@ class Tee(Branched):
 
     def __post_init__(self) -> None:
         fill_in(self)
+        object.__setattr__(self, "branch_diameter", self.inner_diameter)
         least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
         check(
             self.kind,
@@ -68,8 +70,3 @@ class Tee(Branched):
                 f"is {self.branch_length} m; must be at least {least} m",
             ),
         )
-
-    @property
-    def branch_diameter(self) -> float:
-        """See ``Branched``: that of the run."""
-        return self.inner_diameter

@@ -23,9 +23,9 @@ from omnitrack_sim.pipes.fittings.wye_surface import EQUAL
 
 ANGLES = (math.radians(30), math.radians(90))
 """Least and largest angle between branch and run, rad."""
-LEAST_ANGLE_DEG = 29.999999
+MIN_ANGLE_DEG = 29.999999
 """Of files, degrees: 30 with room for what rounding makes of it."""
-LEAST_BRANCH = 0.4
+MIN_BRANCH = 0.4
 """Least diameter of the branch, in diameters of the run."""
 
 
@@ -62,7 +62,7 @@ class Wye(Branched):
         branch_length: Annotated[Size | None, Unit("m", "branch")] = None
         """From the run's axis. Left out: 1.375 `inner_diameter`, 0.22 m at 160 mm, or what the rim
         asks for."""
-        angle_deg: Annotated[float, Field(ge=LEAST_ANGLE_DEG, le=90), Unit("deg", "")] = 45.0
+        angle_deg: Annotated[float, Field(ge=MIN_ANGLE_DEG, le=90), Unit("deg", "")] = 45.0
         """Between the branch and the run towards `run_end`; 30 to 90."""
         fillet_radius: Annotated[Size | None, Unit("m")] = None
         """Of the rounded rim. Left out: 1/32 of `inner_diameter`, 5 mm at 160 mm."""
@@ -82,8 +82,8 @@ class Wye(Branched):
                 f"is {math.degrees(self.angle):.6g} degrees; must be between 30 and 90",
             ),
             branch_diameter=(
-                LEAST_BRANCH * run <= branch * (1 + 1e-9) and apart >= -2 * EQUAL,
-                f"is {branch} m; must be between {LEAST_BRANCH * run:.6g} m and the run's {run} m",
+                MIN_BRANCH * run <= branch * (1 + 1e-9) and apart >= -2 * EQUAL,
+                f"is {branch} m; must be between {MIN_BRANCH * run:.6g} m and the run's {run} m",
             ),
             fillet_radius=(
                 0 < fillet <= branch / 4,
@@ -93,7 +93,7 @@ class Wye(Branched):
             branch_length=positive(self.branch_length),
         )
         # In a second check, since the lengths follow from an angle and radii that are valid by now.
-        half, far = self.least_lengths
+        half, far = self.min_lengths
         lengthen(self, left_out, run_length=2 * half, branch_length=far)
 
     def bore_key(self, port: str) -> str:

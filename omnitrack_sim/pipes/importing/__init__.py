@@ -16,7 +16,7 @@ from omnitrack_sim.pipes.importing.epanet import read_epanet
 from omnitrack_sim.pipes.importing.isometric import build_plant
 from omnitrack_sim.pipes.importing.pcf import read_pcf
 
-MOST_BYTES = 20_000_000
+MAX_BYTES = 20_000_000
 """Of an isometric: a plant of 100,000 components."""
 
 
@@ -51,8 +51,8 @@ def import_network(file: str | Path, **settings: Any) -> Import:
         return build(name, read_epanet(path, asked), asked)
     if path.suffix.lower() != ".pcf":
         raise NetworkError(Fault(path.name, "is neither EPANET's .inp nor a .pcf"))
-    if path.stat().st_size > MOST_BYTES:
-        raise NetworkError(Fault(path.name, f"is too large: at most {MOST_BYTES} bytes are read"))
+    if path.stat().st_size > MAX_BYTES:
+        raise NetworkError(Fault(path.name, f"is too large: at most {MAX_BYTES} bytes are read"))
     # Isometrics are of ASCII; other letters stand in descriptions only.
     text = path.read_text(encoding="utf-8", errors="replace")
     return build_plant(name, *read_pcf(text, asked.schedule))

@@ -27,7 +27,7 @@ ROUNDS = 12
 """How often nodes are moved to make room, all of those that need it at a time."""
 NOTABLE = 0.05
 """Share of a pipe's length by which it may be built longer or shorter without a note."""
-MOST_OVERLAPS = 200
+MAX_OVERLAPS = 200
 """Pairs of parts that share space which are mended at a time."""
 CLEARANCE = 0.3
 """Between pipes that cross, m, as mains are laid."""
@@ -277,7 +277,7 @@ class _Parts:
         """Mend pipes that run into others or themselves, or leave them out; returns the notes."""
         notes: dict[str, ImportNote] = {}
         for attempt in range(ROUNDS):
-            pairs = self._assembly().overlaps(MOST_OVERLAPS)
+            pairs = self._assembly().overlaps(MAX_OVERLAPS)
             if not pairs:
                 break
             names = list(self._data()["fittings"])

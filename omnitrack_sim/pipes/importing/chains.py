@@ -19,7 +19,7 @@ from omnitrack_sim.pipes.importing.junctions import STRAIGHT_ON, bends
 
 CONE, STEEP_CONE = math.tan(math.radians(10)), math.tan(math.radians(19.9))
 """Slope of a reducer's wall, and where there is little room; at most 20 degrees."""
-LONGEST = 500.0
+MAX_STRAIGHT = 500.0
 """Of a straight, m."""
 NOTHING, ROUNDING = 1e-5, 1e-9
 """Length of a straight, m, that is left out, as no file has one: a ring closes to 1 mm; and what
@@ -260,7 +260,7 @@ class _Line:
             yield cone, None
         for side, room in enumerate(plan.rooms().tolist()):
             if room > NOTHING:
-                count = math.ceil(room / LONGEST)
+                count = math.ceil(room / MAX_STRAIGHT)
                 for _ in range(count):
                     yield Straight(room / count, self.bore), None
             if side < len(plan.options):

@@ -17,13 +17,13 @@ FOOT = 0.3048
 """Length of a foot, m."""
 FIT = 0.1
 """Difference of a drawn length from the file's, share, up to which they are the same."""
-LEAST_FIT = 0.8
+MIN_FIT = 0.8
 """Share of all length that has to fit, or the drawing is a schematic one."""
 STEEP = 1.0
 """Slope of all pipes of a node, m/m, from which its height is taken for missing."""
-SHORTEST = 0.01
+MIN_PIPE = 0.01
 """Of a drawn pipe, m."""
-STUB, LEAST_RISE = 10.0, 2.0
+STUB, MIN_RISE = 10.0, 2.0
 """Level pipe between a node and a rise beside it, and the least height of one: a lower one has no
 room for its bends. Both in bores."""
 PROFILES = {
@@ -64,7 +64,7 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
         heights_there = nodes[ends[0]][2], nodes[ends[1]][2]
         bore = true_bore(float(pipe.diameter), settings.schedule)
         points = _in_space(scale * lines[name] - middle, heights_there, settings.profile, bore)
-        if ends[0] == ends[1] or length(np.diff(points, axis=0)).sum() < SHORTEST:
+        if ends[0] == ends[1] or length(np.diff(points, axis=0)).sum() < MIN_PIPE:
             notes.append(ImportNote("left out", f"pipe {name}", "begins where it ends"))
             continue
         drawing.lengths[name] = float(pipe.length)
@@ -126,7 +126,7 @@ def _scale(
     scale = settings.scale or ratio
     off = np.abs(scale * drawn / asked - 1)
     fit = float(asked[off <= FIT].sum() / asked.sum())
-    if fit < LEAST_FIT and not settings.scale:
+    if fit < MIN_FIT and not settings.scale:
         problem = (
             f"is a schematic drawing: coordinates and lengths fit for {100 * fit:.0f} % of the "
             "length; give a scale, and pipes are as long as drawn"
@@ -152,7 +152,7 @@ def _heights(model: Any, lines: dict[str, Array], notes: list[ImportNote]) -> di
         heights[name] = float(node.base_head if height is None else height)
     around: dict[str, list[tuple[str, float]]] = {name: [] for name in heights}
     for name, pipe in model.pipes():
-        run = max(float(length(np.diff(_flat(lines[name]), axis=0)).sum()), SHORTEST)
+        run = max(float(length(np.diff(_flat(lines[name]), axis=0)).sum()), MIN_PIPE)
         for one, other in (
             (pipe.start_node_name, pipe.end_node_name),
             (pipe.end_node_name, pipe.start_node_name),
@@ -173,10 +173,10 @@ def _in_space(line: Array, heights: tuple[float, float], profile: str, bore: flo
     """Return points (k, 3) m of a line on the map that rises from one height to another."""
     steps = length(np.diff(_flat(line), axis=0))
     s = np.append(0.0, np.cumsum(steps))
-    whole, (first, last) = max(float(s[-1]), SHORTEST), heights
+    whole, (first, last) = max(float(s[-1]), MIN_PIPE), heights
     rise, stub = abs(last - first), STUB * bore
     knots = np.array([[0.0, first], [whole, last]])
-    if profile != "even" and rise > LEAST_RISE * bore and whole > rise + 3 * stub:
+    if profile != "even" and rise > MIN_RISE * bore and whole > rise + 3 * stub:
         # The end beside which it rises: of a low one the higher, of a high one the lower.
         at_last = (last > first) == (profile == "low")
         begin = whole - stub - rise if at_last else stub

@@ -28,7 +28,7 @@ from omnitrack_sim.pipes.fittings.mitre import Mitre
 from omnitrack_sim.pipes.fittings.reducer import Reducer
 from omnitrack_sim.pipes.fittings.straight import Cap, Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
-from omnitrack_sim.pipes.fittings.wye import LEAST_BRANCH, Wye
+from omnitrack_sim.pipes.fittings.wye import MIN_BRANCH, Wye
 from omnitrack_sim.pipes.importing.assumptions import Import, ImportNote
 from omnitrack_sim.pipes.importing.building import Names
 from omnitrack_sim.pipes.importing.pcf import (
@@ -257,10 +257,10 @@ def _without_olets(components: Sequence[Component], plant: _Plant) -> list[Compo
         if host is None:
             raise NetworkError(olet.fault("sits on no pipe"))
         (a, bore), (b, other) = host.ends
-        if branches[0].bore < LEAST_BRANCH * bore:
+        if branches[0].bore < MIN_BRANCH * bore:
             share = branches[0].bore / bore
             plant.note(
-                "left out", olet, f"has a branch of {share:.2f} of its run; {LEAST_BRANCH} at least"
+                "left out", olet, f"has a branch of {share:.2f} of its run; {MIN_BRANCH} at least"
             )
             continue
         way = unit(b - a)

@@ -16,15 +16,15 @@ from omnitrack_sim.base.rotations import Array, Pose, angle_between, frame_of, u
 from omnitrack_sim.pipes.fittings.base import Fitting
 from omnitrack_sim.pipes.fittings.cross import Cross
 from omnitrack_sim.pipes.fittings.elbow import Elbow
-from omnitrack_sim.pipes.fittings.mitre import LARGEST_ANGLE, Mitre
+from omnitrack_sim.pipes.fittings.mitre import MAX_ANGLE, Mitre
 from omnitrack_sim.pipes.fittings.straight import Straight
 from omnitrack_sim.pipes.fittings.tee import Tee
-from omnitrack_sim.pipes.fittings.wye import ANGLES, LEAST_BRANCH, Wye
+from omnitrack_sim.pipes.fittings.wye import ANGLES, MIN_BRANCH, Wye
 from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 
 STRAIGHT_ON = 1e-8
 """Angle, rad, below which two directions are one: over 10 km that makes 0.1 mm."""
-LEAST_LEAN = math.radians(1)
+MIN_LEAN = math.radians(1)
 """Of two pipes out of a node: with less between them they lie in each other."""
 COST_OF_BEND, COST_OF_REDUCER, WIDE_BEND = 0.2, 0.3, math.radians(30)
 """Of the choice among turned fittings: a bend counts 0.2 and the square of its angle over 30
@@ -111,8 +111,8 @@ def bends(angle: float, bore: float, settings: ImportSettings) -> list[tuple[Fit
             if angle <= math.radians(170):
                 cut = radius * math.tan(angle / 2)
                 options.append((Elbow(radius, angle, bore), cut))
-    if angle <= LARGEST_ANGLE:
-        least = Mitre.least_leg(angle, bore, fillet)
+    if angle <= MAX_ANGLE:
+        least = Mitre.min_leg(angle, bore, fillet)
         legs = (least,) if options else (max(least, 0.25 * bore), least)
         options += [(Mitre(leg, angle, fillet, bore), leg) for leg in legs]
     return sorted(options, key=lambda option: -option[1])
@@ -169,7 +169,7 @@ def _crossing(
     """
     i, j, *rest = order
     drawn = float(angle_between(run, branch))
-    if min(drawn, math.pi - drawn) < LEAST_LEAN:
+    if min(drawn, math.pi - drawn) < MIN_LEAN:
         return
     low = ANGLES[0]
     angle = min(max(drawn, low), math.pi - low)
@@ -180,7 +180,7 @@ def _crossing(
     ports = {i: "run_end", j: "run_start"} | dict(zip(rest, ("branch", "opposite"), strict=False))
     towards = {i: run, j: -run} | dict(zip(rest, (branch, -branch), strict=False))
     bore = max(bores)
-    branch_bore = min(max(*(bores[k] for k in rest), LEAST_BRANCH * bore), bore)
+    branch_bore = min(max(*(bores[k] for k in rest), MIN_BRANCH * bore), bore)
     wide = {k: bore if k in (i, j) else branch_bore for k in order}
     cost = 0.0
     for k in order:
@@ -221,5 +221,5 @@ def _sized(crossing: _Crossing, tight: bool) -> Fitting:
         )
     if not tight:
         return fitting
-    half, far = fitting.least_lengths
+    half, far = fitting.min_lengths
     return replace(fitting, run_length=2 * half * (1 + 1e-6), branch_length=far * (1 + 1e-6))

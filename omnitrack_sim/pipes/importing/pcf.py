@@ -29,9 +29,9 @@ COORDINATES = {
     "INCH-SIXTEENTH": INCH / 16,
 }
 """Lengths of the units, m."""
-FARTHEST, WIDEST, NARROWEST = 1e5, 10.0, 1e-3
+MAX_COORDINATE, MAX_BORE, MIN_BORE = 1e5, 10.0, 1e-3
 """Largest coordinate, largest and smallest bore, m."""
-MOST_LINES, LONGEST_LINE, MOST_TOLD = 200_000, 2_000, 20
+MAX_LINES, MAX_LINE, MAX_TOLD = 200_000, 2_000, 20
 POINTS = ("END-POINT", "CENTRE-POINT", "BRANCH1-POINT", "BRANCH2-POINT", "CO-ORDS")
 HEADERS = ("ISOGEN-FILES", "PIPELINE-REFERENCE", "MATERIALS", "UNITS-")
 """Beginnings of words that are no components."""
@@ -124,10 +124,10 @@ class Component:
             what = "three coordinates and a bore" if needed == 4 else "three coordinates"
             raise ValueError(f"{key} needs {what}; it has {' '.join(words[1:5]) or 'none'}")
         place = units[1] * np.array(numbers[:3])
-        if not (np.abs(place) <= FARTHEST).all():
-            raise ValueError(f"{key} is farther than {FARTHEST:g} m from the origin")
+        if not (np.abs(place) <= MAX_COORDINATE).all():
+            raise ValueError(f"{key} is farther than {MAX_COORDINATE:g} m from the origin")
         bore = true_bore(units[0] * numbers[3], schedule) if len(numbers) > 3 else 0.0
-        if needed == 4 and not NARROWEST <= bore <= WIDEST:
+        if needed == 4 and not MIN_BORE <= bore <= MAX_BORE:
             raise ValueError(f"{key} has a bore of {bore:g} m")
         self.points.setdefault(key, []).append(Point(place, bore))
         if len(self.points[key]) > 2:
@@ -150,8 +150,8 @@ def read_pcf(text: str, schedule: str) -> tuple[list[Component], str]:
     """
     faults: list[Fault] = []
     lines = text.splitlines()
-    if len(lines) > MOST_LINES:
-        raise NetworkError(Fault("file", f"has {len(lines)} lines; at most {MOST_LINES} are read"))
+    if len(lines) > MAX_LINES:
+        raise NetworkError(Fault("file", f"has {len(lines)} lines; at most {MAX_LINES} are read"))
     units = _units(lines, faults)
     if any(line.split()[:2] == ["PIPING-SPEC", TRUE_BORES] for line in lines):
         schedule = "none"
@@ -163,8 +163,8 @@ def read_pcf(text: str, schedule: str) -> tuple[list[Component], str]:
         if not words:
             continue
         # Blanks of other kinds, as tabs are, are text as well.
-        if len(line) > LONGEST_LINE or not line.replace("\t", " ").isprintable():
-            problem = f"is no text of at most {LONGEST_LINE} characters"
+        if len(line) > MAX_LINE or not line.replace("\t", " ").isprintable():
+            problem = f"is no text of at most {MAX_LINE} characters"
             faults.append(Fault(f"line {number}", problem))
         if not line[0].isspace():
             passed = words[0].startswith((*HEADERS, *PASSED))
@@ -175,7 +175,7 @@ def read_pcf(text: str, schedule: str) -> tuple[list[Component], str]:
                 current.add(words, units, schedule)
             except ValueError as error:
                 faults.append(Fault(f"line {number}", str(error)))
-        if len(faults) >= MOST_TOLD:
+        if len(faults) >= MAX_TOLD:
             break
     if not components and not faults:
         faults.append(Fault("file", "has no components"))

@@ -51,6 +51,7 @@ class TrackDisplay(RobotDisplay):
         (("roll", None), ("motor_torque", None), ("slip_ratio", None)),
         (("pitch", None), ("traction", None), ("slide", None)),
     )
+    compared: ClassVar = ("normal_force", "motor_torque", "slip_ratio")
     first_plots: ClassVar = (
         *("belt_speed", "slip_ratio", "traction", "normal_force", "tilt", "theta5"),
     )

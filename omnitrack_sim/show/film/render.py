@@ -1,4 +1,4 @@
-"""Films, single frames and strips of stills of recorded runs."""
+"""Films and single frames of recorded runs."""
 
 from __future__ import annotations
 
@@ -8,29 +8,23 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from pathlib import Path
-from string import ascii_lowercase
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import PIL.Image
-from numpy.typing import NDArray
-from PIL import ImageDraw
 
 from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
-from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.workers import LocalPool
-from omnitrack_sim.base.writing import check_file, format_of, whole_file
+from omnitrack_sim.base.writing import check_file
+from omnitrack_sim.show.film.encoding import Image, film, film_format
 from omnitrack_sim.show.film.overlay import (
     MARGIN,
     CameraPanel,
     MapPanel,
     Panel,
     StatusPanel,
-    font,
 )
 from omnitrack_sim.show.film.stage import Stage
 from omnitrack_sim.show.playback import Playback
@@ -74,98 +68,6 @@ def check_request(
     ]
     if faults:
         raise InputError(faults)
-
-
-Image = NDArray[np.uint8]
-Append = Callable[[Image], None]
-FILM_FORMATS = ("mp4", "webm", "gif")
-"""H.264 that plays while it loads, VP9, and animated GIF, which repeats."""
-_THREADS = 4
-
-
-def film_format(path: str | Path) -> str:
-    """The format of a film, one of ``FILM_FORMATS``, by the ending of its path."""
-    return format_of(path, None, "film", FILM_FORMATS)
-
-
-@contextmanager
-def film(path: str | Path, width: int, height: int, fps: int) -> Iterator[Append]:
-    """Return a function that appends frames (height, width, 3) to a film.
-
-    The film is written whole or not at all.
-
-    Args:
-        path: of the film; its ending is one of ``FILM_FORMATS``.
-        width: pixels, even.
-        height: pixels, even.
-        fps: frames a second.
-
-    Raises:
-        InputError: no such format.
-        OutputError: the file cannot be written.
-    """
-    import imageio.v3
-
-    imopen: Any = imageio.v3.imopen  # its types know no names of plugins
-    format = film_format(path)
-    # Without bitexact a WebM would be given a number of its own each time.
-    options = {"mp4": {"movflags": "faststart"}, "webm": {"fflags": "+bitexact"}}.get(format, {})
-    with (
-        whole_file(path) as part,
-        imopen(
-            part, "w", plugin="pyav", extension=f".{format}", container=format, options=options
-        ) as file,
-    ):
-        if format == "gif":
-            _begin_gif(file, width, height, fps)
-        else:
-            _begin_stream(file, format, fps)
-        yield file.write_frame
-
-
-# imageio has no parameter for the encoder's options. Its own take three times as long; a plain
-# search takes a third less than that of the preset. x264 must not look ahead: its macroblock tree,
-# which needs that, reads memory that nobody has written, and the file would have other bytes now
-# and then. Without the tree CRF 25 is as sharp as 20 with it, in 8 % more bytes.
-_X264 = "subme=1:me=dia:weightp=0:bframes=1:b-adapt=0:no-mbtree=1:rc-lookahead=0:scenecut=0"
-_ENCODERS = {
-    "mp4": ("libx264", {"crf": "25", "preset": "veryfast", "x264-params": _X264}),
-    "webm": (
-        "libvpx-vp9",
-        {"crf": "32", "deadline": "realtime", "cpu-used": "6", "row-mt": "1"},
-    ),
-}
-
-
-def _begin_stream(file: Any, format: str, fps: int) -> None:
-    codec, options = _ENCODERS[format]
-    file.init_video_stream(codec, fps=fps, pixel_format="yuv420p")
-    stream = file._video_stream
-    stream.options = options
-    if format == "webm":
-        stream.bit_rate = 0  # constant quality, which "crf" says
-    # The bytes of a film follow from the number of threads, which would else be that of the
-    # processors. Whole frames side by side: slices of one frame would be a larger file.
-    stream.codec_context.thread_count = _THREADS
-    stream.codec_context.thread_type = "FRAME"
-
-
-def _begin_gif(file: Any, width: int, height: int, fps: int) -> None:
-    """Each frame gets the 256 colours that suit it; frames are not kept in memory."""
-    file.init_video_stream("gif", fps=fps, pixel_format="rgb24")
-    stream = file._video_stream  # what the filters take in; without a size they cannot begin
-    stream.width, stream.height = width, height
-    nodes = {"both": ("split", ""), "colours": ("palettegen", "stats_mode=single")}
-    nodes["coloured"] = ("paletteuse", "new=1")
-    edges = [
-        ("video_in", "both", 0, 0),
-        ("both", "coloured", 0, 0),
-        ("both", "colours", 1, 0),
-        ("colours", "coloured", 0, 1),
-        ("coloured", "video_out", 0, 0),
-    ]
-    file.set_video_filter(filter_graph=(nodes, edges))
-    stream.pix_fmt = "pal8"  # what they give
 
 
 _AHEAD = 3
@@ -374,142 +276,3 @@ def render_frames(
     playback = playback_of(source)
     options = {"inset": inset, "overlay": overlay}
     return list(painted(playback, times, (width, height), camera, options))
-
-
-STRIP_FORMATS = ("png", "jpg", "jpeg", "pdf")
-FRAMES, MAX_FRAMES = 6, len(ascii_lowercase)
-BEFORE = 0.3
-"""Time before the first fitting, and after the last, at which the stills begin and end, s."""
-TURN, STANDING = 4.0, 0.2
-"""Way that counts as much as a turn of 1 rad, in bore radii, and weight of time beside way and
-turns: a robot that turns in a tee goes less far, and is seen as often as one that drives."""
-_PAPER, _INK, _SOFT = (255, 255, 255), (34, 38, 43), (106, 112, 121)
-_DPI = 200.0  # of a PDF: six stills of 640 pixels are 25 cm wide, in two rows
-
-
-def render_strip(
-    source: Source,
-    *,
-    path: str | os.PathLike[str],
-    count: int = FRAMES,
-    times: Sequence[float] | None = None,
-    camera: str = "side",
-    width: int = 640,
-    height: int = 480,
-) -> Path:
-    """Stills of a run side by side in one picture, each with its letter and time.
-
-    Args:
-        source: a ``Result``, the folder of a saved one, or a ``Recording``.
-        path: file to write: ``.png``, ``.jpg`` or ``.pdf``; nothing half-written stays.
-        count: how many stills, at most 26, if ``times`` are not given.
-        times: of the stills, s; ``strip_times`` when not given.
-        camera: ``side``, ``follow`` or ``onboard``; of a recording also one of its model by name.
-        width: of each still, pixels.
-        height: of each still, pixels.
-
-    Raises:
-        InputError: unknown camera or format, a size or number that is out of range, or a time
-            outside of the run.
-        RenderError: no offscreen OpenGL on this machine; the message says what to install.
-        OutputError: the picture cannot be written.
-
-    Example:
-        >>> result = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1}), no_load=False)
-        >>> ot.render_strip(result, path="strip.png", count=2, width=160, height=120).name
-        'strip.png'
-    """
-    check_request(camera, width, height, cameras=cameras_of(source))
-    format = format_of(path, None, "picture", STRIP_FORMATS)
-    if times is not None:
-        check_times(times)
-    number = count if times is None else len(times)
-    if not 1 <= number <= MAX_FRAMES:
-        place = "count" if times is None else "times"
-        raise InputError(Fault(place, f"are {number} stills; must be from 1 to {MAX_FRAMES}"))
-    check_file(Path(path))
-    playback = playback_of(source)
-    times = strip_times(playback, count) if times is None else _within(playback.time, times)
-    look: dict[str, Any] = {"camera": camera, "inset": False, "overlay": False}
-    stills = render_frames(playback, times=times, width=width, height=height, **look)
-    kinds = {"jpg": "JPEG", "jpeg": "JPEG", "png": "PNG", "pdf": "PDF"}
-    # Without date and name of the file, the same run gives the same bytes.
-    options: dict[str, Any] = {"quality": 92} if format != "png" else {"optimize": True}
-    if format == "pdf":
-        options |= {"resolution": _DPI, "title": None, "creationDate": None, "modDate": None}
-    with whole_file(Path(path)) as part, part.open("wb") as file:
-        composed(stills, times).save(file, kinds[format], **options)
-    return Path(path)
-
-
-def strip_times(source: Source, count: int = FRAMES) -> list[float]:
-    """Return times, s, with equal shares of the way and the turns of the robot between them.
-
-    They go from just before the first fitting that bends, branches or narrows to just after the
-    last; over the whole and evenly where there is none.
-    """
-    playback = playback_of(source)
-    time = playback.time
-    first, last = time[[0, -1]].tolist()
-    bends = [passage for passage in playback.passages if not passage.part.fitting.is_plain]
-    if bends:
-        first = max(first, float(time[bends[0].first]) - BEFORE)
-        last = min(last, float(time[bends[-1].last]) + BEFORE)
-    if not bends or not last > first:
-        return np.linspace(first, last, count).tolist()
-    within = (time > first) & (time < last)
-    when = np.concatenate([[first], time[within], [last]])
-    shares = _shares(playback, when)
-    times = np.interp(np.linspace(0.0, shares[-1], count), shares, when)
-    return [first, *times[1:-1].tolist(), last][:count]
-
-
-def _shares(playback: Playback, when: Array) -> Array:
-    """Return way and turns of a robot up to ``when`` (k,) s, strictly increasing (k,)."""
-    columns = np.concatenate([playback.position, playback.ahead], axis=1)
-    poses = np.stack([np.interp(when, playback.time, column) for column in columns.T], axis=1)
-    way, turn = (np.linalg.norm(np.diff(p, axis=0), axis=1) for p in (poses[:, :3], poses[:, 3:]))
-    steps = np.nan_to_num(way + TURN * playback.network.parts[0].fitting.radius * turn)
-    # A robot that stands still is shown, too, but less often.
-    steps = steps / (steps.sum() or 1.0) + STANDING * np.diff(when) / (when[-1] - when[0])
-    return np.append(0.0, np.cumsum(steps))
-
-
-def label(index: int) -> str:
-    """The letter of a still: (a) for the first."""
-    return f"({ascii_lowercase[index]})"
-
-
-def composed(stills: Sequence[Image], times: Sequence[float]) -> PIL.Image.Image:
-    """Return one picture of stills (height, width, 3), each over its letter and time in s.
-
-    Rows have at most three, or four if they fill them.
-    """
-    height, width, _ = stills[0].shape
-    columns = next((n for n in (3, 4) if len(stills) % n == 0), min(3, len(stills)))
-    gap, line = max(2, round(0.02 * width)), round(0.085 * height)
-    rows = -(-len(stills) // columns)
-    size = (columns * (width + gap) + gap, rows * (height + line + gap) + gap)
-    sheet = PIL.Image.new("RGB", size, _PAPER)
-    draw, letters = ImageDraw.Draw(sheet), font(max(1, round(0.6 * line)))
-    for index, (still, time) in enumerate(zip(stills, times, strict=True)):
-        left = gap + index % columns * (width + gap)
-        top = gap + index // columns * (height + line + gap)
-        sheet.paste(PIL.Image.fromarray(still), (left, top))
-        middle = left + width // 2, top + height + line // 2
-        draw.text(middle, f"{label(index)}  ", font=letters, fill=_INK, anchor="rm")
-        draw.text(middle, f"{time:.2f} s", font=letters, fill=_SOFT, anchor="lm")
-    return sheet
-
-
-def _within(span: Array, times: Sequence[float]) -> list[float]:
-    """Return times, s, that lie within samples at ``span`` (T,) s."""
-    first, last = span[[0, -1]].tolist()
-    faults = [
-        Fault(f"times[{i}]", f"is {time:g} s; the run goes from {first:g} to {last:g} s")
-        for i, time in enumerate(times)
-        if not first <= time <= last
-    ]
-    if faults:
-        raise InputError(faults)
-    return [float(time) for time in times]

@@ -324,7 +324,7 @@ def draw_names(
     for part in pipes.parts[:: math.ceil(len(pipes.parts) / MAX_NAMES)]:
         points = np.concatenate(axis_lines(part))
         extents = [np.ptp(points[:, list(view.columns)], axis=0) for view in views]
-        sizes = [np.prod(extent + part.fitting.largest_radius) for extent in extents]
+        sizes = [np.prod(extent + part.fitting.max_radius) for extent in extents]
         best = int(np.argmax(sizes))
         if not shown_only or extents[best].max() > part.fitting.radius:
             crowds[best].write(part)

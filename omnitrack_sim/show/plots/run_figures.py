@@ -297,8 +297,6 @@ class PanelGrid:
 
 OF_ROBOT = ("distance", "tilt", "offset")
 """Channels of the robot, in the first row of a comparison."""
-OF_MODULES = ("normal_force", "motor_torque", "slip_ratio")
-"""Channels of the modules, with a row for each module."""
 _RUNS: tuple[dict[str, Any], ...] = (
     {"color": "#86b7e8", "lw": 2.0},
     {"color": "#a33a0a", "lw": 0.8},
@@ -481,12 +479,12 @@ def _labels(comparison: Comparison) -> list[str]:
 
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:
     runs = (comparison.a, comparison.b)
-    # Robots without modules are compared by what all have.
-    modules = all(set(OF_MODULES) <= set(run.trajectory) for run in runs)
-    rows = 1 + MODULE_COUNT if modules else 1
+    # Robots of two kinds are compared by what all have.
+    compared, other = (run.scenario.robot.display.compared for run in runs)
+    rows = 1 + MODULE_COUNT if compared and compared == other else 1
     grid = PanelGrid(rows=rows, columns=3)
     end = max(float(run.trajectory.time[-1]) for run in runs)
-    for column, channels in enumerate(zip(OF_ROBOT, *(rows - 1) * [OF_MODULES], strict=True)):
+    for column, channels in enumerate(zip(OF_ROBOT, *(rows - 1) * [compared], strict=True)):
         for row, channel in enumerate(channels):
             display = comparison.a.trajectory.schema[channel].display
             axis = grid.add(row, column, display.label(row or None))

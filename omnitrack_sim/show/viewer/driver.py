@@ -10,7 +10,7 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.bounds import MOST_ORDERS
+from omnitrack_sim.base.bounds import MAX_ORDERS
 from omnitrack_sim.base.rotations import Array, rotation_about, unit
 from omnitrack_sim.record.display import Lines
 from omnitrack_sim.results.provenance import provenance_of
@@ -186,7 +186,7 @@ class Driver(Player):
         super().act(do)
         if self.simulation.active[0] and not (waits and do is Do.FINISH):
             # The last order that there is room for ends the run.
-            full = len(self._controller.orders()) >= MOST_ORDERS - 1
+            full = len(self._controller.orders()) >= MAX_ORDERS - 1
             order = self._wheel.press(Do.FINISH if full else do, self._pose())
             if order is not None:
                 self._controller.give(order)

@@ -85,7 +85,8 @@ def held_belt_sign(roll: Array, band: ArrayLike, before: Array) -> Array:
 
     Args:
         roll: (n, 3) rad, as measured.
-        band: size of cos(roll) below which the direction stays what it was ``before``, (n, 3).
+        band: size of cos(roll) below which the direction stays what it was.
+        before: (n, 3) direction of a moment ago.
     """
     cosine = np.cos(roll)
     return np.where(np.abs(cosine) > band, np.sign(cosine), before)
@@ -139,8 +140,10 @@ class RollSetPoints:
         self.squaring[robot] = False
 
     def square(self, robots: NDArray[np.bool_], time: Array) -> None:
-        """Have ``robots`` (n,) roll the short way until their tracks face the wall; ``time`` (n,) s
-        is this moment."""
+        """Have ``robots`` (n,) roll the short way until their tracks face the wall.
+
+        ``time`` (n,) s is this moment.
+        """
         facing = np.pi * np.round(self.now / np.pi)
         rolling = np.abs(facing - self.now).max(axis=1) / self.rate
         self.target = np.where(robots[:, None], facing, self.target)
@@ -148,8 +151,10 @@ class RollSetPoints:
         self.squaring = self.squaring | robots
 
     def end_squaring(self, roll: Array, time: Array) -> None:
-        """Have robots square no longer whose measured ``roll`` (n, 3) rad is there, or whose time
-        is over at ``time`` (n,) s."""
+        """End the squaring of robots whose tracks face the wall, or whose time is over.
+
+        ``roll`` (n, 3) rad is measured at ``time`` (n,) s.
+        """
         if np.count_nonzero(self.squaring):
             self.squaring = self.squaring & ~self.settled(roll) & (time <= self._square_by)
 
@@ -217,8 +222,10 @@ class Aligner:
             self.aligned[robot] = self.routes.first[route]
 
     def extend_leg(self, robot: int, shift: int) -> None:
-        """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
-        ``shift``."""
+        """Follow a robot onto a route that extends its own.
+
+        Numbers of passages are larger by ``shift``.
+        """
         if self.settings.align[robot]:
             self.aligned[robot] += shift
 
@@ -242,8 +249,11 @@ class Aligner:
         self._astride = np.where(robots, astride, self._astride)
 
     def _ranges(self, robots: NDArray[np.intp], passage: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Middles and half-widths (AIMS, SIDES, m) rad of the ranges of theta5 that ``robots`` (m,)
-        aim for."""
+        """Ranges of theta5 that ``robots`` (m,) aim for.
+
+        Returns:
+            Middles and half-widths (AIMS, SIDES, m) rad.
+        """
         best = np.where(
             self._astride[robots],
             preferred_theta5("tee_straight"),
@@ -323,8 +333,7 @@ class Aligner:
     def _cheapest(
         self, robots: NDArray[np.intp], theta5: Array, passage: NDArray[np.intp]
     ) -> RollPlan:
-        """Of the rolls to all aims with all clearances, the one that costs least, for ``robots``
-        (m,)."""
+        """Plan the cheapest of the rolls to all aims with all clearances, for ``robots`` (m,)."""
         roll = self.rolls.target[robots, 0]
         ratio = self.robot.lug_radius / self.routes.radius[passage]
         best, aims = self._ranges(robots, passage)

@@ -1,5 +1,4 @@
-"""The default controller: track the centreline through the inverse Jacobian, align before fittings,
-retry."""
+"""The default controller: track the centreline, align before fittings, retry."""
 
 from __future__ import annotations
 
@@ -104,8 +103,9 @@ class LegWatch:
 
 
 class JacobianController:
-    """Straights, elbows and tees with one law; stops and rolls the modules where theta5 is outside
-    the safe margin.
+    """Tracks the centreline of straights, elbows and tees through the inverse Jacobian.
+
+    It stops and rolls the modules where theta5 is outside the safe margin.
 
     A robot that makes no headway in a turn rolls its tracks to the wall, backs off to where the
     turn began, aligns anew and tries again. One whose inner module slips in a turn into a branch

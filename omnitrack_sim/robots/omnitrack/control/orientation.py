@@ -90,8 +90,10 @@ def manoeuvres(routes: RouteMap) -> tuple[Manoeuvre | None, ...]:
 
 
 def keeps_the_wall(setup: ControlSetup) -> NDArray[np.bool_]:
-    """Whether the springs of robots (n,) reach far enough to press both outer modules of a turn in
-    a tee against its wall, from the best orientation."""
+    """Robots (n,) whose springs press both outer modules to the wall throughout a tee turn.
+
+    From the best orientation; those of others do not reach far enough.
+    """
     robot = setup.robot
     radius = robot.nominal_pipe_radius
     reach = radius + setup.own("preload") / robot.module_stiffness
@@ -152,8 +154,10 @@ class OrientationRanges:
     def _to_the_sides(
         self, q: int, whole: OrientationRange, aim: int, margin: Array
     ) -> tuple[OrientationRange, OrientationRange]:
-        """Split the range of passage ``q`` into both sides of the best orientation; return it twice
-        where the best orientation itself is allowed."""
+        """Split the range of passage ``q`` into both sides of the best orientation.
+
+        Where the best orientation itself is allowed, the range is returned twice.
+        """
         if not self._routes.into_branch[q]:
             return whole, whole
         aside = np.minimum(self._aside[:, aim] * margin[:, q], whole.margin)

@@ -1,6 +1,9 @@
-"""A robot that makes no headway in a turn rolls its tracks to the wall, backs off to before the
+"""Recovery from a failed turn.
+
+A robot that makes no headway in a turn rolls its tracks to the wall, backs off to before the
 fitting and tries again; straight over an opening, or turned out of a branch already, it rolls where
-it is."""
+it is.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +92,7 @@ class Recovery:
         each = {name: setup.each(f"{self._path}.{name}") for name in RecoveryTable.model_fields}
         own, speed = setup.robot.own_length, setup.settings.cruise_speed
         self._hesitation = own(each["hesitation"]) / speed  # (n,) s
-        self._most_retries = each["retries"]
+        self._max_retries = each["retries"]
         self._beside = np.where(keeps_the_wall(setup), each["beside"], each["weak_beside"])
         self._upright, self._square = each["upright"], each["square"]
         self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
@@ -110,8 +113,10 @@ class Recovery:
         self.backing[rows], self.retries[rows], self.passage[rows] = False, 0, -1
 
     def extend_leg(self, robot: int, shift: int) -> None:
-        """Follow a robot whose leg goes on, on a route whose passages have numbers larger by
-        ``shift``."""
+        """Follow a robot onto a route that extends its own.
+
+        Numbers of passages are larger by ``shift``.
+        """
         self.passage[robot] += shift
 
     def step(
@@ -167,7 +172,7 @@ class Recovery:
         # Out of a branch there is nothing to go past: the far wall stands across the way.
         room_beside = self._beside * routes.radius[location.passage]
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
-        may = turning & (self.retries < self._most_retries) & self.settings.retry
+        may = turning & (self.retries < self._max_retries) & self.settings.retry
         failed = may & (hanging | fallen | beside | sliding)
         upright = merging & self.settings.align & failed
         if np.count_nonzero(upright):
@@ -197,12 +202,14 @@ class Recovery:
     def _roll_where_they_hang(
         self, passage: NDArray[np.intp], room: Array, aligner: Aligner
     ) -> None:
-        """Align robots that hang straight over an opening on the spot: a robot that has fallen into
-        the fitting has not been aligned before it."""
+        """Align robots on the spot that hang straight over an opening.
+
+        A robot that has fallen into the fitting has not been aligned before it.
+        """
         over = self.routes.is_straight_over.take(passage) & (room < 0)
         if not np.count_nonzero(over):
             return
-        may = over & (self.retries < self._most_retries) & self.settings.retry
+        may = over & (self.retries < self._max_retries) & self.settings.retry
         hanging = may & (self.waiting > self._patience)
         if hanging.any():
             self.retries = self.retries + hanging

@@ -1,5 +1,4 @@
-"""The shortest roll of the modules into a range of theta5 and off the no-motion line: pure, for any
-number of robots.
+"""The shortest roll of the modules into a range of theta5 and off the no-motion line.
 
 Rolling all modules by phi turns the robot by -phi r / R. With R / r = 2.9 a third of a turn of the
 robot costs nearly a whole turn of the modules, so the three equal orientations have almost the same

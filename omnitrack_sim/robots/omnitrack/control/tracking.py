@@ -129,8 +129,9 @@ class Tracking:
     def wanted_rotation(
         self, location: Location, rotation: Array, direction: Array, centring: Array, lean: Lean
     ) -> Array:
-        """Rotation per metre of travel (n, 3) rad/m, world frame: the bend's curvature plus gain x
-        heading error.
+        """Rotation per metre of travel (n, 3) rad/m, world frame.
+
+        It is the bend's curvature plus gain x heading error.
 
         Args:
             location: where the robots are.
@@ -171,7 +172,7 @@ class Tracking:
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)
         if np.count_nonzero(lean.aside):
-            leans = (lean.most > 0)[:, None]
+            leans = (lean.limit > 0)[:, None]
             target = np.where(leans, unit(target + lean.aside), target)
         angle = angle_between(axis, target)
         # In proportion to the angle, not to its sine, which would fade beyond 90 degrees.
@@ -180,7 +181,7 @@ class Tracking:
             # A robot that has turned ahead of the bend goes straight until the bend has caught up.
             curvature = location.curvature * (nearest == 0)
             wanted = cross(location.tangent, location.normal) * curvature[:, None] + wanted
-        limit = limit * (1.0 + lean.most)  # the turn goes on while the robot leans
+        limit = limit * (1.0 + lean.limit)  # the turn goes on while the robot leans
         return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
 
     def forward_out_of_branch(
@@ -192,8 +193,9 @@ class Tracking:
         again: NDArray[np.bool_],
         speed: Array,
     ) -> Array:
-        """Return wall speeds (n, 3) m/s with those of robots on the way out of a branch raised:
-        ``upward_speed``, ``retry_speed``.
+        """Raise the wall speeds (n, 3) m/s of robots on the way out of a branch.
+
+        By ``upward_speed`` and ``retry_speed``.
 
         Args:
             wall_speed: (n, 3) m/s, as wanted for the rotation.
@@ -281,7 +283,7 @@ class SwayProfile:
             robot follows it by about a ninth of the turn later.
         judged: part of the turn after which its slip is no longer measured. Farther on the inner
             module may have lost its wall, and its belt then turns nothing on a dry wall either.
-        least_turn: rad, rotation by the belts that is enough to tell how much of it slips.
+        min_turn: rad, rotation by the belts that is enough to tell how much of it slips.
         beginning: parts of the turn between which it can be begun again. Before, belts that have
             just begun to turn a robot slip on dry walls, too; farther on it no longer comes back.
     """
@@ -289,7 +291,7 @@ class SwayProfile:
     progress: tuple[float, ...] = (1 / 9, 1 / 3, 5 / 9, 7 / 9)
     lean: tuple[float, ...] = (-0.15, 1.0, 0.5, 0.0)
     judged: float = 1 / 3
-    least_turn: float = np.radians(5.0)
+    min_turn: float = np.radians(5.0)
     beginning: tuple[float, float] = (0.15, 0.3)
 
 
@@ -303,13 +305,13 @@ class Lean(NamedTuple):
 
     Attributes:
         aside: (n, 3) added to the unit vector of the wanted heading, world frame.
-        most: (n,) largest size of ``aside`` in this turn.
+        limit: (n,) largest size of ``aside`` in this turn.
         slip: (n,) that of the turn at the first attempt, up to ``MAX_SLIP``, where robots try
             again; 0 of the others.
     """
 
     aside: Array
-    most: Array
+    limit: Array
     slip: Array
 
 
@@ -348,7 +350,7 @@ class Sway:
         self.routes, self.period = setup.routes, setup.period
         each = {name: setup.each(f"{self._path}.{name}") for name in SwayTable.model_fields}
         # Added across a unit vector, a tangent turns it by the angle.
-        self._most = np.tan(np.radians(each["lean_deg"]))  # (n,)
+        self._max_lean = np.tan(np.radians(each["lean_deg"]))  # (n,)
         self._slip, self._slip_range = each["slip"], each["slip_range"]
         # Leaning needs both outer modules at the wall.
         self._begin_again = np.where(keeps_the_wall(setup), each["begin_again"], np.inf)
@@ -358,13 +360,13 @@ class Sway:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Robots (n,) that belts have turned far enough to tell the slip."""
-        return self.by_belts > SWAY.least_turn
+        return self.by_belts > SWAY.min_turn
 
     @property
     def slip(self) -> Array:
         """Slip of the turn (n,), 1; zero as long as it is not known."""
         return np.where(
-            self.known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.least_turn), 0.0
+            self.known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.min_turn), 0.0
         )
 
     def step(
@@ -414,10 +416,10 @@ class Sway:
         self.slides = begins & (self.slip > self._begin_again)
         share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
         share = np.where(full, 1.0, share)
-        most = np.where(turning, self._most * share, 0.0)
+        limit = np.where(turning, self._max_lean * share, 0.0)
         # Back at 0 before the turn ends: the robot has to leave it in its plane.
-        size = self._side * most * np.interp(progress, SWAY.progress, SWAY.lean)
-        return Lean(size[:, None] * normal, most, again)
+        size = self._side * limit * np.interp(progress, SWAY.progress, SWAY.lean)
+        return Lean(size[:, None] * normal, limit, again)
 
     def _catch_up(self) -> None:
         """Take up the side of the turn's plane at the last location of robots that did not turn."""
