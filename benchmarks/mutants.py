@@ -232,8 +232,10 @@ class Trial:
 def run_in_a_group(
     command: Sequence[str], folder: Path, environment: dict[str, str]
 ) -> tuple[int | None, str]:
-    """Exit status of a command, None where it took too long, and what it printed. Whatever it has
-    started ends with it: a changed program may forget its workers."""
+    """Exit status of a command, None where it took too long, and what it printed.
+
+    Whatever it has started ends with it: a changed program may forget its workers.
+    """
     # To a file: a pipe would be held open by those that are left.
     with tempfile.TemporaryFile("w+") as told:
         process = subprocess.Popen(
@@ -257,8 +259,10 @@ def run_in_a_group(
 
 
 def every_test_file() -> list[str]:
-    """Names of all test files of the checkout, but for the one of the list of changes itself, which
-    would know each of them by its text."""
+    """Names of all test files of the checkout, but for the one of the list of changes itself.
+
+    That one would know each of them by its text.
+    """
     names = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
     return [name for name in names if name != "test_mutants.py"]
 

@@ -70,8 +70,7 @@ def changed(rng: random.Random, data: dict[str, Any], times: int) -> tuple[bytes
 
 @cache
 def _bases(kind: str) -> tuple[tuple[str, bool], ...]:
-    """Names of the shipped files of a kind, and of those that can be written out in full once
-    more."""
+    """Names of the shipped files of a kind, and whether each can be written out in full again."""
     names = [(name, False) for name in _shipped(kind)]
     return (*names, *((name, True) for name, _ in names if kind != "sweep"))
 

@@ -270,8 +270,12 @@ class TurnCase:
         return self.best + np.linspace(-half, half, count)
 
     def wall_distance(self, path: TeePath, theta5: Array) -> Array:
-        """Return the distance (T, M, N) m of the N modules from the wall along T poses, for theta5
-        (M,) rad; see ``tee_contact.wall_distance``."""
+        """Return the distance (T, M, N) m of the N modules from the wall along T poses.
+
+        Args:
+            path: the T poses.
+            theta5: (M,) rad; see ``tee_contact.wall_distance``.
+        """
         angles = theta5[:, None] + 2 * np.pi / self.modules * np.arange(self.modules)
         return wall_distance(path, angles, self.pipe_radius, self.contact_length)
 

@@ -193,8 +193,7 @@ class Pirate(Robot):
         motor.forcerange = [-self.torque_limit, self.torque_limit]
 
     def bends(self, slope: float) -> Array:
-        """Return the angles (4,) rad of the bending joints in a straight at a slope of the links,
-        rad."""
+        """Return the bending joints' angles (4,) rad in a straight at a slope of the links, rad."""
         return slope * np.array([2.0, -1.0, 1.0, -2.0])
 
     def inputs(self, bends: Array, roll: Array, wheels: Array, grip: Array) -> Array:
@@ -307,8 +306,10 @@ class Shape:
         return twist * np.minimum(part, 2 - part), grip
 
     def _twist_due(self, place: Location) -> Array:
-        """Angles (n,) rad by which fronts are to turn now: of robots that lie in a straight, off
-        the plane of the bend ahead."""
+        """Angles (n,) rad by which fronts are to turn now.
+
+        Those turn that lie in a straight, off the plane of the bend ahead.
+        """
         robot, routes = self._robot, self._routes
         due = routes.is_turn[place.passage] & (np.abs(place.theta5) > SETTINGS.off)
         if not due.any():
@@ -322,8 +323,10 @@ class Shape:
 
 
 def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Array]:
-    """Return where the nodes are wanted, (n, 6, 3) m in the world, and the speeds (n, 6) of their
-    wheels over that of the robot."""
+    """Return set points of the nodes: positions (n, 6, 3) m in the world, and speed ratios (n, 6).
+
+    The ratios are of the speeds of their wheels over that of the robot.
+    """
     line, n = routes.centreline, len(place.route)
     middle = line.frame(place.distance, place.route)
     x = place.frame[:, :, 0]
@@ -361,8 +364,10 @@ def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Arra
 
 
 def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> Array:
-    """Return how near to the wall (n,) nodes at arc lengths (n,) m are wanted: 1 where there is one
-    on both sides, less over the opening of a branch."""
+    """Return how near to the wall (n,) nodes at arc lengths (n,) m are to be.
+
+    1 where there is a wall on both sides, less over the opening of a branch.
+    """
     openings = routes.is_tee_turn | routes.is_straight_over | routes.out_of_branch
     if not openings.any():
         return np.ones(len(s))
@@ -373,8 +378,10 @@ def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> 
 
 
 def bending(nodes: Array) -> Array:
-    """Return the angles (n, 4) rad of the bending joints that lead through nodes (n, 6, 3), seen
-    in the plane of the middle link and the apexes of the clamps."""
+    """Return the angles (n, 4) rad of the bending joints that lead through nodes (n, 6, 3).
+
+    They are seen in the plane of the middle link and the apexes of the clamps.
+    """
     links = np.diff(nodes, axis=1)  # (n, 5, 3) tail to nose
     z = links[:, REAR] / np.linalg.norm(links[:, REAR], axis=1)[:, None]
     x = links[:, REAR + 1] - links[:, REAR - 1]
