@@ -134,7 +134,7 @@ def _places(data: Any) -> Iterator[Place]:
 
 
 def _pick(
-    rng: random.Random, data: Any, fits: Callable[[Any], bool] = lambda value: True
+    rng: random.Random, data: Any, fits: Callable[[Any], bool] = lambda _: True
 ) -> Place | None:
     found = [(holder, key) for holder, key in _places(data) if fits(holder[key])]
     return rng.choice(found) if found else None
@@ -163,15 +163,15 @@ def _strained(rng: random.Random, data: Any) -> str:
 
 
 def _new_text(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: isinstance(v, str), lambda old: values.text(rng))
+    return _set(rng, data, lambda v: isinstance(v, str), lambda _: values.text(rng))
 
 
 def _other_kind(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: True, lambda old: values.thing(rng))
+    return _set(rng, data, lambda _: True, lambda _: values.thing(rng))
 
 
 def _deeper(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: True, lambda old: values.nested(rng))
+    return _set(rng, data, lambda _: True, lambda _: values.nested(rng))
 
 
 def _of_another(rng: random.Random, data: Any) -> str:
@@ -179,7 +179,7 @@ def _of_another(rng: random.Random, data: Any) -> str:
     place = _pick(rng, data)
     assert place is not None
     other = copy.deepcopy(place[0][place[1]])
-    return _set(rng, data, lambda v: not isinstance(v, dict | list), lambda old: other)
+    return _set(rng, data, lambda v: not isinstance(v, dict | list), lambda _: other)
 
 
 def _lost(rng: random.Random, data: Any) -> str:

@@ -61,7 +61,7 @@ def main() -> None:
     name_glfw_library()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character gets its code, not a traceback.
-        getattr(stream, "reconfigure", lambda errors: None)(errors="backslashreplace")
+        getattr(stream, "reconfigure", lambda **_: None)(errors="backslashreplace")
     try:
         _refuse_empty(sys.argv[1:])
         status = app(standalone_mode=False)

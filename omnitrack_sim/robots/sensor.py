@@ -201,5 +201,5 @@ class _Moments(State):
                     value[:] = state[name].ravel()
             self[name] = values.reshape(-1, *first.sensors[name].channel.shape)
 
-    def last(self, name: str, start: Array | None = None) -> Array:
+    def last(self, name: str, start: Array | None = None) -> Array:  # noqa: ARG002 - protocol
         return np.full((len(self.time), *self.sensors[name].channel.shape), np.nan)

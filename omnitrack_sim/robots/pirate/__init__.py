@@ -275,7 +275,7 @@ class Shape:
         self._twist, self._hold = np.zeros(setup.n), np.zeros(setup.n)
         self._count = np.zeros(setup.n, np.intp)  # steps since the turn began
 
-    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:  # noqa: ARG002 - protocol
         """Begin anew for robots ``rows`` (k,)."""
         self._twist[rows] = 0.0
 
