@@ -37,7 +37,7 @@ from omnitrack_sim.base.text import no_such
 
 ROOT = Path(__file__).resolve().parents[1]
 MUTATIONS = Path(__file__).with_name("mutations")
-MOST_MISSED = 3
+MAX_MISSED = 3
 """How many changes may go unnoticed."""
 QUICK = (
     "turning_sign",
@@ -322,7 +322,7 @@ def report(chosen: Sequence[Mutant], verdicts: dict[str, Verdict]) -> int:
         print(f"| {mutant.name} | {mutant.breaks} | {by} |")
     print(f"\n{len(chosen) - len(missed)} of {len(chosen)} caught")
     unexplained = [mutant.name for mutant in missed if not mutant.unnoticed]
-    return 1 if len(missed) > MOST_MISSED or unexplained else 0
+    return 1 if len(missed) > MAX_MISSED or unexplained else 0
 
 
 if __name__ == "__main__":

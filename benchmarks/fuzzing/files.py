@@ -17,7 +17,7 @@ from fuzzing.writing import as_json, toml
 SHAPED, STRAINED = 0.6, 0.2
 """Part of the cases that change values, and that change numbers only; in the others the text is
 damaged."""
-MOST_CHANGES = 4
+MAX_CHANGES = 4
 KINDS = {"scenario": 6, "sweep": 2, "network": 2}
 """How often which kind of file comes."""
 
@@ -51,7 +51,7 @@ def odd_file(seed: int, index: int) -> File:
     way = rng.random()
     if way < SHAPED + STRAINED:
         change = _change if way < SHAPED else _strained
-        for _ in range(rng.choice((1, 1, 1, 2, 3, MOST_CHANGES))):
+        for _ in range(rng.choice((1, 1, 1, 2, 3, MAX_CHANGES))):
             story.append(change(rng, data))
         contents = _encoded(rng, write(data))
     else:

@@ -33,7 +33,7 @@ PAGE = "replay.html"
 """Name of the page in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
-_LEAST_VALUE = 6
+_MIN_VALUE_WIDTH = 6
 """Characters that a column of values has at least."""
 FILM: dict[str, Any] = {"width": 1280, "height": 720, "fps": 25}
 GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
@@ -528,7 +528,7 @@ def _print_rows(heads: tuple[str, ...], rows) -> None:
     for head in heads:
         numbers = head in ("A", "B", "B - A")
         # Values are broken where a line is short, names at their dots alone.
-        justify, least = ("right", _LEAST_VALUE) if numbers else ("left", None)
+        justify, least = ("right", _MIN_VALUE_WIDTH) if numbers else ("left", None)
         table.add_column(
             head, justify=justify, overflow="fold", no_wrap=not numbers, min_width=least
         )

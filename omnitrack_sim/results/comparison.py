@@ -20,7 +20,7 @@ from omnitrack_sim.scenario.model import unit_of
 NOISE = 1e-9
 """Relative difference up to which two numbers count as equal: effects of summation order or library
 versions are far below it."""
-_DIGITS, _MOST_DIGITS = 4, 12
+_DIGITS, _MAX_DIGITS = 4, 12
 """Digits of a number, and most digits where two numbers hardly differ."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
@@ -227,7 +227,7 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
         shown = float(texts[1]) - float(texts[0])
         # Readers subtract the printed numbers in their heads: these must give about the difference
         # shown.
-        if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
+        if digits == _MAX_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
         digits += 1
     return one.name, one.unit, *texts, value_text(shown)

@@ -26,7 +26,7 @@ MILLIMETRE = 1e-3
 """Step of the distances that are kept, m."""
 _GROUP = 2**20
 """Bytes that are written, and read, at a time."""
-_LEAST_SIZE, _MOST_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
+_MIN_SIZE, _MAX_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ def _coding_in(file: pq.ParquetFile) -> Coding:
     """Return the encoding of the pictures in a file; a ``ValueError`` where it holds none."""
     actual, about = file.schema_arrow, file.schema_arrow.metadata or {}
     size, unit = int(about[b"size"]), about[b"unit"].decode()
-    require(_LEAST_SIZE <= size <= _MOST_SIZE and unit in ("1", "m"), "it has no such pictures")
+    require(_MIN_SIZE <= size <= _MAX_SIZE and unit in ("1", "m"), "it has no such pictures")
     coding = Coding(size, unit)
     wanted = _schema(coding).remove_metadata()
     require(actual.remove_metadata().equals(wanted), "its columns are not those of pictures")

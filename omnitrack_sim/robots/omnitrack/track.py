@@ -61,12 +61,12 @@ touch. There the farther run is less deep by twice the tracks' offset times this
 BACKSTOP = 0.5
 """Depth, in radii of a line, down to which a wall is solid for its axis. A line in a neighbouring
 pipe is a radius deep at least."""
-MOST_CONTACTS = 24
+MAX_CONTACTS = 24
 """On one line and one fitting; MuJoCo has room for 50."""
 SPACING = 0.008
 """Largest spacing of the samples between which a minimum is looked for, m, for a robot of scale 1:
 a third of a lug's radius."""
-LEAST_APART = 0.003
+MIN_END_DISTANCE = 0.003
 """A minimum nearer than this to an end of the line is that end, m."""
 
 
@@ -97,8 +97,8 @@ def _add(con, n, surface, sizes, ray, face, s, radius, margin, out):
     x, y, z = px + s * ax, py + s * ay, pz + s * az
     d = call_surface(surface, sizes, x, y, z, out)
     # A line whose axis lies deep within the wall belongs to another pipe.
-    # Beyond MOST_CONTACTS the rest is dropped: the ends and the first minima come first.
-    if d <= -BACKSTOP * radius or d - radius >= margin or n >= MOST_CONTACTS:
+    # Beyond MAX_CONTACTS the rest is dropped: the ends and the first minima come first.
+    if d <= -BACKSTOP * radius or d - radius >= margin or n >= MAX_CONTACTS:
         return n
     # The wall behind a run belongs to the other run of its chain.
     if out[0] * face[0] + out[1] * face[1] + out[2] * face[2] > BAND:
@@ -128,8 +128,8 @@ def _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin
     pieces = math.ceil((high - low) / (SPACING * scale))
     reach = radius + margin
     # Next to an end that already has a contact, another one would only split its force.
-    first = low + (LEAST_APART * scale if low_ends else 0.0)
-    last = high - (LEAST_APART * scale if high_ends else 0.0)
+    first = low + (MIN_END_DISTANCE * scale if low_ends else 0.0)
+    last = high - (MIN_END_DISTANCE * scale if high_ends else 0.0)
     a = low
     d_a, slope_a, face_a = slope_at(surface, sizes, ray, a, out)
     for i in range(pieces):
@@ -184,7 +184,7 @@ def line_contacts(
     A sprocket is a capsule without length.
 
     Args:
-        con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
+        con: room for MAX_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
             the line.
         surface: address of the fitting's function of that name.
         span: the same.

@@ -45,8 +45,8 @@ class Pirate(Robot):
     """
 
     bore: Positive = quantity(0.1, "m", "assumed", "of the pipe that it is clamped in at the start")
-    smallest_bore: Positive = quantity(0.051, "m", "published", CABLE)
-    largest_bore: Positive = quantity(0.12, "m", "published", CABLE)
+    min_bore: Positive = quantity(0.051, "m", "published", CABLE)
+    max_bore: Positive = quantity(0.12, "m", "published", CABLE)
     speed: Positive = quantity(0.08, "m/s", "published", f"of the wheels without load; {CABLE}")
     link: Positive = quantity(
         0.085, "m", "assumed", "from node to node: spans the largest bore at 62 degrees"
@@ -79,7 +79,7 @@ class Pirate(Robot):
     @property
     def bores(self) -> tuple[float, float]:
         """See ``Robot``: the published ones."""
-        return 0.999 * self.smallest_bore, 1.001 * self.largest_bore
+        return 0.999 * self.min_bore, 1.001 * self.max_bore
 
     @property
     def nominal_speed(self) -> float:
@@ -230,7 +230,7 @@ class ShapeSettings:
     """Shape of the chain at branches, where a wall is missing, and turns about the pipe's axis.
 
     Attributes:
-        least: part of their distance from the centreline at which nodes are wanted beside a branch;
+        min_spread: part of their distance from the centreline at which nodes are beside a branch;
             of 12 random turns 8 pass, with 0.25 7; of other 8 with 0.5 and a ramp of half a bore 1.
         ramp: bores before and behind a tee over which it falls to that; with 0.5 of 8 turns into a
             branch 4 pass, with 1 bore 1.
@@ -244,7 +244,7 @@ class ShapeSettings:
         hold_time: s, in which its wheels make up for what it slid.
     """
 
-    least: float = 0.1
+    min_spread: float = 0.1
     ramp: float = 0.25
     iterations: int = 4
     off: float = 0.15
@@ -319,7 +319,7 @@ class Shape:
         walls = np.min([held(robot, routes, s, place.route) for s in along.T], axis=0)
         is_straight = dot(tangents[:, 0], tangents[:, 2]) > 1 - 1e-9
         twist = np.clip(-place.theta5, -SETTINGS.twist, SETTINGS.twist)
-        return np.where(due & is_straight & (walls > SETTINGS.least), twist, 0.0)
+        return np.where(due & is_straight & (walls > SETTINGS.min_spread), twist, 0.0)
 
 
 def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Array]:
@@ -374,7 +374,7 @@ def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> 
     mine = openings & (routes.route_of == route[:, None])  # (n, Q)
     away = np.maximum(routes.start - s[:, None], s[:, None] - routes.end)
     nearest = np.where(mine, away, np.inf).min(axis=1)
-    return np.clip(nearest / (SETTINGS.ramp * robot.bore), SETTINGS.least, 1.0)
+    return np.clip(nearest / (SETTINGS.ramp * robot.bore), SETTINGS.min_spread, 1.0)
 
 
 def bending(nodes: Array) -> Array:
