@@ -135,7 +135,7 @@ def main() -> None:
         if study == "unknown":
             # They take minutes each, so those of each camera may be made by a call of its own.
             name = " ".join([study, *given.senses])
-            tours = unknown.runs(*every, given.keep)
+            tours = unknown.runs(*every[1:], given.keep)
             table, failures = unknown.table(tours), unknown.failures(tours)
         elif study == "robots":
             others = other_robots.runs(*every[1:])

@@ -267,7 +267,7 @@ def place_at(network: Assembly, column: str, number: int, rng: np.random.Generat
     return part.pose.apply(rng.uniform(*part.fitting.bounds))
 
 
-def least_distance(
+def min_distance(
     network: Assembly, body: Body, pose: Pose
 ) -> tuple[float, np.ndarray, tuple[int, str] | None]:
     """Return the least distance, m, of a body in a pose from walls and edges.
@@ -308,7 +308,7 @@ def poses(
         pose = pose_near(network, column, body, count, rng)
         if pose is None:
             continue
-        least, place, port = least_distance(network, body, pose)
+        least, place, port = min_distance(network, body, pose)
         at_end = port in network.open_ends
         if not 1e-5 < least < GAP or at_end != (column == "open end"):
             continue

@@ -23,7 +23,7 @@ from wye import trial as wye_trial
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 from omnitrack_sim.record.statistics import rate_text
-from omnitrack_sim.robots.omnitrack.parameters import MOST_PRELOADS
+from omnitrack_sim.robots.omnitrack.parameters import MAX_PRELOADS
 
 SIMILAR = 24
 """Runs of a batch."""
@@ -94,7 +94,7 @@ def tasks(trials: int, networks: int, seed: int) -> Iterator[tuple[str, range, i
 def row(kind: str, runs: Sequence[Extremes]) -> list[str]:
     """Return a row of the table."""
     passed = [run for run in runs if run.passed]
-    over = [sum(run.preloads > MOST_PRELOADS for run in group) for group in (passed, runs)]
+    over = [sum(run.preloads > MAX_PRELOADS for run in group) for group in (passed, runs)]
     return [
         kind,
         rate_text(len(passed), len(runs)),

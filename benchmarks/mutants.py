@@ -37,7 +37,7 @@ from omnitrack_sim.base.text import no_such
 
 ROOT = Path(__file__).resolve().parents[1]
 MUTATIONS = Path(__file__).with_name("mutations")
-MOST_MISSED = 3
+MAX_MISSED = 3
 """How many changes may go unnoticed."""
 QUICK = (
     "turning_sign",
@@ -232,8 +232,10 @@ class Trial:
 def run_in_a_group(
     command: Sequence[str], folder: Path, environment: dict[str, str]
 ) -> tuple[int | None, str]:
-    """Exit status of a command, None where it took too long, and what it printed. Whatever it has
-    started ends with it: a changed program may forget its workers."""
+    """Exit status of a command, None where it took too long, and what it printed.
+
+    Whatever it has started ends with it: a changed program may forget its workers.
+    """
     # To a file: a pipe would be held open by those that are left.
     with tempfile.TemporaryFile("w+") as told:
         process = subprocess.Popen(
@@ -257,8 +259,10 @@ def run_in_a_group(
 
 
 def every_test_file() -> list[str]:
-    """Names of all test files of the checkout, but for the one of the list of changes itself, which
-    would know each of them by its text."""
+    """Names of all test files of the checkout, but for the one of the list of changes itself.
+
+    That one would know each of them by its text.
+    """
     names = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
     return [name for name in names if name != "test_mutants.py"]
 
@@ -318,7 +322,7 @@ def report(chosen: Sequence[Mutant], verdicts: dict[str, Verdict]) -> int:
         print(f"| {mutant.name} | {mutant.breaks} | {by} |")
     print(f"\n{len(chosen) - len(missed)} of {len(chosen)} caught")
     unexplained = [mutant.name for mutant in missed if not mutant.unnoticed]
-    return 1 if len(missed) > MOST_MISSED or unexplained else 0
+    return 1 if len(missed) > MAX_MISSED or unexplained else 0
 
 
 if __name__ == "__main__":

@@ -115,7 +115,7 @@ def _faces(vertices):
     return weights @ vertices[ConvexHull(vertices).simplices]
 
 
-def least_distance(network, points, position, rotation):
+def min_distance(network, points, position, rotation):
     """Least distance, m, of a body's surface from the walls: of dense samples, and on from the best
     by the slope between them is below the tolerance."""
     distance, _ = network.signed_distance(points @ rotation.T + position)
@@ -143,10 +143,10 @@ def poses_near_the_wall(network, points, count, seed):
             continue
         # Some of the samples lead to the wall; all of them measure there.
         for _ in range(6):
-            if abs(least := least_distance(network, points[::16], centre, rotation)) < 0.4e-3:
+            if abs(least := min_distance(network, points[::16], centre, rotation)) < 0.4e-3:
                 break
             centre = centre - gradient * np.clip(least + 0.2e-3, -0.02, 0.02)
-        least = least_distance(network, points, centre, rotation)
+        least = min_distance(network, points, centre, rotation)
         # What is nearest beyond an open end is not the walls.
         open_end = any(abs(end.inverse().apply(centre)[2]) < reach + 0.01 for end in ends)
         if abs(least) < 0.5e-3 and not open_end:
@@ -177,7 +177,7 @@ def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
 
 @pytest.mark.parametrize("shape", contact_accuracy.SHAPES)
 @pytest.mark.parametrize("walls", ["tee", "reducer's joints", "open end"])
-def test_the_least_distance_is_that_of_an_independent_search(walls, shape):
+def test_the_min_distance_is_that_of_an_independent_search(walls, shape):
     """To 0.02 mm, up to 0.5 mm off walls and edges; 0.1 mm deep across an edge to 0.03 mm."""
     worst = np.abs(contact_accuracy.errors(walls, shape, 4, seed=2)).max()
     assert worst < (0.03e-3 if walls == "open end" else 0.02e-3)

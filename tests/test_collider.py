@@ -80,7 +80,7 @@ def wall_record(fitting, ends):
 
 def line_contacts(records, position, matrix, margin=0.0, half=HALF):
     """Contacts (k, 10) of geom 1, a line, with geom 0; the first two ``records`` are theirs."""
-    con = np.zeros((track.MOST_CONTACTS, track.CONTACT_SIZE))
+    con = np.zeros((track.MAX_CONTACTS, track.CONTACT_SIZE))
     kind = int(np.ravel(records)[KIND])
     room, records, *frames = pointers(con, records, position, matrix)
     (row,) = np.flatnonzero(kinds.table[1::3] == kind)
@@ -180,9 +180,9 @@ def test_contacts_lie_on_the_wall_and_none_is_missed(name):
         wall = position - normal * distance[:, None] / 2
         np.testing.assert_allclose(fitting.signed_distance(wall)[0], 0.0, atol=1e-8)
         # A minimum next to the line's end counts as that end.
-        next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < track.LEAST_APART
+        next_to_end = 0 < HALF - abs(places[np.argmin(d)]) < track.MIN_END_DISTANCE
         assert distance.min() <= d.min() - RADIUS + (
-            track.LEAST_APART**2 / RADIUS if next_to_end else 1e-6
+            track.MIN_END_DISTANCE**2 / RADIUS if next_to_end else 1e-6
         )
         for end in (0, -1):
             if d[end] < RADIUS:
@@ -407,7 +407,7 @@ def test_a_track_over_the_kinks_of_a_reducer(bore):
             d = depths(offset)
             from_end = HALF - abs(s[np.argmin(d)])
             # A minimum next to the line's end counts as that end.
-            if abs(d.min() - RADIUS + 1e-4) > 1e-6 or 0 < from_end < track.LEAST_APART:
+            if abs(d.min() - RADIUS + 1e-4) > 1e-6 or 0 < from_end < track.MIN_END_DISTANCE:
                 continue
             distance, _ = joined_contacts(way, middle + offset * out, direction)
             assert distance.min() == pytest.approx(-1e-4, abs=5e-6)

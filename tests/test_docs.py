@@ -178,7 +178,7 @@ def test_examples_of_the_mission_page_run(capsys):
     assert [name for name in missions if f"`{name}`" not in text] == []
 
 
-def test_the_drive_of_the_page_on_extending_does_not_steer(capsys):
+def test_the_drive_of_the_page_on_extending_does_not_steer():
     """Two motors cannot give three belts speeds of their own."""
     codes = re.findall(r"```python\n(.*?)```", page("extending"), flags=re.DOTALL)
     (code,) = (code for code in codes if "PAIR" in code)

@@ -362,7 +362,9 @@ def test_a_corner_has_the_same_size_both_ways():
     assert [p.corner_radius for p in passages] == [0.08, 0.08]
     controllers = [ot.Simulation([scenario]).controller for scenario in scenarios]
     aligners = [c.aligner for c in controllers if isinstance(c, JacobianController)]
-    turn, merge = ((np.abs(a.best) + a.aim)[:, 0, 0, 0] for a in aligners)  # the far borders
+    turn, merge = (
+        (np.abs(a.ranges.best) + a.ranges.half_width)[:, 0, 0, 0] for a in aligners
+    )  # the far borders
     assert turn == pytest.approx(merge)
 
 

@@ -13,7 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, rotation_about
 from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.sensor import MOST_UNREAD, State, moments_together, read_together
+from omnitrack_sim.robots.sensor import MAX_UNREAD, State, moments_together, read_together
 from omnitrack_sim.senses.draws import keys
 from omnitrack_sim.senses.proprioception import Proprioception
 from omnitrack_sim.senses.settings import ImuTable, SensingTable
@@ -166,7 +166,7 @@ def test_moments_read_together_have_the_bits_of_one_after_the_other() -> None:
 def test_moments_are_read_together_where_that_is_faster() -> None:
     """Of few robots, and no longer than earlier moments are kept anyway where every second one is
     recorded; of hundreds one by one."""
-    assert 8 < moments_together(1) == moments_together(64) < MOST_UNREAD / 2
+    assert 8 < moments_together(1) == moments_together(64) < MAX_UNREAD / 2
     assert moments_together(128) == 1
 
 

@@ -450,7 +450,7 @@ def test_geoms_of_every_shape_are_drawn():
     assert not ((frame[..., 0] > 150) & (frame[..., 1] < 60)).any()
 
 
-def test_the_section_of_the_page_runs(tmp_path, monkeypatch, capsys):
+def test_the_section_of_the_page_runs(tmp_path, monkeypatch):
     """Its lines make all of their files, of the robot of the page; of a tenth of a second here."""
     monkeypatch.chdir(tmp_path)
     text = PAGE.read_text(encoding="utf-8")

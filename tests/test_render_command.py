@@ -34,7 +34,7 @@ def test_size_and_rate_are_those_asked_for(folder, tmp_path):
             assert (stream.width, stream.height, stream.average_rate) == (64, 36, 5)
 
 
-def test_a_strip_of_times(folder, tmp_path):
+def test_a_strip_of_times(folder):
     """Two stills in a row; without --out in the folder of the run."""
     done = rendered(folder, "--at", "0.0,0.02", "--size", "80x60")
     assert done.exit_code == 0, done.output

@@ -114,7 +114,7 @@ def test_physics_that_diverged_is_shown_up_to_there(tmp_path):
     assert not (tmp_path / "b.html").exists()
 
 
-def test_a_run_of_one_sample_has_a_page(tmp_path):
+def test_a_run_of_one_sample_has_a_page():
     """A run may end where it began."""
     two = sample_trajectory(samples=2)
     channels = {name: values[:1] for name, values in two.channels.items()}

@@ -110,7 +110,7 @@ def test_claims_can_fail(runs):
         assert found.changed
 
 
-def test_least_preload_is_the_friction_law():
+def test_min_preload_is_the_friction_law():
     """m g / (3 mu)."""
     assert min_preload(Omnitrack(), 0.5) == pytest.approx(1.0 * 9.81 / 1.5)
 

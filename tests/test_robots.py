@@ -342,7 +342,7 @@ def test_a_robot_of_ones_own_shows_itself():
     assert ot.render_frame(run, time=0.1, width=160, height=90).std() > 5
 
 
-def test_figures_and_pages_show_what_the_robot_has(run, tmp_path):
+def test_figures_and_pages_show_what_the_robot_has(run):
     """Nine panels of its own channels, and a page that holds its bodies."""
     figure = ot.plot_summary(run)
     titles = " ".join(axis.get_title() + axis.get_ylabel() for axis in figure.axes)

@@ -59,7 +59,7 @@ def played(pace: Pace, stage: Steps, clock: Clock, seconds: float, drawing: floa
     pictures, end = 0, clock.now + seconds
     while clock.now < end:
         pace.advance(stage)
-        if pace.draws():
+        if pace.begin_frame():
             pictures += 1
             clock.now += drawing
         rest = pace.rest(stage)

@@ -198,7 +198,7 @@ def kept_tour(task: tuple[str, int, Path | None]) -> Tour:
 
 
 def runs(
-    study: str, senses: Sequence[str], trials: int, seed: int, workers: int, keep: Path | None
+    senses: Sequence[str], trials: int, seed: int, workers: int, keep: Path | None
 ) -> list[Tour]:
     """All explorations, by some senses; those in the folder ``keep`` are not made again."""
     first = FIRST_NETWORK + (seed - 2) * 1000

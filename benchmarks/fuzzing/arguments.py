@@ -223,7 +223,7 @@ def _setting(rng: random.Random) -> str:
     if rng.random() < 0.1:
         return _argument(rng)
     value = rng.choice(
-        (_number, _number, _argument, lambda rng: values.nested(rng).text, lambda rng: "[1, 2, 3]")
+        (_number, _number, _argument, lambda rng: values.nested(rng).text, lambda _: "[1, 2, 3]")
     )(rng)
     return f"{rng.choice(PATHS)}={value}"
 

@@ -46,8 +46,10 @@ def _there_and_back() -> Scenario:
 
 
 def _diverged(scenario: Scenario) -> Result:
-    """A run whose joint positions become infinite on the way; MuJoCo does not tell it on the
-    screen."""
+    """A run whose joint positions become infinite on the way.
+
+    MuJoCo does not tell it on the screen.
+    """
     import mujoco
     import numpy as np
 

@@ -41,7 +41,7 @@ def _one(rng: random.Random, path: Path, others: Mapping[str, bytes]) -> str:
     if inner is not None:
         ways += [inner, inner, inner]
     if path.name in others:
-        ways.append(lambda rng, path: _write(path, others[path.name], "of another run"))
+        ways.append(lambda _, path: _write(path, others[path.name], "of another run"))
     return rng.choice(ways)(rng, path)
 
 

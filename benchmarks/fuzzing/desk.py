@@ -148,7 +148,7 @@ class Desk:
             self.add(warning.category.__name__, place, str(warning.message)[:300])
 
 
-def _called(arguments: list[str], seconds: float) -> int:
+def _called(arguments: list[str], _seconds: float) -> int:
     """Exit status of the command line in this process."""
     from omnitrack_sim.cli import main
 

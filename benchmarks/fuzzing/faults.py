@@ -27,10 +27,12 @@ class Fault:
     detail: str = ""
 
     def to_json(self) -> str:
+        """Return the fault as a line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Fault:
+        """Return the fault that ``to_json`` wrote."""
         return cls(**json.loads(text))
 
 

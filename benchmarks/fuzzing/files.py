@@ -17,7 +17,7 @@ from fuzzing.writing import as_json, toml
 SHAPED, STRAINED = 0.6, 0.2
 """Part of the cases that change values, and that change numbers only; in the others the text is
 damaged."""
-MOST_CHANGES = 4
+MAX_CHANGES = 4
 KINDS = {"scenario": 6, "sweep": 2, "network": 2}
 """How often which kind of file comes."""
 
@@ -51,7 +51,7 @@ def odd_file(seed: int, index: int) -> File:
     way = rng.random()
     if way < SHAPED + STRAINED:
         change = _change if way < SHAPED else _strained
-        for _ in range(rng.choice((1, 1, 1, 2, 3, MOST_CHANGES))):
+        for _ in range(rng.choice((1, 1, 1, 2, 3, MAX_CHANGES))):
             story.append(change(rng, data))
         contents = _encoded(rng, write(data))
     else:
@@ -70,8 +70,7 @@ def changed(rng: random.Random, data: dict[str, Any], times: int) -> tuple[bytes
 
 @cache
 def _bases(kind: str) -> tuple[tuple[str, bool], ...]:
-    """Names of the shipped files of a kind, and of those that can be written out in full once
-    more."""
+    """Names of the shipped files of a kind, and whether each can be written out in full again."""
     names = [(name, False) for name in _shipped(kind)]
     return (*names, *((name, True) for name, _ in names if kind != "sweep"))
 
@@ -135,7 +134,7 @@ def _places(data: Any) -> Iterator[Place]:
 
 
 def _pick(
-    rng: random.Random, data: Any, fits: Callable[[Any], bool] = lambda value: True
+    rng: random.Random, data: Any, fits: Callable[[Any], bool] = lambda _: True
 ) -> Place | None:
     found = [(holder, key) for holder, key in _places(data) if fits(holder[key])]
     return rng.choice(found) if found else None
@@ -164,15 +163,15 @@ def _strained(rng: random.Random, data: Any) -> str:
 
 
 def _new_text(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: isinstance(v, str), lambda old: values.text(rng))
+    return _set(rng, data, lambda v: isinstance(v, str), lambda _: values.text(rng))
 
 
 def _other_kind(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: True, lambda old: values.thing(rng))
+    return _set(rng, data, lambda _: True, lambda _: values.thing(rng))
 
 
 def _deeper(rng: random.Random, data: Any) -> str:
-    return _set(rng, data, lambda v: True, lambda old: values.nested(rng))
+    return _set(rng, data, lambda _: True, lambda _: values.nested(rng))
 
 
 def _of_another(rng: random.Random, data: Any) -> str:
@@ -180,7 +179,7 @@ def _of_another(rng: random.Random, data: Any) -> str:
     place = _pick(rng, data)
     assert place is not None
     other = copy.deepcopy(place[0][place[1]])
-    return _set(rng, data, lambda v: not isinstance(v, dict | list), lambda old: other)
+    return _set(rng, data, lambda v: not isinstance(v, dict | list), lambda _: other)
 
 
 def _lost(rng: random.Random, data: Any) -> str:

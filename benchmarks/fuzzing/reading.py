@@ -96,7 +96,7 @@ def _first_steps(scenario: Scenario, desk: Desk) -> None:
     json.dumps(back.summary(), allow_nan=False)
 
 
-def _try_sweep(file: File, path: Path, number: int, desk: Desk) -> None:
+def _try_sweep(file: File, path: Path, _number: int, desk: Desk) -> None:
     from omnitrack_sim import InputError, load_sweep
 
     sweep, error = desk.attempt("load_sweep", READING, lambda: load_sweep(path), InputError)
@@ -107,7 +107,7 @@ def _try_sweep(file: File, path: Path, number: int, desk: Desk) -> None:
         desk.command(["sweep", file.name, "--list"], READING)
 
 
-def _try_network(file: File, path: Path, number: int, desk: Desk) -> None:
+def _try_network(file: File, path: Path, _number: int, desk: Desk) -> None:
     from omnitrack_sim import InputError, load_network
     from omnitrack_sim.pipes.network import validate
 

@@ -78,8 +78,10 @@ def _one_worker(task: Task, numbers: Sequence[int]) -> Iterator[tuple[int, list[
 
 
 def _told(pipe: IO[str], pid: int) -> Iterator[list[Fault]]:
-    """The faults of one case after the other, as the worker writes them; a case ends with an empty
-    line."""
+    """The faults of one case after the other, as the worker writes them.
+
+    A case ends with an empty line.
+    """
     faults: list[Fault] = []
     while True:
         if not select.select([pipe], [], [], PATIENCE)[0]:

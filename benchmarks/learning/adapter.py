@@ -99,7 +99,7 @@ class Robots(VecEnv):
         """Robots of a batch have no methods of their own."""
         raise NotImplementedError(method_name)
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ARG002 - SB3's
         """No robot is wrapped by itself."""
         return [False] * len(self._chosen(indices))
 

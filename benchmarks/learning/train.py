@@ -56,7 +56,7 @@ SETTINGS: dict[str, Any] = {
     "sde_sample_freq": 16,
 }
 LAYERS = [64, 64]
-SMALLEST_VARIANCE = 1e-4
+MIN_VARIANCE = 1e-4
 """Added to the variance of entries, so that those that never vary in training are not blown up."""
 CHECKPOINT_EVERY, VALIDATE_EVERY = 60.0, 300.0
 """Seconds of processor time."""
@@ -69,9 +69,7 @@ class Training:
         self.variant, self.given, self.out = variant, given, Path(given.out)
         self.out.mkdir(parents=True, exist_ok=True)
         self.robots = Robots(variant.batches())
-        self.normalise = VecNormalize(
-            self.robots, gamma=SETTINGS["gamma"], epsilon=SMALLEST_VARIANCE
-        )
+        self.normalise = VecNormalize(self.robots, gamma=SETTINGS["gamma"], epsilon=MIN_VARIANCE)
         self.spent, self.saved, self.validated = 0.0, 0.0, 0.0
         self.best, self.rows = -np.inf, []
         self.model = PPO(

@@ -398,7 +398,7 @@ class Localiser:
         more; farther off they lead astray, and where pixels begin or cease to see something, as at
         an open end, they tell nothing.
         """
-        axis, place_std = self.filter.most_uncertain()
+        axis, place_std = self.filter.principal_axis()
         forward = self.filter.rotation[:, :, 2]
         turn_std = self.filter.std(TURN, forward)
         ready = ~self.unknown & rested

@@ -227,7 +227,7 @@ class PoseFilter:
         spread = slopes @ self.covariance[:, :POSE, :POSE] @ np.swapaxes(slopes, 1, 2)
         return np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0))
 
-    def most_uncertain(self) -> tuple[Array, Array]:
+    def principal_axis(self) -> tuple[Array, Array]:
         """Return the direction (n, 3) of largest uncertainty of the position, world frame.
 
         The second value is the standard deviation (n,) m along it.

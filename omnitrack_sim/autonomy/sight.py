@@ -163,7 +163,7 @@ class TrueSight:
         closed = set(plates)
         self._closed = closed | {self._joined[end] for end in closed if end in self._joined}
 
-    def look(self, robot: int, position: Array, frame: Array) -> Sighting | None:
+    def look(self, robot: int, position: Array, frame: Array) -> Sighting | None:  # noqa: ARG002 - as of a camera
         """Return the sighting of one robot now; None where it is ambiguous, such as within a bend.
 
         Args:

@@ -73,8 +73,8 @@ MAX_COORDINATE = 1e5
 """Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
 
 
-def too_long(length: float, where: str, most: float = MAX_LENGTH) -> list[Fault]:
-    """Return a fault if pipes are longer together than ``most`` m."""
-    if length <= most:
+def too_long(length: float, where: str, limit: float = MAX_LENGTH) -> list[Fault]:
+    """Return a fault if pipes are longer together than ``limit`` m."""
+    if length <= limit:
         return []
-    return [Fault(where, f"are {length:.6g} m long together; at most {most:.6g} m")]
+    return [Fault(where, f"are {length:.6g} m long together; at most {limit:.6g} m")]

@@ -290,7 +290,7 @@ def checked(
     error: type[InputError],
     *,
     choices_at: Callable[[list[str]], tuple[str, ...]] | None = None,
-    own_fault: Callable[[Mapping[str, Any]], Fault | None] = lambda item: None,
+    own_fault: Callable[[Mapping[str, Any]], Fault | None] = lambda _: None,
 ) -> _Model:
     """Return a model from plain data, as read from TOML or JSON, with every fault at its place.
 

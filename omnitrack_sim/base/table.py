@@ -24,7 +24,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @classmethod
-    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
+    def model_for(cls, value: Mapping[str, Any]) -> type[Table]:  # noqa: ARG003 - default
         """Return the class that plain data ``value`` is read with, where a key decides which."""
         return cls
 

@@ -40,9 +40,9 @@ def counted(count: int, one: str, more: str = "") -> str:
     return f"{count} {one if count == 1 else more or f'{one}s'}"
 
 
-def clipped(text: str, most: int) -> str:
-    """Shorten ``text`` to its first ``most`` characters, and say how many there are."""
-    return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
+def clipped(text: str, length: int) -> str:
+    """Shorten ``text`` to its first ``length`` characters, and say how many there are."""
+    return text if len(text) <= length else f"{text[:length]}... ({len(text)} characters)"
 
 
 def shown(value: Any) -> str:
@@ -50,12 +50,12 @@ def shown(value: Any) -> str:
     return _SHORT.repr(value)
 
 
-def listed(names: Sequence[str], most: int = 1000) -> str:
-    """Join names with commas: as many as fit into ``most`` characters, at least one."""
+def listed(names: Sequence[str], length: int = 1000) -> str:
+    """Join names with commas: as many as fit into ``length`` characters, at least one."""
     ends = accumulate(len(name) + 2 for name in names)
-    count = max(1, sum(end - 2 <= most for end in ends))
+    count = max(1, sum(end - 2 <= length for end in ends))
     rest = max(0, len(names) - count)
-    text = ", ".join(clipped(name, most) for name in names[:count])
+    text = ", ".join(clipped(name, length) for name in names[:count])
     return f"{text} and {rest} more" if rest else text
 
 

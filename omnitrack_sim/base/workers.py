@@ -104,7 +104,7 @@ class DaskPool(Executor):
         """As ``Executor.submit``."""
         return self._executor.submit(fn, *args, **kwargs)
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:  # noqa: ARG002 - Executor's
         """End the pool; without ``wait`` batches under way are given up."""
         self._executor.shutdown(wait)
         self._client.close()

@@ -1,5 +1,8 @@
-"""The command line. Exit status: 0 it ran, whatever the robot did; 2 bad input or output; 1 where
-a check differs: `models --check`, or a verdict of `reproduce`."""
+"""The command line.
+
+Exit status: 0 it ran, whatever the robot did; 2 bad input or output; 1 where a check differs:
+`models --check`, or a verdict of `reproduce`.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,7 @@ def main() -> None:
     name_glfw_library()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a character gets its code, not a traceback.
-        getattr(stream, "reconfigure", lambda errors: None)(errors="backslashreplace")
+        getattr(stream, "reconfigure", lambda **_: None)(errors="backslashreplace")
     try:
         _refuse_empty(sys.argv[1:])
         status = app(standalone_mode=False)
@@ -78,8 +81,10 @@ def main() -> None:
 
 
 def _refuse_empty(arguments: list[str]) -> None:
-    """Refuse arguments that are empty texts, as of a variable that is not set: a path would be the
-    working folder."""
+    """Refuse arguments that are empty texts, as of a variable that is not set.
+
+    A path would be the working folder.
+    """
     for before, text in zip(["", *arguments], arguments, strict=False):
         if text == "" or (text.startswith("--") and text.endswith("=")):
             where = text.rstrip("=") or (before if before.startswith("-") else "an argument")
@@ -92,8 +97,10 @@ def _tell(message: str) -> None:
 
 
 def _tell_usage(error: Any) -> int:
-    """Print what is wrong with the options, clipped, which Typer would not do; return the exit
-    status."""
+    """Print what is wrong with the options, clipped, and return the exit status.
+
+    Typer would not clip it.
+    """
     if type(error).__name__ != "NoArgsIsHelpError":  # which has printed the help already
         _tell(error.format_message())
         if error.ctx is not None:

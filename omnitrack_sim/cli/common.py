@@ -48,10 +48,13 @@ STEP, LONGEST = 0.1, 300.0
 
 
 class Screen(Console):
-    """A console that escapes control characters, which names from users may contain; only line
-    feeds and colours of the messages reach the terminal."""
+    """A console that escapes control characters, which names from users may contain.
+
+    Only line feeds and colours of the messages reach the terminal.
+    """
 
     def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text with its control characters escaped, as rich renders it."""
         return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
 
     def say(self, text: str) -> None:

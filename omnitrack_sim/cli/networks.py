@@ -66,8 +66,7 @@ def network(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a pipe network: parts, open ends, the shortest route between two of these; figures and
-    exports."""
+    """Show a pipe network: parts, open ends, shortest route between two, figures, exports."""
     # A random network may take seconds: places that cannot be written are refused before.
     _check_outputs(to_file, plot, export)
     net = _network(source, random, fittings)

@@ -26,8 +26,10 @@ from omnitrack_sim.cli.common import (
 
 @app.command()
 def scenarios(as_json: JsonOption = False) -> None:
-    """List the scenarios, sweeps, studies and networks of the package; `omnitrack run`, `sweep`,
-    `optimise` and `network NAME` find them."""
+    """List the scenarios, sweeps, studies and networks of the package.
+
+    `omnitrack run`, `sweep`, `optimise` and `network NAME` find them.
+    """
     from omnitrack_sim.base.reading import KINDS, SCENARIO
 
     rows: dict[str, str] = {}
@@ -182,8 +184,7 @@ def policies(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the policies of the package, or describe one; `control.parameters.policy` names
-    them."""
+    """List the policies of the package, or describe one; `control.parameters.policy` names one."""
     if policy is not None:
         _print_policy(ot.load_policy(policy), as_json)
         return

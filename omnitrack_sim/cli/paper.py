@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from omnitrack_sim.paper.claim import Finding
 
 
-MOST_DEGREES = 1e6
+MAX_DEGREES = 1e6
 """Largest angle of an orientation or a roll, degrees."""
 
 
@@ -72,12 +72,11 @@ def singularity(
     ] = "all",
     as_json: JsonOption = False,
 ) -> None:
-    """The motion singularity region: sector, safe margin, success rate, real geometry, and the roll
-    out of it."""
+    """Show the motion singularity region: sector, margin, success rate, real geometry, roll."""
     _check_output(plot, figure)
     for option, degrees in (("--theta5-deg", theta5_deg), ("--roll-deg", roll_deg)):
-        if degrees is not None and not abs(degrees) <= MOST_DEGREES:
-            problem = f"is {degrees:g}; it must lie between {-MOST_DEGREES:g} and {MOST_DEGREES:g}"
+        if degrees is not None and not abs(degrees) <= MAX_DEGREES:
+            problem = f"is {degrees:g}; it must lie between {-MAX_DEGREES:g} and {MAX_DEGREES:g}"
             raise InputError(Fault(option, problem))
     robot = {"modules": modules, "definition": definition, "contact_length": contact_length}
     options = robot | {"bend_radius": bend_radius, "reach": reach}
@@ -239,8 +238,10 @@ def reproduce(
     format: Annotated[str, typer.Option(help="Format of figures/: svg, pdf or png.")] = "svg",
     as_json: JsonOption = False,
 ) -> None:
-    """Measure what was published of a robot: claims.json and report.html. Exit status 1 if a
-    verdict has changed."""
+    """Measure what was published of a robot: claims.json and report.html.
+
+    Exit status 1 if a verdict has changed.
+    """
     from omnitrack_sim.paper.reproduce import reproduce as reproduce_robot
     from omnitrack_sim.show.plots.style import FORMATS
 

@@ -33,7 +33,7 @@ PAGE = "replay.html"
 """Name of the page in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
-_LEAST_VALUE = 6
+_MIN_VALUE_WIDTH = 6
 """Characters that a column of values has at least."""
 FILM: dict[str, Any] = {"width": 1280, "height": 720, "fps": 25}
 GIF: dict[str, Any] = {"width": 640, "height": 360, "fps": 10}
@@ -83,8 +83,10 @@ def run(
 
 
 def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> None:
-    """Add plots and replay page to a saved run, and the film where a camera is given; warn of those
-    that cannot be made."""
+    """Add plots and replay page to a saved run, and the film where a camera is given.
+
+    Warns of those that cannot be made.
+    """
     from omnitrack_sim.show.plots.style import attempt
     from omnitrack_sim.show.projection import needs_map
 
@@ -105,6 +107,7 @@ def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> No
 
 
 def print_result(result: ot.Result, target: Path) -> None:
+    """Print outcome, events and figures of a run, and where it was saved."""
     colour = "green" if result.success else "yellow"
     advice = result.scenario.robot.advice(result.outcome)
     out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(advice)}")
@@ -243,8 +246,11 @@ def check_camera(camera: str) -> None:
 
 
 def usual_camera(scenario: ot.Scenario) -> str:
-    """Return the camera that sees a robot all along: one that stands still would lose it in a
-    network, where pipes turn away from the plane of the first."""
+    """Return the camera that sees a robot all along.
+
+    One that stands still would lose it in a network, where pipes turn away from the plane of the
+    first.
+    """
     return "side" if scenario.mission is None else "follow"
 
 
@@ -368,8 +374,7 @@ def filmed(
     fps: int = 25,
     **size: Any,
 ) -> None:
-    """Film a run, with a progress bar unless ``quiet``; ``processes``: the fastest number if
-    None."""
+    """Film a run, with a progress bar unless ``quiet``; by default in the fastest ``processes``."""
     if processes is None:
         processes = processes_for(result.duration_s, fps)
     with progress("video", quiet) as report:
@@ -523,7 +528,7 @@ def _print_rows(heads: tuple[str, ...], rows) -> None:
     for head in heads:
         numbers = head in ("A", "B", "B - A")
         # Values are broken where a line is short, names at their dots alone.
-        justify, least = ("right", _LEAST_VALUE) if numbers else ("left", None)
+        justify, least = ("right", _MIN_VALUE_WIDTH) if numbers else ("left", None)
         table.add_column(
             head, justify=justify, overflow="fold", no_wrap=not numbers, min_width=least
         )

@@ -358,8 +358,8 @@ def sign_change_after_alignment(runs: Runs) -> Measurement:
     "frictions",
     how="vertical_climb with preload and friction set",
 )
-def least_preload(runs: Runs) -> Measurement:
-    """The least preload that climbs."""
+def climbing_preload(runs: Runs) -> Measurement:
+    """The smallest preload that climbs."""
     climbed = np.array([_climbs(r) for r in runs["preload"]]).reshape(
         len(FRICTIONS), len(PRELOAD_FACTORS)
     )
@@ -430,7 +430,7 @@ CLAIMS: tuple[Claim, ...] = (
     sign_change_after_alignment,
     opposite_motion_past_180,
     no_motion_line,
-    least_preload,
+    climbing_preload,
     motor_stall,
 )
 """In the order of the page."""

@@ -379,14 +379,14 @@ class Assembly:
             for i, j in self.overlaps()
         ]
 
-    def overlaps(self, most: int = MAX_FAULTS) -> list[tuple[int, int]]:
-        """Return pairs of parts that share space and are not joined, by index, at most ``most``."""
+    def overlaps(self, max_count: int = MAX_FAULTS) -> list[tuple[int, int]]:
+        """Return up to ``max_count`` pairs (indices) of parts that overlap and are not joined."""
         joined = {(min(i, j), max(i, j)) for (i, _), (j, _) in self.joints}
         pairs = []
         for pair in sorted(self._near() - joined):
             if self._share_space(*pair):
                 pairs.append(pair)
-                if len(pairs) == most:
+                if len(pairs) == max_count:
                     break
         return pairs
 

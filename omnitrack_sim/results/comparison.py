@@ -20,7 +20,7 @@ from omnitrack_sim.scenario.model import unit_of
 NOISE = 1e-9
 """Relative difference up to which two numbers count as equal: effects of summation order or library
 versions are far below it."""
-_DIGITS, _MOST_DIGITS = 4, 12
+_DIGITS, _MAX_DIGITS = 4, 12
 """Digits of a number, and most digits where two numbers hardly differ."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
@@ -44,7 +44,7 @@ class ComparedValue:
 
     @property
     def difference(self) -> float | None:
-        """b - a; None where they are not both numbers."""
+        """Difference b - a; None where they are not both numbers."""
         # By exact type: a truth value is an integer to isinstance, but has no difference.
         numbers = all(type(value) in (int, float) for value in (self.a, self.b))
         return self.b - self.a if numbers else None
@@ -150,7 +150,8 @@ def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[st
     """Compare two runs.
 
     Args:
-        a, b: runs, or folders of saved ones.
+        a: run, or folder of a saved one.
+        b: the other.
 
     Raises:
         OutputError: a folder is no run.
@@ -170,8 +171,10 @@ class _Absent:
 
 
 def differing(a: Any, b: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield dotted path and both values where two tables of plain data differ; lists of numbers,
-    and lists of tables of different length, differ as a whole."""
+    """Yield dotted path and both values where two tables of plain data differ.
+
+    Lists of numbers, and lists of tables of different length, differ as a whole.
+    """
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
             there, here = a.get(key, _Absent), b.get(key, _Absent)
@@ -224,15 +227,17 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
         shown = float(texts[1]) - float(texts[0])
         # Readers subtract the printed numbers in their heads: these must give about the difference
         # shown.
-        if digits == _MOST_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
+        if digits == _MAX_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
         digits += 1
     return one.name, one.unit, *texts, value_text(shown)
 
 
 def value_text(value: Any) -> str:
-    """Text of a value: four digits for numbers, a dash for a missing one, of tables their kinds or
-    how much is in them."""
+    """Text of a value: four digits for numbers, a dash for a missing one.
+
+    Of tables it has their kinds, or how much is in them.
+    """
     if value is None:
         return "-"
     if isinstance(value, Mapping):

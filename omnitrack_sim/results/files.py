@@ -105,8 +105,11 @@ def reading(path: Path) -> Iterator[Path]:
 
 
 def opened(path: Path) -> pq.ParquetFile:
-    """Open a Parquet file for reading without threads, which abort a process that ends while they
-    start: ``pq.read_table`` starts one even with ``use_threads=False``."""
+    """Open a Parquet file for reading without threads.
+
+    Threads abort a process that ends while they start; ``pq.read_table`` starts one even with
+    ``use_threads=False``.
+    """
     import pyarrow.parquet as pq
 
     return pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)

@@ -20,7 +20,7 @@ LONGEST = 200
 """Characters of a name, value or event."""
 _INK, _GREY, _SHADES = "#22262b", "#7a7f87", ("#ffffff", "#e3e7ed", "#f2ede3")
 _LEFT, _WIDTH, _HEIGHT, _BETWEEN = 112, 380, 44, 12  # pixels
-_MOST_POINTS = 380
+_MAX_POINTS = 380
 """Points of a line: one a pixel; of more samples the least and the largest of each pixel."""
 _ROWS = ("distance", "tilt", "normal_force", "wall_force")
 """Channels; those that the robot has."""
@@ -85,7 +85,7 @@ def _thinned(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     """Finite points of a line; of many, the least and largest in each pixel."""
     known = np.isfinite(y)
     x, y = x[known], y[known]
-    if len(x) <= 2 * _MOST_POINTS:
+    if len(x) <= 2 * _MAX_POINTS:
         return x, y
     # Both extremes of each pixel keep every peak in sight, which leaving out samples would not.
     starts = np.flatnonzero(np.diff(np.floor(x), prepend=-1.0))

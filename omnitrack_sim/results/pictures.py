@@ -26,7 +26,7 @@ MILLIMETRE = 1e-3
 """Step of the distances that are kept, m."""
 _GROUP = 2**20
 """Bytes that are written, and read, at a time."""
-_LEAST_SIZE, _MOST_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
+_MIN_SIZE, _MAX_SIZE = 8, 512  # pixels, as ``OpticsTable.pixels`` has them
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,12 @@ class Pictures(Sequence[Array]):
 
     @property
     def unit(self) -> str:
+        """Unit of the values of a picture."""
         return self._coding.unit
 
     @property
     def size(self) -> int:
+        """Number of values in a picture."""
         return self._coding.size
 
     def __len__(self) -> int:
@@ -147,8 +149,9 @@ class Pictures(Sequence[Array]):
 
 
 def read_pictures(folder: Path, end: float) -> Pictures:
-    """Return the pictures in the folder of a run that ended at ``end`` s; so far only their times
-    are read.
+    """Return the pictures in the folder of a run that ended at ``end`` s.
+
+    So far only their times are read.
 
     Raises:
         OutputError: the file is missing or damaged.
@@ -191,8 +194,10 @@ class Album:
     def add(
         self, time: Array, end: NDArray[np.int_], picture: Array, active: NDArray[np.bool_]
     ) -> None:
-        """Record a picture (n, k) of each robot at ``time`` (n,) s from ``end`` (n,), 1 the
-        nose, -1 the tail; those of inactive robots do not count."""
+        """Record a picture (n, k) of each active robot at ``time`` (n,) s.
+
+        It was taken from ``end`` (n,): 1 the nose, -1 the tail.
+        """
         part = np.zeros(len(time), self._coding.record)
         part["time"], part["end"], part["pixels"] = time, end, self._coding.coded(picture)
         with as_output_error(self._place):
@@ -231,8 +236,11 @@ class _SavedRecords:
         self._at, self._part = -1, np.zeros(0, coding.record)
 
     def __getitem__(self, rows: slice) -> NDArray:
-        """Return the records of these rows of one part; an ``OutputError`` where the file is
-        gone."""
+        """Return the records of these rows of one part.
+
+        Raises:
+            OutputError: the file is gone.
+        """
         number = rows.start // _per_group(self._coding)
         begin, _ = self._groups[number]
         return self._group(number)[rows.start - begin : rows.stop - begin]
@@ -285,7 +293,7 @@ def _coding_in(file: pq.ParquetFile) -> Coding:
     """Return the encoding of the pictures in a file; a ``ValueError`` where it holds none."""
     actual, about = file.schema_arrow, file.schema_arrow.metadata or {}
     size, unit = int(about[b"size"]), about[b"unit"].decode()
-    require(_LEAST_SIZE <= size <= _MOST_SIZE and unit in ("1", "m"), "it has no such pictures")
+    require(_MIN_SIZE <= size <= _MAX_SIZE and unit in ("1", "m"), "it has no such pictures")
     coding = Coding(size, unit)
     wanted = _schema(coding).remove_metadata()
     require(actual.remove_metadata().equals(wanted), "its columns are not those of pictures")

@@ -112,7 +112,7 @@ class Result:
         table = table_html(("figure", "unit", "value"), figures)
         picture = sketch(self.trajectory)
         beside = f"<div style='display:flex;gap:2em;flex-wrap:wrap'>{table}{picture}</div>"
-        lines = [str(event) for event in self.events[:_MOST_EVENTS]]
+        lines = [str(event) for event in self.events[:_MAX_EVENTS]]
         rest = len(self.events) - len(lines)
         lines += [f"and {rest} more events"] if rest else []
         items = "".join(f"<li>{safe(line)}</li>" for line in lines)
@@ -254,7 +254,7 @@ _HEADLINE = (
     *("slip_ratio_mean", "normal_force_mean_n", "motor_torque_max_nm"),
 )
 """Metrics that notebooks show."""
-_MOST_EVENTS = 12
+_MAX_EVENTS = 12
 END_TOLERANCE = 1e-6
 """Largest distance of the last sample from the end of the run, s."""
 

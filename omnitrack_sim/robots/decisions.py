@@ -58,7 +58,10 @@ class InputDecisions:
     }
 
     def __init__(
-        self, setup: ControlSetup, features: Sequence[Feature], acting: Any = None
+        self,
+        setup: ControlSetup,
+        features: Sequence[Feature],
+        acting: Any = None,  # noqa: ARG002 - protocol
     ) -> None:
         self.features, self.hold = tuple(features), steps_of_decision(setup.period)
         low, high = setup.robot.input_range.T
@@ -98,7 +101,7 @@ class InputDecisions:
         """Set the actions (n, nu) of all robots, cut off at -1 and 1; see ``held_actions``."""
         self.action = held_actions(action, self.action)
 
-    def command(self, observation: Observation) -> Actuation:
+    def command(self, observation: Observation) -> Actuation:  # noqa: ARG002 - protocol
         """Return the command for the next control period."""
         return Actuation(self._middle + self.action * self._half)
 

@@ -39,7 +39,7 @@ class Sensor:
     looks_back: bool = False
 
 
-MOST_UNREAD = 50
+MAX_UNREAD = 50
 """Moments that may go unread before a sensor that looks back is read: each keeps the one before it
 in memory."""
 
@@ -104,7 +104,7 @@ class State(dict[str, Array]):
             self._unread = before._unread + 1
             if not before.looks_back:
                 before._before = {}
-        if self._unread > MOST_UNREAD:
+        if self._unread > MAX_UNREAD:
             for name in self.looks_back:
                 self.last(name)
 
@@ -140,7 +140,7 @@ class State(dict[str, Array]):
 
 MOMENTS = 16
 """Moments that are read together: of one robot in 14 us each where one alone takes 107; earlier
-moments are kept no longer than ``MOST_UNREAD``."""
+moments are kept no longer than ``MAX_UNREAD``."""
 MAX_ROBOTS = 64
 """Number of robots up to which that pays: of 64 a moment takes 125 us for 170 alone, of 128 275 for
 236, as the arrays leave the cache."""
@@ -201,5 +201,5 @@ class _Moments(State):
                     value[:] = state[name].ravel()
             self[name] = values.reshape(-1, *first.sensors[name].channel.shape)
 
-    def last(self, name: str, start: Array | None = None) -> Array:
+    def last(self, name: str, start: Array | None = None) -> Array:  # noqa: ARG002 - protocol
         return np.full((len(self.time), *self.sensors[name].channel.shape), np.nan)

@@ -55,8 +55,10 @@ class Tether(QuantityModel):
         gravity: Array,
         start: tuple[float, float] | None = None,
     ) -> Array:
-        """Return tensions (k, 3) at nodes of a way, between which they are linear: arc length, m,
-        tension while the robot drags it forward, and while the line slides back, N.
+        """Return tensions (k, 3) at nodes of a way, between which they are linear.
+
+        Each row is arc length, m, tension while the robot drags the line forward, and while it
+        slides back, N.
 
         Args:
             segments: of the way, in order.
@@ -80,8 +82,10 @@ class Tether(QuantityModel):
     def _along(
         self, segment: Segment, down: Array, tension: float, friction: float
     ) -> list[tuple[float, float]]:
-        """Return arc lengths and tensions along one segment: of a line where it begins, ends or
-        goes slack, of an arc at steps."""
+        """Return arc lengths and tensions along one segment.
+
+        Of a straight they are given where it begins, ends or goes slack, of an arc at steps.
+        """
         length, t, n = segment.length, segment.tangent, segment.normal
         if segment.curvature == 0:
             part = float(down @ t)

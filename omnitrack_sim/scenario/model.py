@@ -68,8 +68,9 @@ the time that it has."""
 
 
 class Scenario(Table):
-    """One run: pipes or a mission through a network, robot, start, world, control. Keys: see
-    docs/reference/scenarios.md.
+    """One run: pipes or a mission through a network, robot, start, world, control.
+
+    Keys: see docs/reference/scenarios.md.
 
     Example:
         >>> scenario = ot.load_scenario("tee_turn")
@@ -152,8 +153,11 @@ class Scenario(Table):
 
     @cached_property
     def route(self) -> Route:
-        """The pipes joined, and the centreline through them; of a mission the way to its first
-        goal, or with an unknown map the straight in which the robot begins."""
+        """The pipes joined, and the centreline through them.
+
+        Of a mission it is the way to its first goal, or with an unknown map the straight in which
+        the robot begins.
+        """
         planner, exploration = self.planner, self.exploration
         if exploration is not None:
             pipes = exploration.network.pipes
@@ -188,8 +192,10 @@ class Scenario(Table):
 
     @cached_property
     def bores(self) -> dict[Port, float]:
-        """Bore radius, m, at each port that the robot passes, or with an unknown map may come into,
-        in order."""
+        """Bore radius, m, at each port that the robot passes, in order.
+
+        With an unknown map it is that of each port that it may come to.
+        """
         line, parts = self.route, self.route.network.parts
         legs = () if self.planner is None else self.planner.plan()
         ports = [(p.index, port) for p in line.passages for port in (p.enter, p.leave)]
@@ -214,13 +220,13 @@ class Scenario(Table):
         return TrueSight(self.route.network, self.plates, self.robot, self.control.arcs)
 
     def goal_at(self, nose: Array) -> str:
-        """Return the goal of an exploration that a robot has its nose (3,) m at, world frame; ""
-        at none."""
+        """Return the goal of an exploration at a nose (3,) m, world frame; "" at none."""
         return "" if self.exploration is None else self.exploration.goal_at(nose)
 
     def holds(self, position: Array, axis: Array) -> bool:
-        """Return whether a robot may go on from a pose off its route: it is in a pipe of its
-        network. Plain pipes are no network.
+        """Return whether a robot may go on from a pose off its route.
+
+        It may if it is in a pipe of its network. Plain pipes are no network.
 
         Args:
             position: (3,) m, of its centre, world frame.
@@ -282,8 +288,9 @@ class Scenario(Table):
 
     @property
     def own_metrics(self) -> tuple[Metric, ...]:
-        """Metrics that ``record.metrics`` names, those of a pull at the tail, and those of the
-        estimate with onboard sensors.
+        """Metrics that ``record.metrics`` names, those of a pull at the tail, and of the estimate.
+
+        Those of the estimate are there with onboard sensors.
 
         Raises:
             InputError: there is no such metric.
@@ -338,15 +345,16 @@ class Scenario(Table):
 
     @property
     def time_limit_s(self) -> float:
-        """Simulated seconds after which a run is over; of a mission its first leg, and each further
-        one has its own."""
+        """Simulated seconds after which a run is over.
+
+        Of a mission they are those of its first leg; each further one has its own.
+        """
         if self.run.time_limit is not None:
             return self.run.time_limit
         return self.time_for(self.route.centreline.length)
 
     def time_for(self, length: float) -> float:
-        """Simulated seconds that a way of ``length`` m may take: four times what cruising takes,
-        and 20 s."""
+        """Simulated seconds that a way of ``length`` m may take: four times cruising, and 20 s."""
         # Room for rolls, retries and slow turns; the constant serves short routes.
         return 4 * length / self.control.cruise_speed + 20.0
 
@@ -544,8 +552,7 @@ def samples_of(scenario: Scenario) -> int:
 
 
 def max_seconds(scenario: Scenario) -> float:
-    """Simulated time limit of a run, s; of a mission that of all its legs if nothing is in the
-    way."""
+    """Simulated time limit of a run, s; of a mission that of all its legs if none is blocked."""
     planner, exploration = scenario.planner, scenario.exploration
     if exploration is not None:
         return scenario.time_limit_s + scenario.time_for(EXPLORED * exploration.network.length)

@@ -229,8 +229,11 @@ class RunTable(Table):
 
 
 class RecordTable(Table):
-    """Contents of the record. Sensors and metrics of a user's own go by the name
-    ``module:Object``; see docs/how-to/extending.md."""
+    """Contents of the record.
+
+    Sensors and metrics of a user's own go by the name ``module:Object``; see
+    docs/how-to/extending.md.
+    """
 
     period: Annotated[float, Field(gt=0, le=1), Unit("s")] = 0.02
     """Time between two samples: a whole number of `physics.control_period`."""

@@ -86,7 +86,7 @@ class Monitor:
         self._scale = robot.time_scale
         self._exit = robot.length / 2
         # s of patience, s since the last progress, s, m
-        self._patience, self._waiting, self._time_limit, self._farthest = np.zeros((4, n))
+        self._patience, self._waiting, self._time_limit, self._max_distance = np.zeros((4, n))
         self._looks = np.zeros(n, int)
         # Robots that right themselves; that have been upright on the leg at hand; s since when
         # they lean over.
@@ -107,7 +107,7 @@ class Monitor:
         """Watch robots ``rows`` (k,) from the start of a new run; see the class."""
         patience = self._patience_length / cruise_speed
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
-        self._time_limit[rows], self._farthest[rows] = time_limit - TIME_ROUNDING, start
+        self._time_limit[rows], self._max_distance[rows] = time_limit - TIME_ROUNDING, start
         self._waiting[rows], self._looks[rows] = 0.0, 0
         self._rights[rows], self._upright[rows], self._leaning[rows] = rights, False, 0.0
         self._diagnosis.reset(rows)
@@ -115,13 +115,13 @@ class Monitor:
     def start_leg(self, robot: int, seconds: float) -> None:
         """Begin to watch a robot on another leg, and extend its time limit."""
         # Arc length begins elsewhere on another leg: any value is headway.
-        self._farthest[robot], self._waiting[robot] = -np.inf, 0.0
+        self._max_distance[robot], self._waiting[robot] = -np.inf, 0.0
         self._upright[robot], self._leaning[robot] = False, 0.0
         self.extend_time_limit(robot, seconds)
 
     def shift_progress(self, robot: int, shift: float) -> None:
         """Move the farthest point of a robot whose estimate has been moved by ``shift`` m."""
-        self._farthest[robot] += shift
+        self._max_distance[robot] += shift
 
     def extend_time_limit(self, robot: int, seconds: float) -> None:
         """Extend the time limit of a robot whose leg is longer than was known."""
@@ -180,11 +180,11 @@ class Monitor:
     ) -> NDArray[np.bool_]:
         """Robots (n,) that have made no headway for too long, or have slid back."""
         # Headway counts anew from where a robot rests or has backed off to.
-        headway = ((distance > self._farthest + self._progress) | resting) & robots
-        np.copyto(self._farthest, distance, where=headway)
+        headway = ((distance > self._max_distance + self._progress) | resting) & robots
+        np.copyto(self._max_distance, distance, where=headway)
         np.add(self._waiting, self.period, out=self._waiting, where=robots)
         np.copyto(self._waiting, 0.0, where=headway)
-        return (self._waiting > self._patience) | (distance < self._farthest - self._slide_back)
+        return (self._waiting > self._patience) | (distance < self._max_distance - self._slide_back)
 
     def _leaning_over(self, location: Location, robots: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Robots (n,) that lean over for too long: soon they would lie across, and be wedged.
@@ -254,7 +254,7 @@ class Monitor:
         length = self.routes.lengths[location.route[robot]]
         distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
-        slid = self._farthest[robot] - distance
+        slid = self._max_distance[robot] - distance
         if slid > self._slide_back:
             before += f", slid back by {1000 * slid:.0f} mm"
         tilt = np.degrees(location.tilt[robot])

@@ -41,7 +41,10 @@ def run(
 
     Args:
         scenario: what to run.
-        controller, pilot, senses, sensors: see ``Simulation``.
+        controller: see ``Simulation``.
+        pilot: see ``Simulation``.
+        senses: see ``Simulation``.
+        sensors: see ``Simulation``.
         metrics: further ones, see docs/how-to/extending.md.
         threads: native threads for the physics; 0 uses all cores. The results do not depend on it.
         progress: see ``Progress``.
@@ -86,7 +89,14 @@ def run_batch(
 
     Args:
         scenarios: any number, none too.
-        controller, pilot, senses, sensors, metrics, threads, progress, no_load: see ``run``.
+        controller: see ``run``.
+        pilot: see ``run``.
+        senses: see ``run``.
+        sensors: see ``run``.
+        metrics: see ``run``.
+        threads: see ``run``.
+        progress: see ``run``.
+        no_load: see ``run``.
 
     Raises:
         TypeError: an argument is of another type.

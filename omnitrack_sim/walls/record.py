@@ -40,14 +40,14 @@ class Kinds:
     """Compiled functions of the kinds of fittings that this process knows, for compiled code.
 
     Attributes:
-        table: (1 + 3 MOST,) words: how many there are, then number, address of ``surface``, address
-            of ``span`` of each.
+        table: (1 + 3 MAX_KINDS,) words: how many there are, then number, address of ``surface``,
+            address of ``span`` of each.
     """
 
-    MOST = 100
+    MAX_KINDS = 100
 
     def __init__(self) -> None:
-        self.table = np.zeros(1 + 3 * self.MOST, np.int64)
+        self.table = np.zeros(1 + 3 * self.MAX_KINDS, np.int64)
         self._names: dict[int, str] = {}
 
     def add(self, kind: type[Fitting]) -> int:
@@ -60,8 +60,8 @@ class Kinds:
         if self._names.setdefault(number, name) != name:
             problem = f"shares its number with {self._names[number]!r}: give the class another name"
             raise GeometryError(Fault(name, problem))
-        if len(self._names) > self.MOST:
-            raise GeometryError(Fault(name, f"is one kind more than {self.MOST}"))
+        if len(self._names) > self.MAX_KINDS:
+            raise GeometryError(Fault(name, f"is one kind more than {self.MAX_KINDS}"))
         row = 1 + 3 * list(self._names).index(number)
         addresses = kind.wall_address("surface"), kind.wall_address("span")
         self.table[row : row + 3] = number, *addresses

@@ -210,7 +210,7 @@ class Fit:
         image = self._scale.of(self._image(hits, level) * at.gains[..., None])
         own = pictures <= beyond
         cost = _loss(pictures - image, ~own, level)
-        return float(cost[own].mean()) if own.mean() > RECOGNISER.least_own else np.inf
+        return float(cost[own].mean()) if own.mean() > RECOGNISER.min_own else np.inf
 
     def scores(self, at: Hypotheses, views: Views, level: Level, alike: float) -> Array:
         """Twice the negative logarithm of the evidence (n,) for each row, without what all share.
@@ -225,7 +225,7 @@ class Fit:
             alike: pixels of which the errors are alike.
         """
         weights, _ = _prior(at, views, level)
-        for place, width in ((DISTANCE, RECOGNISER.farthest), (TURN, 2 * np.pi)):
+        for place, width in ((DISTANCE, RECOGNISER.max_distance), (TURN, 2 * np.pi)):
             sought = weights[:, place] < RECOGNISER.fixed_weight
             weights[sought, place] = 2 * np.pi / width**2
         sought = (weights < RECOGNISER.fixed_weight).sum(axis=1)
@@ -527,15 +527,17 @@ def _stepped(at: Hypotheses, gradient: Array, damping: float, views: Views) -> H
     p = at.normal.shape[1]
     scale = np.eye(p) * np.diagonal(at.normal, axis1=1, axis2=2)[:, None]
     step = np.linalg.solve(at.normal + damping * scale, gradient[..., None])[..., 0]
-    moved = np.clip(step[:, :PLACES], -RECOGNISER.longest, RECOGNISER.longest)
+    moved = np.clip(step[:, :PLACES], -RECOGNISER.max_step, RECOGNISER.max_step)
     sizes = at.sizes.copy()
     for j, form in enumerate(at.forms):
         for s, size in enumerate(form.sizes):
-            most = RECOGNISER.longest_size * size.step
+            most = RECOGNISER.max_size_step * size.step
             changed = sizes[j, s] + np.clip(step[j, PLACES + s], -most, most)
             grain = size.step / RECOGNISER.size_grain  # equal sizes share their walls
             sizes[j, s] = np.clip(round(changed / grain) * grain, size.low, size.high)
     numbers = at.numbers + moved
-    numbers[:, DISTANCE] = np.clip(numbers[:, DISTANCE], views.prior.nearest, RECOGNISER.farthest)
+    numbers[:, DISTANCE] = np.clip(
+        numbers[:, DISTANCE], views.prior.nearest, RECOGNISER.max_distance
+    )
     gains = np.clip(at.gains + step[:, PLACES + SIZES :], *RECOGNISER.gain_range)
     return replace(at, numbers=numbers, sizes=sizes, gains=gains)

@@ -287,7 +287,7 @@ class Recogniser:
                 f"pictures of shape {pictures.shape}, not ({len(motions)}, {self._pixels}): one "
                 "row for each motion, of as many pixels as the recogniser's camera has"
             )
-        if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.least_valid:
+        if np.isfinite(pictures).mean(axis=1).min() < RECOGNISER.min_valid:
             unknown = np.full((2, 2), np.inf)
             none = np.zeros(2)
             return Detection("straight", "", {}, 0.0, 0.0, unknown, 0.0, none, none)
@@ -398,7 +398,9 @@ class Recogniser:
                 continue
             numbers, nearest = fits.numbers[row], views.prior.nearest
             offsets = numbers[DISTANCE] + RECOGNISER.restart_offsets
-            places = np.unique(np.clip([*offsets, *joints], nearest, RECOGNISER.farthest)).tolist()
+            places = np.unique(
+                np.clip([*offsets, *joints], nearest, RECOGNISER.max_distance)
+            ).tolist()
             part = _combined(
                 replace(fits.take([row]), gains=np.ones((1, fits.gains.shape[1]))),
                 sizes=sizes,

@@ -92,13 +92,13 @@ class RecogniserSettings:
         beyond_bias: cost that makes the mean of such pixels by noise alone that of the others.
         exit_error: standard deviations by which a pixel may be nearer than the port.
         horizon: bores, beyond which a fitting is not reported.
-        least_valid: part of the pixels that have to be valid.
+        min_valid: part of the pixels that have to be valid.
         error_scale: factor of the errors that the normal equations give, as measured: edges that
             fall between pixels have no gradient.
         lamp_alike: pixels that count as one by a lamp: patches of dirt cover several.
         misfit_cost: mean cost of a pixel from which on no form explains the picture, of all and
             of those that show no more than the form: another fitting behind it is not its fault.
-        least_own: least share of pixels that show no more than the form.
+        min_own: smallest share of pixels that show no more than the form.
         misfit_confidence: most probability of a form in such a picture.
         confidence: probability from which on a detection is unambiguous.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
@@ -113,9 +113,9 @@ class RecogniserSettings:
         joints: most joints that are followed.
         fixed_weight: weight of a number that is not sought, which keeps it where it is.
         nudge: (6,) m and rad, steps of the differences that the Jacobian is made of.
-        longest: (6,) m and rad, longest step of the search.
-        longest_size: the same of a size, in its steps.
-        farthest: m, bound of the distance of a port plane.
+        max_step: (6,) m and rad, longest step of the search.
+        max_size_step: the same of a size, in its steps.
+        max_distance: m, bound of the distance of a port plane.
         size_grain: parts of its step to which a size is rounded, so that walls are reused.
         kept_walls: most walls that are kept for reuse.
         kept_cameras: most cameras of which what their rays have met is kept for reuse: a step of
@@ -168,11 +168,11 @@ class RecogniserSettings:
     beyond_bias: float = 0.23
     exit_error: float = 3.0
     horizon: float = 3.5
-    least_valid: float = 0.2
+    min_valid: float = 0.2
     error_scale: float = 3.0
     lamp_alike: float = 2.0
     misfit_cost: float = 1.7
-    least_own: float = 0.2
+    min_own: float = 0.2
     misfit_confidence: float = 0.5
     confidence: float = 0.95
     # Fit
@@ -186,9 +186,9 @@ class RecogniserSettings:
     joints: int = 4
     fixed_weight: float = 1e12
     nudge: Array = field(default_factory=lambda: numbers(0.0005, 0.005, 0.001, 0.01))
-    longest: Array = field(default_factory=lambda: numbers(0.003, 0.03, 0.04, 0.3))
-    longest_size: int = 8
-    farthest: float = 0.85
+    max_step: Array = field(default_factory=lambda: numbers(0.003, 0.03, 0.04, 0.3))
+    max_size_step: int = 8
+    max_distance: float = 0.85
     size_grain: int = 8
     kept_walls: int = 2000
     kept_cameras: int = 512

@@ -18,7 +18,7 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, compiled, in_bore, out_of_two, put
 from omnitrack_sim.pipes.fittings.base import Axis, AxisCurve, Description, Y, in_bores, port_pose
 from omnitrack_sim.pipes.fittings.wye import MIN_ANGLE_DEG, Wye
-from omnitrack_sim.pipes.fittings.wye_surface import RUN_OF_CROSS, clip_leg, from_edge
+from omnitrack_sim.pipes.fittings.wye_surface import clip_leg, from_edge, in_branch, in_run
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Ring, Solid, stave_count
 
 HALF_TURN = np.array([-1.0, 1.0, -1.0])
@@ -70,13 +70,14 @@ def surface(sizes, x, y, z, out):
 
 @compiled
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
-    """See ``compiled.Wall``. A port plane counts for its own leg only."""
-    sin, cos = sizes[5], sizes[6]
-    t, along = px * sin + pz * cos, ax * sin + az * cos
-    clip_leg(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], RUN_OF_CROSS, out)
-    clip_leg(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], RUN_OF_CROSS, out)
-    clip_leg(sizes, px, py, pz, ax, ay, az, t - sizes[1], along, ends[2], 1.0, out)
-    clip_leg(sizes, px, py, pz, ax, ay, az, -t - sizes[1], -along, ends[3], -1.0, out)
+    """See ``compiled.Wall``, and the wye's."""
+    run_low, run_high = in_run(sizes, px, py, pz, ax, ay, az)
+    low, high = in_branch(sizes, px, py, pz, ax, ay, az, sizes[1])
+    clip_leg(-pz - sizes[0], -az, ends[0], low, high, out)
+    clip_leg(pz - sizes[0], az, ends[1], low, high, out)
+    t, along = px * sizes[5] + pz * sizes[6], ax * sizes[5] + az * sizes[6]
+    clip_leg(t - sizes[1], along, ends[2], run_low, run_high, out)
+    clip_leg(-t - sizes[1], -along, ends[3], run_low, run_high, out)
     return 1.0
 
 

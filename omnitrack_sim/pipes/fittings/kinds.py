@@ -92,7 +92,7 @@ class FittingEntry(Table):
             return cls
 
     @classmethod
-    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:
+    def keys_for(cls, fitting: type[Fitting]) -> dict[str, Any]:  # noqa: ARG003 - default
         """Keys of the list that depend on the kind, as ``pydantic.create_model`` takes them."""
         return {}
 

@@ -43,8 +43,6 @@ from omnitrack_sim.pipes.compiled import (
 
 EQUAL = 1e-9
 """Bores whose radii differ by less, m, are equal."""
-RUN, RUN_OF_CROSS = 0.0, 2.0
-"""Legs, see ``clip_leg``."""
 _CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
 _ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
 
@@ -255,61 +253,71 @@ def _minimum(square, small, sin, cos, px, py, pz, low_k, low_l, k, l, high_k, hi
 def span(sizes, ends, px, py, pz, ax, ay, az, out):
     """See ``compiled.Wall``.
 
-    A port plane counts for its own leg only: the legs of an oblique wye cross the planes of one
-    another.
+    The legs of an oblique wye cross the port planes of one another: beyond a leg's plane a line is
+    outside unless it is in the other leg there.
     """
-    sin, cos = sizes[5], sizes[6]
-    clip_leg(sizes, px, py, pz, ax, ay, az, -pz - sizes[0], -az, ends[0], RUN, out)
-    clip_leg(sizes, px, py, pz, ax, ay, az, pz - sizes[0], az, ends[1], RUN, out)
-    value, slope = px * sin + pz * cos - sizes[1], ax * sin + az * cos
-    clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends[2], 1.0, out)
+    run_low, run_high = in_run(sizes, px, py, pz, ax, ay, az)
+    low, high = in_branch(sizes, px, py, pz, ax, ay, az, 0.0)
+    clip_leg(-pz - sizes[0], -az, ends[0], low, high, out)
+    clip_leg(pz - sizes[0], az, ends[1], low, high, out)
+    value, slope = px * sizes[5] + pz * sizes[6] - sizes[1], ax * sizes[5] + az * sizes[6]
+    clip_leg(value, slope, ends[2], run_low, run_high, out)
     return 1.0
 
 
 @compiled
-def clip_leg(sizes, px, py, pz, ax, ay, az, value, slope, ends, side, out):
-    """Keep the part of the span where value + slope s <= 0, if the cut lies in the plane's own leg.
+def in_run(sizes, px, py, pz, ax, ay, az):
+    """Return the part [low, high] of a line in the bore of the run, between its port planes."""
+    low, high = in_bore(px, py, ax, ay, sizes[2])
+    low, high = _within(low, high, pz - sizes[0], az)
+    return _within(low, high, -pz - sizes[0], -az)
 
-    ``side``: a branch's leg lies on that side of the run, 1.0 or -1.0; the run's is ``RUN`` or,
-    where there are branches on both sides, ``RUN_OF_CROSS``.
+
+@compiled
+def in_branch(sizes, px, py, pz, ax, ay, az, back):
+    """Return the part [low, high] of a line in the bore of the branch.
+
+    It begins ``back`` m behind where the axes meet, and ends at the port plane.
+    """
+    sin, cos = sizes[5], sizes[6]
+    low, high = in_bore(px * cos - pz * sin, py, ax * cos - az * sin, ay, sizes[3])
+    along, ahead = px * sin + pz * cos, ax * sin + az * cos
+    low, high = _within(low, high, along - sizes[1], ahead)
+    return _within(low, high, -along - back, -ahead)
+
+
+@compiled
+def _within(low, high, value, slope):
+    """Return the part of [low, high] where value + slope s <= 0."""
+    if slope > 0.0:
+        return low, min(high, -value / slope)
+    if slope < 0.0:
+        return max(low, -value / slope), high
+    return (low, high) if value <= 0.0 else (math.inf, -math.inf)
+
+
+@compiled
+def clip_leg(value, slope, ends, other_low, other_high, out):
+    """Keep the part of the span where value + slope s <= 0: inside the port plane of a leg.
+
+    What lies beyond is kept where the line is in the other leg there, from ``other_low`` to
+    ``other_high``.
     """
     low, high = out[LOW], out[HIGH]
-    if high < low:
-        return
     # A line parallel to the plane is either wholly inside or wholly outside.
     s = -value / slope if abs(slope) >= 1e-14 else (math.inf if value <= 0.0 else -math.inf)
     rising = slope >= 0.0 or abs(slope) < 1e-14
-    if (rising and s >= high) or (not rising and s <= low):
+    if high < low or (rising and s >= high) or (not rising and s <= low):
         return
-    outside = (rising and s <= low) or (not rising and s >= high)
-    # Where nothing of the span is inside there is no cut, and its middle decides the leg.
-    at = 0.5 * (low + high) if outside else s
-    if not _in_leg(sizes, px + at * ax, py + at * ay, pz + at * az, side):
+    first, last = (max(low, s), high) if rising else (low, min(high, s))
+    if max(first, other_low) < min(last, other_high):
         return
-    if outside:
+    if (rising and s <= low) or (not rising and s >= high):
         out[HIGH] = low - 1.0
     elif rising:
         out[HIGH], out[HIGH_ENDS] = s, ends
     else:
         out[LOW], out[LOW_ENDS] = s, ends
-
-
-@compiled
-def _in_leg(sizes, x, y, z, side):
-    """Tell whether a point belongs to a leg, see ``clip_leg``.
-
-    It belongs to a branch's where it is nearer to that bore's wall than to the run's, or less deep
-    in it.
-    """
-    sin, cos = sizes[5], sizes[6]
-    t, w = x * sin + z * cos, x * cos - z * sin
-    from_branch, from_run = math.sqrt(y * y + w * w) - sizes[3], math.sqrt(x * x + y * y) - sizes[2]
-    nearer = from_branch < from_run
-    if side == RUN_OF_CROSS:
-        return not nearer
-    if side == RUN:
-        return not (t > 0.0 and nearer)
-    return t * side > 0.0 and nearer
 
 
 @compiled

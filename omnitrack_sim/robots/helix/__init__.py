@@ -103,8 +103,10 @@ class Helix(Robot):
         return self.amplitude * np.where(even, np.sin(psi), -np.cos(psi))
 
     def coil(self, angles: Array) -> Coil:
-        """Return the cylinder about the joints of a snake that is bent by ``angles`` (16,) rad,
-        in the frame of its last link; this needs joint angles alone."""
+        """Return the cylinder about the joints of a snake that is bent by ``angles`` (16,) rad.
+
+        It is in the frame of the last link, and needs joint angles alone.
+        """
         return coil_of(self._links(angles)[0][1:-1])
 
     def pipe_bore(self, coil: Coil) -> float:
@@ -117,11 +119,11 @@ class Helix(Robot):
         return self.rate * (self.radius + coil.zigzag) * cosine
 
     def advance(self, before: Array, after: Array) -> float:
-        """Return the way along the pipe, m, by which a snake rolls between joint angles (16,) rad
-        at two moments, without slip.
+        """Return the way along the pipe, m, that a snake rolls between two moments without slip.
 
-        It is treated as a wheeled robot, whose wheels are the modules that touch: their material
-        points at the wall stay where they are, so the snake moves by what these move back in it.
+        The moments are given by joint angles (16,) rad. The snake is treated as a wheeled robot,
+        whose wheels are the modules that touch: their material points at the wall stay where they
+        are, so the snake moves by what these move back in it.
         """
         here, there = self._links(before), self._links(after)
         coils = [coil_of(ends[1:-1]) for ends, _ in (here, there)]

@@ -60,8 +60,10 @@ class Inchworm(Robot):
     pad_mass: Positive = quantity(0.02, "kg", "assumed", "of each of a clamp's eight pads")
 
     def spec(self) -> mujoco.MjSpec:
-        """Return the robot alone: +z of its chassis points along the pipe, the origin is on the
-        pipe's axis."""
+        """Return the robot alone.
+
+        +z of its chassis points along the pipe, the origin is on the pipe's axis.
+        """
         spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name("robot.xml")))
         for pad in (f"{end}_{ring}_{k}" for end in ENDS for ring in "ab" for k in range(4)):
             body = spec.body(pad)

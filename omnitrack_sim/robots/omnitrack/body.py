@@ -1,5 +1,4 @@
-"""The robot as MJCF: chassis, three sprung arms, rolling modules, two travelling tracks of lugs
-each.
+"""The robot as MJCF: chassis, and three sprung arms with rolling modules of two tracks each.
 
 A track is a row of sphere lugs on a slide joint along the module. The lugs of a running belt stand
 still on the wall while the robot passes over them, as on the real chain; after each lug pitch the
@@ -168,11 +167,10 @@ def add_module(arm: mujoco.MjsBody, robot: Omnitrack, number: int) -> mujoco.Mjs
 def _add_track(
     module: mujoco.MjsBody, robot: Omnitrack, name: str, side: float, line: bool
 ) -> None:
-    """One run of the chain: a row of sphere lugs along z, ``side`` = 1 above the module axis, -1
-    below it.
+    """One run of the chain: a row of sphere lugs along z.
 
-    A positive belt speed moves the upper run backward, which drives forward where it is at the
-    wall, and the lower run forward.
+    ``side`` is 1 above the module axis, -1 below it. A positive belt speed moves the upper run
+    backward, which drives forward where it is at the wall, and the lower run forward.
     """
     track = module.add_body(name=f"track_{name}")
     track.ipos = [0, 0, 0]
@@ -258,22 +256,26 @@ def sized(robot: Omnitrack, value: float, unit: str) -> float:
 
 
 def impedance(surface: float, deep: float, depth: float) -> list[float]:
-    """MuJoCo's solimp: impedance from ``surface`` to ``deep`` over ``depth`` (m or rad), along a
-    parabola on either side of the middle."""
+    """MuJoCo's solimp: impedance from ``surface`` to ``deep`` over ``depth`` (m or rad).
+
+    It follows a parabola on either side of the middle.
+    """
     return [surface, deep, depth, 0.5, 2.0]
 
 
 def lug_places(robot: Omnitrack) -> np.ndarray:
-    """z of the lugs on the module (K,), m: K lugs at one pitch, centred, so that the row covers the
-    contact length."""
+    """Positions (K,) m of the lugs along the module's z axis.
+
+    The K lugs are at one pitch and centred, so that the row covers the contact length.
+    """
     return (np.arange(robot.lugs_per_track) - (robot.lugs_per_track - 1) / 2) * robot.lug_pitch
 
 
 def add_springs(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> None:
-    """Front and rear springs of an arm (Fig. 2): each pushes on the arm at its own shafts, and only
-    pushes.
+    """Add the front and rear springs of an arm (Fig. 2).
 
-    Together they give the radial stiffness k and the pitch stiffness k (spacing / 2)^2.
+    Each pushes on the arm at its own shafts, and only pushes. Together they give the
+    radial stiffness k and the pitch stiffness k (spacing / 2)^2.
     """
     for end, side in MODULE_ENDS.items():
         spring = spec.add_tendon(name=f"spring_{end}_{number}")
@@ -289,8 +291,10 @@ def add_springs(spec: mujoco.MjSpec, robot: Omnitrack, number: int) -> None:
 
 
 def spring_free_length(robot: Omnitrack, preload: float) -> float:
-    """Arm travel at which the springs are free, m: preload over the stiffness of the module's
-    springs."""
+    """Arm travel at which the springs are free, m.
+
+    It is the preload over the stiffness of the module's springs.
+    """
     return preload / robot.module_stiffness
 
 
@@ -348,8 +352,10 @@ def add_motion_sensors(spec: mujoco.MjSpec, number: int) -> None:
 
 
 def add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
-    """Net contact of all that hangs on a body: (found, force (3,), position (3,)), world axes; the
-    force is that on the wall."""
+    """Add a sensor of the net contact of all that hangs on a body.
+
+    It reads (found, force (3,), position (3,)) in world axes; the force is that on the wall.
+    """
     fields = mujoco.mjtConDataField
     wanted = sum(
         1 << int(f) for f in (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_POS)
@@ -409,8 +415,10 @@ def belt_force(robot: Omnitrack) -> float:
 
 
 def output_inertia(robot: Omnitrack) -> float:
-    """Inertia at a belt that is the belt's own, kg: the rotor's where the motor drives this belt
-    alone, else a small part of it."""
+    """Inertia at a belt that is the belt's own, kg.
+
+    It is the rotor's where the motor drives this belt alone, else a small part of it.
+    """
     own = 1.0 if drive_of(robot.drive).direct else OUTPUT_INERTIA
     return own * belt_inertia(robot)
 

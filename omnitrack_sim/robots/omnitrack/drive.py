@@ -84,14 +84,15 @@ class Drive:
 
     @property
     def strength(self) -> Array:
-        """Largest torque (3,) at each belt, as multiples of the torque limit of one
-        ``robot.motor``."""
+        """Largest torque (3,) at each belt, in torque limits of one ``robot.motor``."""
         return self.size * np.abs(self.matrix).sum(axis=0)
 
     @property
     def shafts(self) -> int:
-        """Number of shafts that the model has beside the belts, each a joint of its own: one for
-        each motor, none where every motor turns its own belt and nothing else."""
+        """Number of shafts that the model has beside the belts, each a joint of its own.
+
+        One for each motor; none where every motor turns its own belt and nothing else.
+        """
         return 0 if self.direct else self.motors
 
     @cached_property
@@ -123,14 +124,12 @@ class Drive:
 
 
 def _product(values: Array, matrix: Array) -> Array:
-    """``matrix`` (a, b) times each of ``values`` (..., b), with the same bits alone and in a
-    batch."""
+    """``matrix`` (a, b) times each of ``values`` (..., b), the same bits alone and in a batch."""
     return ordered_sum(values[..., None, :] * matrix)
 
 
 class SpeedLoop:
-    """The electrical side of n robots' crawler motors: set points and force limits of the speed
-    servos.
+    """The electrical side of n robots' motors: set points and force limits of the speed servos.
 
     The belts, with the reflected rotor inertia and the proportional part of the loop, are part of
     the physics. Here are the integral part with its droop, the torque-speed line and the limit.

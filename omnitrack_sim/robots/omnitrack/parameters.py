@@ -46,12 +46,12 @@ MODULES = 3
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
 
-MOST_PRELOADS = 20.0
+MAX_PRELOADS = 20.0
 """Normal force of a module over the preload, or the robot's weight where that is more, from which
 on a result carries a note. Springs at their end press with 3 times the preload."""
 STOP_ROOM = 0.001
 """Distance beyond its stop from which on an arm's place is noted, m, for a robot of scale 1."""
-LONGEST_PRESS = 1.0
+MAX_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 
@@ -309,7 +309,7 @@ class Omnitrack(Robot):
         if 2 * self.track_mass >= self.module_mass:
             problem = f"must be under half of module_mass, {self.module_mass / 2:.6g} kg"
             yield "track_mass", problem
-        press, most = self.preload / self.module_stiffness, LONGEST_PRESS * self.scale
+        press, most = self.preload / self.module_stiffness, MAX_PRESS * self.scale
         if press > most * (1 + ROUNDING):
             problem = (
                 f"would press the springs together by {press:.4g} m in the nominal pipe, at "
@@ -577,7 +577,7 @@ class Omnitrack(Robot):
         beyond = np.maximum(low - slide, slide - high)
         sample, module = np.unravel_index(forces.argmax(), forces.shape)
         force, preload = float(forces[sample, module]), max(self.preload, self.mass * GRAVITY)
-        if force > MOST_PRELOADS * preload:
+        if force > MAX_PRELOADS * preload:
             time = float(trajectory.time[sample])
             events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
         sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)

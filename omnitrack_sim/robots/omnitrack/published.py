@@ -98,8 +98,11 @@ def add_turning_robot(spec: mujoco.MjSpec, robot: Omnitrack) -> mujoco.MjsBody:
 
 
 def _add_lugs(spec: mujoco.MjSpec, module: mujoco.MjsBody, robot: Omnitrack, number: int) -> None:
-    """Balls along the module that turn as one. A positive belt speed drives forward on the side
-    that faces the wall at roll 0, and backward on the other."""
+    """Add balls along the module that turn as one.
+
+    A positive belt speed drives forward on the side that faces the wall at roll 0, and backward on
+    the other.
+    """
     places = lug_places(robot)
     belt = spec.add_tendon(name=f"belt_{number}")
     mass = len(TRACKS) * robot.track_mass / len(places)
@@ -168,8 +171,7 @@ def write_models(models_dir: Path, assets_dir: Path) -> list[Path]:
 
 
 def check_models(models_dir: Path, assets_dir: Path) -> list[str]:
-    """Names of files that are missing, differ from what ``write_models`` would write, or are no
-    longer generated.
+    """Names of files that ``write_models`` would add, change or leave out.
 
     Raises:
         InputError: there are no published models, as beside a package that was installed from a
@@ -297,8 +299,7 @@ def _scene_spec(name: str, fitting: Fitting) -> mujoco.MjSpec:
 
 
 def _settled_slide(spec: mujoco.MjSpec) -> float:
-    """Travel of the arms, m, at which the springs and the lugs' contacts hold each other, to a
-    micrometre."""
+    """Travel of the arms, m, at which springs and lug contacts balance, to a micrometre."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     while data.time < SETTLING_TIME:

@@ -72,8 +72,10 @@ def _motor_torque(state: State) -> Array:
 
 
 def _contact(state: State) -> Array:
-    """Net contact of each part of the chains (n, 3, k, 7): found, force on the wall, position;
-    world frame."""
+    """Net contact of each part of the chains (n, 3, k, 7), world frame.
+
+    The seven numbers are: found, force on the wall (3), position (3).
+    """
     if "contact" not in state.shared:
         state.shared["contact"] = state.sensordata.take(state.at.contact, axis=1)
     return state.shared["contact"]

@@ -175,9 +175,9 @@ def worst_theta5(modules: ArrayLike = 3) -> Array:
 _DEFAULT = Omnitrack()
 SHORTEST, LONGEST = 1e-6, 1000.0
 """Least and largest length of robot and tee, m."""
-LEAST_TURN = 1e-6
+MIN_TURN = 1e-6
 """Least angle between run and branch, rad."""
-MOST_MODULES = 12
+MAX_MODULES = 12
 """The contact map takes time and memory in proportion to the number of modules."""
 
 
@@ -224,11 +224,11 @@ class TurnCase:
         if not 0 <= self.contact_length <= LONGEST:
             wanted = f"it must be from 0 to {LONGEST:g} m"
             faults.append(Fault("contact_length", f"is {self.contact_length:g}; {wanted}"))
-        if not 1 <= self.modules <= MOST_MODULES or self.modules != int(self.modules):
-            wanted = f"it must be a whole number from 1 to {MOST_MODULES}"
+        if not 1 <= self.modules <= MAX_MODULES or self.modules != int(self.modules):
+            wanted = f"it must be a whole number from 1 to {MAX_MODULES}"
             faults.append(Fault("modules", f"is {self.modules:g}; {wanted}"))
         # The formulas divide by the sine of half the angle.
-        if not LEAST_TURN <= self.turn_angle < np.pi:
+        if not MIN_TURN <= self.turn_angle < np.pi:
             problem = f"is {np.degrees(self.turn_angle):g} degrees; it must lie between 0 and 180"
             faults.append(Fault("turn_angle", problem))
         if self.definition not in DEFINITIONS:
@@ -270,8 +270,12 @@ class TurnCase:
         return self.best + np.linspace(-half, half, count)
 
     def wall_distance(self, path: TeePath, theta5: Array) -> Array:
-        """Return the distance (T, M, N) m of the N modules from the wall along T poses, for theta5
-        (M,) rad; see ``tee_contact.wall_distance``."""
+        """Return the distance (T, M, N) m of the N modules from the wall along T poses.
+
+        Args:
+            path: the T poses.
+            theta5: (M,) rad; see ``tee_contact.wall_distance``.
+        """
         angles = theta5[:, None] + 2 * np.pi / self.modules * np.arange(self.modules)
         return wall_distance(path, angles, self.pipe_radius, self.contact_length)
 

@@ -61,18 +61,20 @@ touch. There the farther run is less deep by twice the tracks' offset times this
 BACKSTOP = 0.5
 """Depth, in radii of a line, down to which a wall is solid for its axis. A line in a neighbouring
 pipe is a radius deep at least."""
-MOST_CONTACTS = 24
+MAX_CONTACTS = 24
 """On one line and one fitting; MuJoCo has room for 50."""
 SPACING = 0.008
 """Largest spacing of the samples between which a minimum is looked for, m, for a robot of scale 1:
 a third of a lug's radius."""
-LEAST_APART = 0.003
+MIN_END_DISTANCE = 0.003
 """A minimum nearer than this to an end of the line is that end, m."""
 
 
 def line_record(lug_pitch: float, scale: float, side: float = 0.0) -> Array:
-    """Return the record (RECORD_SIZE,) of a track: mark, distance of its lugs, m, the robot's
-    scale, and its side, see ``SIDE``."""
+    """Return the record (RECORD_SIZE,) of a track.
+
+    It holds a mark, the distance of its lugs, m, the robot's scale, and its side, see ``SIDE``.
+    """
     record = np.zeros(RECORD_SIZE)
     record[0], record[PITCH], record[SCALE], record[SIDE] = MARK, lug_pitch, scale, side
     return record
@@ -87,14 +89,16 @@ def sprocket_record(other: int) -> Array:
 
 @compiled
 def _add(con, n, surface, sizes, ray, face, s, radius, margin, out):
-    """Add the contact at s if the wall is that near and faces the run; returns the number of
-    contacts. Still in the fitting's frame."""
+    """Add the contact at s if the wall is that near and faces the run.
+
+    Returns the number of contacts, which are still in the fitting's frame.
+    """
     px, py, pz, ax, ay, az, _, _, _, _ = ray
     x, y, z = px + s * ax, py + s * ay, pz + s * az
     d = call_surface(surface, sizes, x, y, z, out)
     # A line whose axis lies deep within the wall belongs to another pipe.
-    # Beyond MOST_CONTACTS the rest is dropped: the ends and the first minima come first.
-    if d <= -BACKSTOP * radius or d - radius >= margin or n >= MOST_CONTACTS:
+    # Beyond MAX_CONTACTS the rest is dropped: the ends and the first minima come first.
+    if d <= -BACKSTOP * radius or d - radius >= margin or n >= MAX_CONTACTS:
         return n
     # The wall behind a run belongs to the other run of its chain.
     if out[0] * face[0] + out[1] * face[1] + out[2] * face[2] > BAND:
@@ -114,15 +118,18 @@ def _add_end(con, n, surface, sizes, ray, face, s, radius, margin, out):
 
 @compiled
 def _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin, scale, out):
-    """Add the contacts between the ends: minima with their flanks, and where a rim begins at a
-    straight wall. ``bounds``: the span, and whether contact ends at its ends."""
+    """Add the contacts between the ends of a track.
+
+    These are minima with their flanks, and where a rim begins at a straight wall. ``bounds``: the
+    span, and whether contact ends at its ends.
+    """
     low, high, low_ends, high_ends = bounds
     # Even pieces from end to end: the samples are the same seen from either end.
     pieces = math.ceil((high - low) / (SPACING * scale))
     reach = radius + margin
     # Next to an end that already has a contact, another one would only split its force.
-    first = low + (LEAST_APART * scale if low_ends else 0.0)
-    last = high - (LEAST_APART * scale if high_ends else 0.0)
+    first = low + (MIN_END_DISTANCE * scale if low_ends else 0.0)
+    last = high - (MIN_END_DISTANCE * scale if high_ends else 0.0)
     a = low
     d_a, slope_a, face_a = slope_at(surface, sizes, ray, a, out)
     for i in range(pieces):
@@ -150,8 +157,10 @@ def _add_within(con, n, surface, sizes, ray, face, bounds, radius, pitch, margin
 
 @compiled
 def _outward(position, matrix, g_line, other, g_wall):
-    """Direction from the sprocket at the other end of a module to this one, three numbers in the
-    frame of a fitting."""
+    """Direction from the sprocket at the other end of a module to this one.
+
+    Three numbers, in the frame of a fitting.
+    """
     a, b, m = 3 * g_line, 3 * other, 9 * g_wall
     x, y, z = (
         position[a] - position[b],
@@ -175,15 +184,19 @@ def line_contacts(
     A sprocket is a capsule without length.
 
     Args:
-        con: room for MOST_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
+        con: room for MAX_CONTACTS contacts of CONTACT_SIZE numbers; normals point from the wall to
             the line.
-        surface, span: addresses of the fitting's functions.
-        wall: user data of all geoms; ``w`` and ``track`` are where the records of this fitting and
-            of the line begin.
-        position, matrix: (3 per geom) m and (9 per geom, row major), frames of all geoms in the
-            world.
-        g_line, g_wall: geom numbers of the line and of the wall.
-        radius, half: of the capsule, m.
+        surface: address of the fitting's function of that name.
+        span: the same.
+        wall: user data of all geoms.
+        w: where in ``wall`` the record of this fitting begins.
+        track: where in ``wall`` the record of the line begins.
+        position: (3 per geom) m, of all geoms in the world.
+        matrix: (9 per geom, row major), of all geoms in the world.
+        g_line: geom number of the line.
+        g_wall: geom number of the wall.
+        radius: of the capsule, m.
+        half: half the length of the capsule's axis, m.
         margin: distance up to which contacts count, m.
     """
     sizes, out = at(wall, w + SIZES), scratch()
@@ -227,8 +240,10 @@ def line_contacts(
 
 @compiled
 def _into_world(con, k, wall, w, position, matrix, g_line, g_wall):
-    """Bring the contact at ``con[k]`` from the fitting's frame into the world's; its first tangent
-    lies along the line."""
+    """Bring the contact at ``con[k]`` from the fitting's frame into the world's.
+
+    Its first tangent lies along the line.
+    """
     in_world(con, k, wall, w, position, matrix, g_wall)
     ux, uy, uz = matrix[9 * g_line + 2], matrix[9 * g_line + 5], matrix[9 * g_line + 8]
     along = ux * con[k + 4] + uy * con[k + 5] + uz * con[k + 6]

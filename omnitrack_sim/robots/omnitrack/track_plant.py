@@ -1,5 +1,7 @@
-"""Plant of the omnidirectional robot: its model in pipes, motors, endless chains, springs; and the
-diagnosis of one that makes no headway."""
+"""Plant of the omnidirectional robot: its model in pipes, motors, endless chains, springs.
+
+Also the diagnosis of one that makes no headway.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +57,10 @@ def robot_alone(robot: Omnitrack) -> mujoco.MjSpec:
 
 
 def scene(robot: Omnitrack, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
-    """Return the robot at the world's origin and the walls of a network, ready to compile; see
-    ``Robot.scene``."""
+    """Return the robot at the world's origin and the walls of a network, ready to compile.
+
+    See ``Robot.scene``.
+    """
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = options.timestep
     if options.exact:
@@ -200,11 +204,11 @@ class TrackPlant(Plant):
         self._seat_arms(rows)
 
     def _seat_arms(self, robots: NDArray[np.intp]) -> None:
-        """Move each arm of ``robots`` (k,) to where its springs and the wall are in equilibrium, by
-        bisection.
+        """Move each arm of ``robots`` (k,) to where its springs and the wall are in equilibrium.
 
-        Nothing holds the springs of an arm whose lugs do not touch the wall or only just do: they
-        would throw it into the wall in the first step, the further the higher the preload.
+        The place is found by bisection. Nothing holds the springs of an arm whose lugs do not touch
+        the wall or only just do: they would throw it into the wall in the first step, the further
+        the higher the preload.
         """
         acceleration = self._batch.bind("qacc")
         slides, dofs = (robots[:, None], self._at.slide), (robots[:, None], self._at.slide_dofs)
@@ -274,8 +278,11 @@ class TrackPlant(Plant):
             self._belt_loss[:, self._at.belt_dofs[:, 0]] = force
 
     def _leave_out_far_tracks(self) -> None:
-        """Switch off the contacts of rows of lugs that face away from the wall: half of the
-        collision work. For tracks that are lines the collider decides by the wall's normal."""
+        """Switch off the contacts of rows of lugs that face away from the wall.
+
+        They are half of the collision work. For tracks that are lines the collider decides by the
+        wall's normal.
+        """
         if self._lugs.shape[-1] == 1:
             return
         cosine = np.cos(self.qpos.take(self._at.roll, axis=1))

@@ -45,8 +45,8 @@ class Pirate(Robot):
     """
 
     bore: Positive = quantity(0.1, "m", "assumed", "of the pipe that it is clamped in at the start")
-    smallest_bore: Positive = quantity(0.051, "m", "published", CABLE)
-    largest_bore: Positive = quantity(0.12, "m", "published", CABLE)
+    min_bore: Positive = quantity(0.051, "m", "published", CABLE)
+    max_bore: Positive = quantity(0.12, "m", "published", CABLE)
     speed: Positive = quantity(0.08, "m/s", "published", f"of the wheels without load; {CABLE}")
     link: Positive = quantity(
         0.085, "m", "assumed", "from node to node: spans the largest bore at 62 degrees"
@@ -79,7 +79,7 @@ class Pirate(Robot):
     @property
     def bores(self) -> tuple[float, float]:
         """See ``Robot``: the published ones."""
-        return 0.999 * self.smallest_bore, 1.001 * self.largest_bore
+        return 0.999 * self.min_bore, 1.001 * self.max_bore
 
     @property
     def nominal_speed(self) -> float:
@@ -193,8 +193,7 @@ class Pirate(Robot):
         motor.forcerange = [-self.torque_limit, self.torque_limit]
 
     def bends(self, slope: float) -> Array:
-        """Return the angles (4,) rad of the bending joints in a straight at a slope of the links,
-        rad."""
+        """Return the bending joints' angles (4,) rad in a straight at a slope of the links, rad."""
         return slope * np.array([2.0, -1.0, 1.0, -2.0])
 
     def inputs(self, bends: Array, roll: Array, wheels: Array, grip: Array) -> Array:
@@ -231,7 +230,7 @@ class ShapeSettings:
     """Shape of the chain at branches, where a wall is missing, and turns about the pipe's axis.
 
     Attributes:
-        least: part of their distance from the centreline at which nodes are wanted beside a branch;
+        min_spread: part of their distance from the centreline at which nodes are beside a branch;
             of 12 random turns 8 pass, with 0.25 7; of other 8 with 0.5 and a ramp of half a bore 1.
         ramp: bores before and behind a tee over which it falls to that; with 0.5 of 8 turns into a
             branch 4 pass, with 1 bore 1.
@@ -245,7 +244,7 @@ class ShapeSettings:
         hold_time: s, in which its wheels make up for what it slid.
     """
 
-    least: float = 0.1
+    min_spread: float = 0.1
     ramp: float = 0.25
     iterations: int = 4
     off: float = 0.15
@@ -276,7 +275,7 @@ class Shape:
         self._twist, self._hold = np.zeros(setup.n), np.zeros(setup.n)
         self._count = np.zeros(setup.n, np.intp)  # steps since the turn began
 
-    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
+    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:  # noqa: ARG002 - protocol
         """Begin anew for robots ``rows`` (k,)."""
         self._twist[rows] = 0.0
 
@@ -307,8 +306,10 @@ class Shape:
         return twist * np.minimum(part, 2 - part), grip
 
     def _twist_due(self, place: Location) -> Array:
-        """Angles (n,) rad by which fronts are to turn now: of robots that lie in a straight, off
-        the plane of the bend ahead."""
+        """Angles (n,) rad by which fronts are to turn now.
+
+        Those turn that lie in a straight, off the plane of the bend ahead.
+        """
         robot, routes = self._robot, self._routes
         due = routes.is_turn[place.passage] & (np.abs(place.theta5) > SETTINGS.off)
         if not due.any():
@@ -318,12 +319,14 @@ class Shape:
         walls = np.min([held(robot, routes, s, place.route) for s in along.T], axis=0)
         is_straight = dot(tangents[:, 0], tangents[:, 2]) > 1 - 1e-9
         twist = np.clip(-place.theta5, -SETTINGS.twist, SETTINGS.twist)
-        return np.where(due & is_straight & (walls > SETTINGS.least), twist, 0.0)
+        return np.where(due & is_straight & (walls > SETTINGS.min_spread), twist, 0.0)
 
 
 def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Array]:
-    """Return where the nodes are wanted, (n, 6, 3) m in the world, and the speeds (n, 6) of their
-    wheels over that of the robot."""
+    """Return set points of the nodes: positions (n, 6, 3) m in the world, and speed ratios (n, 6).
+
+    The ratios are of the speeds of their wheels over that of the robot.
+    """
     line, n = routes.centreline, len(place.route)
     middle = line.frame(place.distance, place.route)
     x = place.frame[:, :, 0]
@@ -361,20 +364,24 @@ def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Arra
 
 
 def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> Array:
-    """Return how near to the wall (n,) nodes at arc lengths (n,) m are wanted: 1 where there is one
-    on both sides, less over the opening of a branch."""
+    """Return how near to the wall (n,) nodes at arc lengths (n,) m are to be.
+
+    1 where there is a wall on both sides, less over the opening of a branch.
+    """
     openings = routes.is_tee_turn | routes.is_straight_over | routes.out_of_branch
     if not openings.any():
         return np.ones(len(s))
     mine = openings & (routes.route_of == route[:, None])  # (n, Q)
     away = np.maximum(routes.start - s[:, None], s[:, None] - routes.end)
     nearest = np.where(mine, away, np.inf).min(axis=1)
-    return np.clip(nearest / (SETTINGS.ramp * robot.bore), SETTINGS.least, 1.0)
+    return np.clip(nearest / (SETTINGS.ramp * robot.bore), SETTINGS.min_spread, 1.0)
 
 
 def bending(nodes: Array) -> Array:
-    """Return the angles (n, 4) rad of the bending joints that lead through nodes (n, 6, 3), seen
-    in the plane of the middle link and the apexes of the clamps."""
+    """Return the angles (n, 4) rad of the bending joints that lead through nodes (n, 6, 3).
+
+    They are seen in the plane of the middle link and the apexes of the clamps.
+    """
     links = np.diff(nodes, axis=1)  # (n, 5, 3) tail to nose
     z = links[:, REAR] / np.linalg.norm(links[:, REAR], axis=1)[:, None]
     x = links[:, REAR + 1] - links[:, REAR - 1]

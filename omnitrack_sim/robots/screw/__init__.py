@@ -98,8 +98,10 @@ class Screw(Robot):
         return self.bore / 2 * math.tan(self.lead)
 
     def speed_at(self, rotor: float, pull: float = 0.0) -> float:
-        """Return the speed, m/s, of a rotor that is asked for ``rotor`` rad/s against ``pull`` N,
-        by which its motor gives way."""
+        """Return the speed, m/s, of a rotor that is asked for ``rotor`` rad/s against ``pull`` N.
+
+        Its motor gives way to the pull.
+        """
         return self.lever * (rotor - pull * self.lever / self.motor_gain)
 
     def slip_pull(self, friction: float) -> float:
@@ -112,8 +114,10 @@ class Screw(Robot):
         return np.array([[-abs(self.speed), abs(self.speed)]])
 
     def spec(self) -> mujoco.MjSpec:
-        """Return the robot alone: +z of its chassis, the stator, points along the pipe, the origin
-        is on the pipe's axis."""
+        """Return the robot alone.
+
+        +z of its chassis, the stator, points along the pipe, the origin is on the pipe's axis.
+        """
         spec = new_spec("screw")
         spec.option.impratio = 100
         half = self.overhang + (self.wheelbase + self.coupling_ahead + self.rotor_ahead) / 2
@@ -136,8 +140,7 @@ class Screw(Robot):
         return spec
 
     def _add_rotor(self, stator: mujoco.MjsBody, joint: float, nose: float) -> None:
-        """Add the rotor behind a universal joint at ``joint`` m; its nose lies ``nose`` m ahead of
-        that."""
+        """Add the rotor behind a universal joint at ``joint`` m, its nose ``nose`` m ahead."""
         rotor = stator.add_body(name="rotor", pos=[0, 0, joint])
         for name, axis in (("bend_x", [1, 0, 0]), ("bend_y", [0, 1, 0])):
             hinge = rotor.add_joint(name=name, axis=axis, range=[-0.6, 0.6])
@@ -162,8 +165,10 @@ class Screw(Robot):
         lead: float,
         preload: float,
     ) -> None:
-        """Add sprung arm ``k`` with a wheel at each of the ``places``, m, which rolls at the angle
-        ``lead`` to the pipe's cross section."""
+        """Add sprung arm ``k`` with a wheel at each of the ``places``, m.
+
+        The wheels roll at the angle ``lead`` to the pipe's cross section.
+        """
         angle, reach = 2 * math.pi * k / ARMS, self.bore / 2 - self.wheel_radius
         arm = body.add_body(
             name=f"{whose}_{k}",

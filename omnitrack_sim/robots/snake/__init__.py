@@ -64,8 +64,10 @@ class Snake(Robot):
     rate: float = quantity(2.5, "rad/s", "assumed", "of the links about themselves")
 
     def directions(self, squeeze: float = 0.0) -> Array:
-        """Return unit vectors (8, 3) along the links, tail to head, with the joints on a helix
-        about z that touches the bore, or is wider by ``squeeze``."""
+        """Return unit vectors (8, 3) along the links, tail to head.
+
+        The joints are on a helix about z that touches the bore, or is wider by ``squeeze``.
+        """
         turn = self.turn / (1 + squeeze)
         across = 2 * (1 + squeeze) * (self.bore / 2 - RADIUS) * math.sin(turn / 2) / LENGTH
         angle = turn * (np.arange(LINKS) - CENTRE)

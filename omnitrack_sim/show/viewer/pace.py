@@ -108,8 +108,8 @@ class Pace:
         if now - wall >= _MEASURED:
             self.reached, self._mark = (simulated - before) / (now - wall), (now, simulated)
 
-    def draws(self) -> bool:
-        """Return True if a picture is due; the next one is then due a frame later."""
+    def begin_frame(self) -> bool:
+        """Begin a frame if one is due, and return whether; the next is due a frame later."""
         now = self._clock()
         if now - self._drawn < (LATE_FRAME if self.overdue else FRAME) - _ROUNDING:
             return False

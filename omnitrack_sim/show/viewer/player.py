@@ -259,7 +259,7 @@ class Player:
                 if do is not None:
                     self.act(do)
             self.pace.advance(self.run)
-            if self.pace.draws():
+            if self.pace.begin_frame():
                 self.window.show(self.run.qpos(), self.panels())
 
     def act(self, do: Do) -> None:

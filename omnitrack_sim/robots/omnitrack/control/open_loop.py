@@ -164,7 +164,7 @@ class PaperController:
 class EqualController(PaperController):
     """All modules at cruise speed everywhere, without speed modulation: the baseline of Eq. 20."""
 
-    def _speeds(self, location: Location) -> Array:
+    def _speeds(self, location: Location) -> Array:  # noqa: ARG002 - as in turns
         return np.repeat(self.settings.cruise_speed[:, None], 3, axis=1)
 
 

@@ -71,7 +71,7 @@ class Recovery:
         path: of the ``RecoveryTable`` in its parameters.
 
     Attributes:
-        farthest: (n,) m, farthest point so far.
+        max_distance: (n,) m, farthest point so far.
         waiting: (n,) s without headway, or backing off.
         backing: (n,) bool, robots that back off.
         retries: (n,) at the current ``passage``.
@@ -80,7 +80,7 @@ class Recovery:
 
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self._path, n = path, setup.n
-        self.farthest, self.waiting = np.zeros((2, n))
+        self.max_distance, self.waiting = np.zeros((2, n))
         self.backing = np.zeros(n, bool)
         self.retries, self.passage = np.zeros((2, n), np.intp)
         self.reset(np.arange(n), setup)
@@ -109,7 +109,7 @@ class Recovery:
     def begin_leg(self, rows: int | NDArray[np.intp]) -> None:
         """Forget the progress and the retries of robots ``rows``, which begin a leg."""
         # Arc length begins elsewhere on another leg: any value is headway.
-        self.farthest[rows], self.waiting[rows] = -np.inf, 0.0
+        self.max_distance[rows], self.waiting[rows] = -np.inf, 0.0
         self.backing[rows], self.retries[rows], self.passage[rows] = False, 0, -1
 
     def extend_leg(self, robot: int, shift: int) -> None:
@@ -142,9 +142,9 @@ class Recovery:
             self.retries = np.where(moved_on & ~self.backing, 0, self.retries)
             self.passage = np.where(self.backing, self.passage, location.passage)
         distance = location.distance
-        headway = distance > self.farthest + self._progress
+        headway = distance > self.max_distance + self._progress
         if np.count_nonzero(headway):
-            self.farthest = np.where(headway, distance, self.farthest)
+            self.max_distance = np.where(headway, distance, self.max_distance)
         still = self.backing | ~(headway | standing)
         # A robot has all of ``back_off`` left when its tracks face the wall.
         self.waiting = (self.waiting + self.period) * (still & ~aligner.rolls.squaring)
@@ -168,7 +168,7 @@ class Recovery:
         merging = routes.out_of_branch[location.passage]
         # Out of a branch most robots that hang for a while get through: they get more time.
         hanging = self.waiting > np.where(merging, self._merge_patience, self._patience)
-        fallen = location.distance < self.farthest - self._fallen
+        fallen = location.distance < self.max_distance - self._fallen
         # Out of a branch there is nothing to go past: the far wall stands across the way.
         room_beside = self._beside * routes.radius[location.passage]
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
@@ -194,7 +194,7 @@ class Recovery:
             # One that is about to slide past is in the pipe yet, and has no time to lose.
             squares = failed & ~upright & ~sliding & self._square & self.settings.align
             aligner.rolls.square(squares, observation.time)
-            self.farthest = np.where(upright, location.distance, self.farthest)
+            self.max_distance = np.where(upright, location.distance, self.max_distance)
             if np.count_nonzero(upright):
                 aligner.align_inside(upright, location.passage, astride=True)
         return events
@@ -225,7 +225,7 @@ class Recovery:
         if not done.any():
             return
         self.backing = self.backing & ~done
-        self.farthest = np.where(done, distance, self.farthest)
+        self.max_distance = np.where(done, distance, self.max_distance)
         self.waiting = np.where(done, 0.0, self.waiting)
         # One that has given up lies beside the branch yet, and backs off once more. That it rolls
         # for the turn meanwhile shakes some free: 15 of 58 pass, 11 whose tracks stay at the wall.

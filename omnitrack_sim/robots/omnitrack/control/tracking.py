@@ -89,7 +89,7 @@ class TrackingTable(Table):
     """Slope back to the centreline for each metre of offset, on straights and straight over
     tees; for D = 160 mm, in proportion to 1/D. Friction holds a robot off the centreline, and
     10 mm take all load off a module. 0: none."""
-    steepest_return: Annotated[Part, Unit("rad")] = 0.1
+    max_return_slope: Annotated[Part, Unit("rad")] = 0.1
     """Cap on that slope."""
 
 
@@ -111,7 +111,7 @@ class Tracking:
         self.gain = each["gain"] * REFERENCE_BORE / robot.nominal_bore  # (n,) rad/m
         self.limit = each["rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
         self.centring = each["centring"] / robot.length_scale
-        self.steepest = each["steepest_return"]
+        self.max_return_slope = each["max_return_slope"]
         lead, lookahead = (
             robot.own_length(each["heading_lead"]),
             robot.own_length(each["lookahead"]),
@@ -167,7 +167,7 @@ class Tracking:
             slope = centring[:, None] * location.aside
             # On the centreline the slope is 0 and has no direction: nothing to divide by.
             steepness = np.maximum(length(slope), 1e-12)
-            share = direction * np.minimum(1.0, self.steepest / steepness)
+            share = direction * np.minimum(1.0, self.max_return_slope / steepness)
             back = target - share[:, None] * slope
             back = back / length(back)[:, None]
             target = np.where((centring > 0)[:, None], back, target)

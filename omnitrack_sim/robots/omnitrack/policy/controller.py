@@ -117,12 +117,12 @@ class Decisions:
         self.reset(np.arange(n), setup)
 
     @classmethod
-    def actions_of(cls, robot: Any) -> tuple[str, ...]:
+    def actions_of(cls, robot: Any) -> tuple[str, ...]:  # noqa: ARG003 - protocol
         """Return the names of the entries of an action."""
         return ACTIONS
 
     @classmethod
-    def features_of(cls, robot: Any, names: str | Sequence[str] | None) -> tuple[Feature, ...]:
+    def features_of(cls, robot: Any, names: str | Sequence[str] | None) -> tuple[Feature, ...]:  # noqa: ARG003 - protocol
         """Return features by names, as ``select_features`` does; None: the set ``onboard``."""
         return features_of("onboard" if names is None else names, "observation")
 
