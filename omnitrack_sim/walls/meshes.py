@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -195,6 +196,7 @@ class ManifoldKit:
         return solid.transform(np.column_stack([pose.rotation, pose.position]))
 
 
+@lru_cache(maxsize=1)  # both halves and the inside of a fitting are wanted one after another
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
     # The bore is made first: the order of making solids orders the triangles of the result.
     bore = _bore(fitting, sections)
