@@ -255,11 +255,11 @@ class TakenForClosed(Event):
 
 @dataclass(frozen=True)
 class FellOff(Event):
-    """A robot is off its way, in another pipe of its network, between two ports of a fitting."""
+    """A robot is off its route, in another pipe of its network, between two ports of a fitting."""
 
     fitting: str
     port: str
-    sentence = "in {fitting}: fell off its way, nose towards {port}"
+    sentence = "in {fitting}: left its route, nose towards {port}"
 
 
 @dataclass(frozen=True)
