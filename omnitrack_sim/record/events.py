@@ -306,13 +306,13 @@ class ExplorationIncomplete(Event):
     Attributes:
         fittings: explored.
         ends: explored.
-        left: which ports it has not seen into, and why.
+        unexplored: which ports it has not seen into, and why.
     """
 
     fittings: int
     ends: int
-    left: str
-    sentence = "explored {fittings} fittings, {ends} ends; not explored: {left}"
+    unexplored: str
+    sentence = "explored {fittings} fittings, {ends} ends; not explored: {unexplored}"
 
 
 @dataclass(frozen=True)
