@@ -332,7 +332,7 @@ def robot_table(playback: Playback, pack: Pack, shapes: Shapes) -> dict[str, Any
 
 def _body(playback: Playback, body: int, name: str, shapes: Shapes) -> dict[str, Any]:
     """Return the surface of a body, and how many of its vertices have which colour."""
-    geoms = [geom for geom in playback.seen if playback.model.geom_bodyid[geom] == body]
+    geoms = [geom for geom in playback.visible_geoms if playback.model.geom_bodyid[geom] == body]
     if not geoms:
         return {"name": name}
     surface = geoms_surface(playback.model, geoms, fine=True)
