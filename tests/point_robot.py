@@ -226,7 +226,7 @@ class PointRobot:
             self.events += decision.events
             if decision.leg is None:
                 return
-            if not decision.goes_on:
+            if not decision.same_leg:
                 self._follow()
         raise AssertionError(f"it still drives after {most} m: {self.events[-5:]}")
 

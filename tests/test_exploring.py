@@ -237,7 +237,7 @@ def test_the_direction_of_a_fitting_that_follows_directly_is_the_mean_of_two_loo
     robot.run()
     assert len(looks) > 1
     assert compare_maps(robot.explorer.belief.network, network).same == right
-    assert ("deg in direction" in robot.explorer.left) == (by > 5)
+    assert ("deg in direction" in robot.explorer.unexplored) == (by > 5)
 
 
 def test_past_a_fitting_it_finds_its_place_by_looking_back():
@@ -644,7 +644,7 @@ def test_a_length_that_its_looks_leave_open_is_in_doubt(length, sure):
     robot = PointRobot(network, "foot.start", erring=blurred)
     robot.run()
     assert compare_maps(robot.explorer.belief.network, network).same
-    assert ("straight_1 (its length may be off by" not in robot.explorer.left) == sure
+    assert ("straight_1 (its length may be off by" not in robot.explorer.unexplored) == sure
 
 
 def test_pipe_whose_end_was_never_seen_is_in_doubt():
@@ -668,7 +668,7 @@ def test_a_loop_that_misses_is_in_doubt():
     assert closed.miss > 0.03
     assert not of_kind(robot, ExplorationComplete)
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert "the loop there missed by" in incomplete.left
+    assert "the loop there missed by" in incomplete.unexplored
 
 
 def test_a_plate_that_is_seen_is_a_closed_end():
@@ -726,7 +726,9 @@ def test_a_port_that_was_not_seen_into_is_left_and_not_explored():
     taken, _ = of_kind(robot, TakenForClosed)
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
     port = robot.explorer.belief.network.ports["impassable_1"]
-    assert incomplete.left == robot.explorer.left == f"{port} (no way past {taken.port})"
+    assert (
+        incomplete.unexplored == robot.explorer.unexplored == f"{port} (no way past {taken.port})"
+    )
     assert incomplete.ends == 3
 
 
@@ -816,7 +818,7 @@ def test_a_robot_that_rights_itself_on_the_path_at_hand_begins_another_leg():
     ((before, decision),) = decisions
     assert decision.leg.note == "rights itself in wye_1"
     assert decision.leg.path[: len(before.path)] == before.path
-    assert not decision.goes_on
+    assert not decision.same_leg
     assert decision.leg.begin > before.begin
 
 
@@ -883,7 +885,7 @@ def test_a_port_on_the_way_to_which_it_falls_too_often_is_tried_last(pipe, falls
     difference = compare_maps(explorer.belief.network, robot.network, "foot.start")
     assert difference.consistent
     if not reached:
-        assert explorer.left == "straight_2.end (has fallen too often on the way there)"
+        assert explorer.unexplored == "straight_2.end (has fallen too often on the way there)"
 
 
 @pytest.mark.parametrize(("times", "home"), [(2, True), (4, False)])
@@ -938,7 +940,7 @@ def test_pipe_that_no_look_tells_anything_of_is_left_and_not_explored():
     robot = explored("fig14", "inlet", erring=blind)
     assert not of_kind(robot, ExplorationComplete)
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert "no look into it tells anything" in incomplete.left
+    assert "no look into it tells anything" in incomplete.unexplored
     difference = compare_maps(robot.explorer.belief.network, robot.network, "inlet")
     assert "elbow" not in {kind for pair in difference.kinds for kind in pair}
 
@@ -1007,7 +1009,7 @@ def test_a_map_that_a_look_back_contradicts_is_not_called_complete():
     assert not compare_maps(robot.explorer.belief.network, network).same
     assert not of_kind(robot, ExplorationComplete)
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert "a look back shows a tee" in incomplete.left
+    assert "a look back shows a tee" in incomplete.unexplored
 
 
 def test_looks_back_that_tell_nothing_become_rare():
@@ -1168,7 +1170,7 @@ def test_a_pipe_with_looks_at_its_end_that_differ_is_in_doubt(where):
     network = validate({"fittings": parts, "joints": joints})
     robot = PointRobot(network, "foot.start", erring=off, slip=(where, 0.035))
     robot.run()
-    assert "straight_2 (its length may be off by" in robot.explorer.left
+    assert "straight_2 (its length may be off by" in robot.explorer.unexplored
 
 
 def test_two_looks_back_in_a_pipe_tell_more_than_one():
@@ -1258,7 +1260,7 @@ def test_a_reducer_is_looked_back_at_six_times(std, sure):
     robot = PointRobot(validate({"fittings": parts, "joints": joints}), "foot.start", erring=hardly)
     robot.run()
     assert bool(of_kind(robot, ExplorationComplete)) == sure
-    assert ("its length may be off by" in robot.explorer.left) != sure
+    assert ("its length may be off by" in robot.explorer.unexplored) != sure
     first = [travel for travel in seen if travel < seen[0] + 0.15]
     assert len(first) == 6
 
@@ -1348,7 +1350,7 @@ def test_a_reducer_that_only_arms_find_behind_a_fitting_is_put_before_that(confi
     assert difference.same, difference
     assert difference.length_error < 0.03
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert incomplete.left == "reducer_1 (it was felt behind it and not seen)"
+    assert incomplete.unexplored == "reducer_1 (it was felt behind it and not seen)"
 
 
 def test_arms_correct_the_end_of_a_reducer():
@@ -1419,7 +1421,7 @@ def test_free_pipe_that_is_not_sure_to_be_free_is_in_doubt():
     robot.run()
     assert compare_maps(robot.explorer.belief.network, network).same
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert "a shallow reducer may be in it" in incomplete.left
+    assert "a shallow reducer may be in it" in incomplete.unexplored
     robot = PointRobot(network, "foot.start", erring=dim, arms=True)
     robot.run()
     assert of_kind(robot, ExplorationComplete)
@@ -1672,7 +1674,7 @@ def test_a_bore_that_no_reducer_explains_is_given_up(before):
     bores = {row.inner_diameter for row in robot.explorer.belief.network.fittings}
     assert bores == {0.16}
     (incomplete,) = of_kind(robot, ExplorationIncomplete)
-    assert "its bore is 170 mm by the arms" in incomplete.left
+    assert "its bore is 170 mm by the arms" in incomplete.unexplored
 
 
 def test_a_map_is_called_complete_when_the_robot_has_come_home_by_it():

@@ -86,7 +86,7 @@ def test_a_robot_that_falls_now_and_then_has_the_right_map_as_well(seed):
     """It comes home, and what it has given up for its falls it names."""
     done = Exploration(seed, Falls(seed))
     assert done.home
-    assert done.complete == done.difference.same == (not done.robot.explorer.left)
+    assert done.complete == done.difference.same == (not done.robot.explorer.unexplored)
     assert done.robot.travel < 2 * TRAVEL * done.network.length
 
 

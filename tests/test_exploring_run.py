@@ -75,7 +75,7 @@ def test_a_wrong_map_is_no_goal_reached():
         parts.append(pilot.done_at(float(sim.location.distance[0])))
         inspected = [event.port for event in sim.events[0] if isinstance(event, EndInspected)]
         sim.step()
-        if len(inspected) == 1 and pilot.left == "" and len(belief.explored) == 2:
+        if len(inspected) == 1 and pilot.unexplored == "" and len(belief.explored) == 2:
             part, _ = belief.network.port(inspected[0])
             belief.lengthen(part, 0.5)
     (ending,) = sim.endings

@@ -15,7 +15,12 @@ from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
 from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import Rolled
-from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command, carried_out, seen
+from omnitrack_sim.robots.omnitrack.control.command import (
+    SWAPPED,
+    Command,
+    mirror_command,
+    mirror_readings,
+)
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.scenario import Scenario, validate
@@ -34,7 +39,7 @@ def test_turning_twice_is_the_identity():
     frame."""
     gear = np.array([1, -1, -1, 1])
     first = readings()
-    once, twice = seen(first, gear), seen(seen(first, gear), gear)
+    once, twice = mirror_readings(first, gear), mirror_readings(mirror_readings(first, gear), gear)
     assert not np.array_equal(once["rotation"], first["rotation"])
     assert set(once) == set(twice) == set(first)
     for name, values in first.items():
@@ -45,13 +50,15 @@ def test_turning_twice_is_the_identity():
     assert np.allclose(np.linalg.det(heading(frames, gear)), np.linalg.det(frames))
     rolls = [Rolled(robot, 0.0, "tee_1", 30.0, 50.0, 5.0) for robot in (0, 1)]
     command = Command(first["belt_speed"], roll=first["roll"], phase=gear, events=rolls)
-    assert [e.roll_deg for e in carried_out(command, gear).events] == [30.0, -30.0]
-    again = carried_out(carried_out(command, gear), gear)
+    assert [e.roll_deg for e in mirror_command(command, gear).events] == [30.0, -30.0]
+    again = mirror_command(mirror_command(command, gear), gear)
     assert again.events == rolls
     assert np.array_equal(again.belt_speed, command.belt_speed)
     assert again.roll is not None
     assert np.array_equal(again.roll, first["roll"])
-    assert np.array_equal(carried_out(command, gear).belt_speed[1], -command.belt_speed[1, SWAPPED])
+    assert np.array_equal(
+        mirror_command(command, gear).belt_speed[1], -command.belt_speed[1, SWAPPED]
+    )
 
 
 def test_every_channel_is_seen_from_behind_as_its_schema_says():
@@ -66,7 +73,7 @@ def test_every_channel_is_seen_from_behind_as_its_schema_says():
         "facing": lambda v: v * [1.0, -1.0, -1.0],
         "behind": lambda v: np.array([-v[1], v[0], v[3], -v[2]]),
     }
-    for name, values in seen(first, gear).items():
+    for name, values in mirror_readings(first, gear).items():
         assert np.array_equal(values[0], first[name][0]), name
         expected = turned[CHANNELS[name].tail_first](first[name][1])
         assert np.array_equal(values[1], expected), name

@@ -439,7 +439,7 @@ def test_geoms_of_every_shape_are_drawn():
     recording, data = ot.Recording(model, pipes, body="MESH"), mujoco.MjData(model)
     recording.append(data)
     playback = RecordingPlayback(recording)
-    assert len(playback.seen) == len(shapes)
+    assert len(playback.visible_geoms) == len(shapes)
     with Stage(playback, (320, 180), "side", fine=False) as stage:
         frame = stage.paint(0)
         places, _ = stage._eye.pixels(recording.bodies[0, 1:, :3], (320, 180))

@@ -38,7 +38,7 @@ def test_the_page_has_two_pictures_a_second_ahead(result):
     sheet = Image.open(io.BytesIO(base64.b64decode(table["png"])))
     pixels = np.asarray(sheet.convert("RGB"))
     for number, time in enumerate(table["time"]):
-        index = result.pictures.seen_at(time + 1e-6, 1)  # times of a page are rounded
+        index = result.pictures.index_at(time + 1e-6, 1)  # times of a page are rounded
         assert result.pictures.time[index] == pytest.approx(time)
         tile = pixels[48 * (number // TILES_ACROSS) :, 48 * (number % TILES_ACROSS) :][:48, :48]
         assert (tile == palette("m")[levels(result.pictures[index], "m")]).all()
@@ -67,7 +67,7 @@ def test_the_page_shows_the_picture_of_the_moment(browser, result, tmp_path):
             _, data = page.evaluate(code, time).split(",")
             image = Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
             shown, width = np.asarray(image, int), image.width
-            index = result.pictures.seen_at(_start(page, time) + 1e-6, 1)
+            index = result.pictures.index_at(_start(page, time) + 1e-6, 1)
             picture = palette("m")[levels(result.pictures[index], "m")].astype(int)
             middles = ((np.arange(48) + 0.5) * width / 48).astype(int)
             assert np.abs(shown[np.ix_(middles, middles)] - picture).max() < 3

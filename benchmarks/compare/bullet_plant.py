@@ -273,8 +273,12 @@ class BulletPlant:
         self._contact_position[known] = centre[known] / weight[known, None]
         return number, total, known
 
-    saturated, seen, commanded = TrackPlant.saturated, TrackPlant.seen, TrackPlant.commanded
-    carried_out = TrackPlant.carried_out
+    saturated, to_controller, commanded = (
+        TrackPlant.saturated,
+        TrackPlant.to_controller,
+        TrackPlant.commanded,
+    )
+    from_controller = TrackPlant.from_controller
 
     def step(self, active: NDArray[np.bool_], command: Command, substeps: int) -> None:
         """Do what ``Plant.step`` does; ``substeps`` counts the physics steps of the scenario.

@@ -111,7 +111,7 @@ def _change(rng: random.Random, data: dict[str, Any]) -> str:
         _lost: 2,
         _renamed: 2,
         _added: 2,
-        _longer: 2,
+        _lengthen: 2,
         _shorter: 1,
         _deeper: 1,
         _of_another: 2,
@@ -219,7 +219,7 @@ def _added(rng: random.Random, data: Any) -> str:
     return f"{key[:60]!r} added"
 
 
-def _longer(rng: random.Random, data: Any) -> str:
+def _lengthen(rng: random.Random, data: Any) -> str:
     """A list many times over; names in it may be told apart."""
     times = rng.choice((2, 10, 100, 1000, 5000))
     apart = rng.random() < 0.5

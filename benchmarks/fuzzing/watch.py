@@ -64,7 +64,7 @@ def _one_worker(task: Task, numbers: Sequence[int]) -> Iterator[tuple[int, list[
     told = 0
     try:
         with os.fdopen(reader, encoding="utf-8") as pipe:
-            for faults in _told(pipe, pid):
+            for faults in _faults_by_case(pipe, pid):
                 yield numbers[told], faults
                 told += 1
         status = os.waitpid(pid, 0)[1]
@@ -77,7 +77,7 @@ def _one_worker(task: Task, numbers: Sequence[int]) -> Iterator[tuple[int, list[
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _told(pipe: IO[str], pid: int) -> Iterator[list[Fault]]:
+def _faults_by_case(pipe: IO[str], pid: int) -> Iterator[list[Fault]]:
     """The faults of one case after the other, as the worker writes them.
 
     A case ends with an empty line.

@@ -102,7 +102,7 @@ class Trial:
             whole(self.out / path.name)  # as what reads a folder does
         state = _state(self.out)
         if all(state.items() & known.items() != known.items() for known in self.states):
-            yield f"neither the earlier output nor the new one: {_told(state, self.states)}"
+            yield f"neither the earlier output nor the new one: {_described(state, self.states)}"
             return
         try:
             self.subject.loads(self.out)
@@ -134,7 +134,7 @@ class Trial:
         if left:
             yield f"left behind after the next start: {', '.join(left[:3])}"
         elif state != self.states[1]:
-            yield f"the next start gives other files: {_told(state, self.states[1:2])}"
+            yield f"the next start gives other files: {_described(state, self.states[1:2])}"
 
     def _restore(self) -> None:
         """The state before the command: the earlier output alone."""
@@ -176,7 +176,7 @@ def _state(folder: Path) -> State:
     }
 
 
-def _told(state: State, known: list[State]) -> str:
+def _described(state: State, known: list[State]) -> str:
     """How a state differs from each of those that are known."""
     return " / ".join(
         ", ".join(

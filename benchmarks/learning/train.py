@@ -85,7 +85,7 @@ class Training:
             self.model.policy.action_net.bias[:3] = variant.ahead
         self.checkpoint = self.out / "checkpoint.pt"
         if self.checkpoint.is_file():
-            self._go_on()
+            self._resume()
         # Other trials after each beginning; below those of the validation.
         self.robots.seed((given.seed * 7919 + self.model.num_timesteps) % (VALIDATION_SEED // 2))
         self.validation = Validation(variant.batches(validation=True))
@@ -95,7 +95,7 @@ class Training:
         """Of the time, that is over."""
         return self.spent / (60 * self.given.minutes)
 
-    def _go_on(self) -> None:
+    def _resume(self) -> None:
         progress = checkpoint.load(self.checkpoint, self.model, self.normalise)
         if (progress["seed"], progress["id"], progress["acting"]) != self._identity():
             sys.exit(f"{self.checkpoint} is of another training; give another --out")

@@ -121,7 +121,7 @@ class ReducerSearch:
         assert isinstance(seen, Reducer)
         return replace(seen, length=float(np.mean(lengths[without_extremes(lengths)])))
 
-    def seen_from(self, distance: float) -> Sighting | None:
+    def last_sighting_from(self, distance: float) -> Sighting | None:
         """Return the last sighting of it as from arc length ``distance`` m; None without one."""
         if self.latest is None:
             return None
@@ -257,7 +257,7 @@ class BoreSurvey(LookRecord):
                 return decision
         search.add(look.behind, look.distance)
         reducer = search.measured(pilot.leg.end)
-        behind = look.behind if reducer is None else search.seen_from(look.distance)
+        behind = look.behind if reducer is None else search.last_sighting_from(look.distance)
         if behind is None or not isinstance(behind.fitting, Reducer):
             return None
         pilot.remove_provisional()

@@ -120,7 +120,7 @@ class Explorer(MappingPilot):
         return True
 
     @property
-    def left(self) -> str:
+    def unexplored(self) -> str:
         """See ``Pilot``."""
         ports = {self.belief.name(end): why for end, why in self.frontier.abandoned.items()}
         doubts = self.belief.doubtful_sizes() | self.doubts | self._rear.doubts
@@ -332,7 +332,7 @@ class Explorer(MappingPilot):
         else:
             return super()._on_last_fall(time, events, location)
         self._falls = self._max_falls
-        return self._replan(time, events, self._from(location))
+        return self._replan(time, events, self._replan_from(location))
 
     def _inspect(self, time: float, distance: float, end: Port, goal: str) -> Decision:
         """Decide at an observed end: mark it as explored, and go on to another port."""
@@ -362,8 +362,8 @@ class Explorer(MappingPilot):
         parts = self.belief.network.pipes.parts
         fittings = sum(not part.fitting.is_plain for part in parts)
         ends = len(self.belief.explored) - len(self.frontier.abandoned)
-        if self.left:
-            return [ExplorationIncomplete(self.number, time, fittings, ends, self.left)]
+        if self.unexplored:
+            return [ExplorationIncomplete(self.number, time, fittings, ends, self.unexplored)]
         return [ExplorationComplete(self.number, time, fittings, ends)]
 
     # Planning
@@ -405,7 +405,7 @@ class Explorer(MappingPilot):
 
         return onward
 
-    def _from(self, location: PartLocation) -> Replan:
+    def _replan_from(self, location: PartLocation) -> Replan:
         """See ``MapPilot``; legs lead round sharp turns where they can."""
         self.remove_assumed(location.part)
 

@@ -310,7 +310,7 @@ class LegPlanner:
         before = self._path_up_to((part, enter), closed)
         begin = self.route((*before, (part, enter, leave))).passages[-1].s_enter
         name = self.network.fittings[part].name
-        return self._over(
+        return self._leg_over(
             before,
             (part, enter, leave),
             closed,
@@ -319,7 +319,7 @@ class LegPlanner:
             f"rights itself in {name}",
         )
 
-    def _over(
+    def _leg_over(
         self,
         before: tuple[Edge, ...],
         edge: Edge,
@@ -352,7 +352,7 @@ class LegPlanner:
         for port in (port for port in ports if port not in (enter, leave)):
             note = f"passes {self.network.fittings[part].name} to reverse"
             edge = part, enter, port
-            over = self._over(leg.path[:index], edge, closed, leg.gear, leg.begin, note)
+            over = self._leg_over(leg.path[:index], edge, closed, leg.gear, leg.begin, note)
             tail = over.end - self.robot.length / 2
             if tail >= self.route(over.path[: index + 1]).length:
                 return over

@@ -44,19 +44,19 @@ class Decision(NamedTuple):
 
     Attributes:
         leg: the leg to drive; None: there is none.
-        goes_on: ``leg`` is the leg at hand, maybe extended, and not another one.
+        same_leg: ``leg`` is the leg at hand, maybe extended, and not another one.
         events: to be recorded.
         shift: m, correction of the robot's estimated arc length on its leg.
         doubt: there is no leg as the robot lies in no pipe that the pilot knows: by its own
             sensors it may be elsewhere, and looks for itself before its run ends.
 
     Example:
-        >>> ot.Decision(None).goes_on
+        >>> ot.Decision(None).same_leg
         False
     """
 
     leg: Leg | None
-    goes_on: bool = False
+    same_leg: bool = False
     events: Sequence[Event] = ()
     shift: float = 0.0
     doubt: bool = False
@@ -96,7 +96,7 @@ class Pilot(Protocol):
     Example:
         >>> pilot = ot.load_scenario("straight").pilot(0)
         >>> pilot.on_arrival(9.0, pilot.leg.end, "")  # there is no further leg
-        Decision(leg=None, goes_on=False, events=(), shift=0.0, doubt=False)
+        Decision(leg=None, same_leg=False, events=(), shift=0.0, doubt=False)
     """
 
     leg: Leg
@@ -124,7 +124,7 @@ class Pilot(Protocol):
         return min(max((distance - begin) / max(end - begin, 1e-9), 0.0), 1.0)
 
     @property
-    def left(self) -> str:
+    def unexplored(self) -> str:
         """Ports of its own map that it has given up to explore, and why; "" for none."""
         return ""
 
@@ -213,7 +213,7 @@ class Pilot(Protocol):
 
     def on_look(self, look: Look) -> Decision:
         """Decide after a look ahead."""
-        return Decision(self.leg, goes_on=True)
+        return Decision(self.leg, same_leg=True)
 
     @property
     def belief(self) -> Belief | None:
@@ -294,7 +294,7 @@ class MapPilot(Pilot):
             return self._on_last_fall(time, events, location)
         self._falls -= 1
         self._turns += self.planner.turn_in(self.leg, part)
-        return self._replan(time, events, self._from(location))
+        return self._replan(time, events, self._replan_from(location))
 
     def _on_last_fall(
         self, time: float, events: Sequence[Event], location: PartLocation
@@ -302,7 +302,7 @@ class MapPilot(Pilot):
         """Decide for a robot that has fallen more often than it may."""
         return self._give_up(time, events, "has fallen too often")
 
-    def _from(self, location: PartLocation) -> Replan:
+    def _replan_from(self, location: PartLocation) -> Replan:
         """Return what plans legs to a goal from where a robot lies, whatever its leg."""
         return lambda planner, goal, closed: planner.replan_from(location, goal, closed)
 

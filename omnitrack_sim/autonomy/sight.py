@@ -172,7 +172,7 @@ class TrueSight:
             frame: (3, 3) of the robot in its gear, in the world, the true one.
         """
         nearest = min(self._ports_ahead(position[None], frame[:, 2]), default=None)
-        return None if nearest is None else self._from(*nearest[1:], frame)
+        return None if nearest is None else self._sighting_through(*nearest[1:], frame)
 
     def _ports_ahead(self, centre: Array, axis: Array) -> Iterator[tuple[float, float, Port]]:
         """Yield the ports ahead of a robot with its centre (1, 3) m in a straight.
@@ -195,7 +195,7 @@ class TrueSight:
                     beside = float(length(centre - line.at(at)[0])[0])
                     yield beside, left, (index, leave)
 
-    def _from(self, distance: float, end: Port, frame: Array) -> Sighting:
+    def _sighting_through(self, distance: float, end: Port, frame: Array) -> Sighting:
         """Return the sighting through a port at ``distance`` m."""
         axis = frame.T @ self._pipes.parts[end[0]].port(end[1]).rotation[:, 2]
         reach = self._half + self._reach

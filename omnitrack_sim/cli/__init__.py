@@ -53,8 +53,9 @@ def _show(message: Warning | str, *_: object) -> None:
 def main() -> None:
     """Entry point: every error that the user can mend ends with status 2 and says what to mend."""
     # Importing makes a quarter of a million objects that stay: by default garbage is looked for
-    # among them 400 times, and once more when the process ends. Both take a sixth of a short run.
-    gc.set_threshold(200_000, 10, 10)
+    # among them 400 times, and once more when the process ends. Both take a sixth of a short run;
+    # below this limit a run of a tee with its pictures looks for none.
+    gc.set_threshold(400_000, 10, 10)
     atexit.register(gc.freeze)
     # Before anything is loaded that may warn.
     warnings.showwarning = _show

@@ -400,9 +400,9 @@ class Network(Table):
                 if onward <= reach and onward < far.get(j, math.inf):
                     far[j] = max(onward, 1e-9)
                     heapq.heappush(waiting, (far[j], j))
-        return self._of(sorted(far))
+        return self._subnetwork(sorted(far))
 
-    def _of(self, parts: Sequence[int]) -> Network:
+    def _subnetwork(self, parts: Sequence[int]) -> Network:
         """Return the network of some of the parts, in their places."""
         kept = set(parts)
         names = {self.fittings[i].name for i in parts}

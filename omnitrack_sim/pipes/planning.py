@@ -143,7 +143,7 @@ class PathsToGoals:
             return
         for leave, edge in self._graph.succ[enter].items():
             if leave[0] == enter[0]:
-                rest = 0.0 if leave in self._goals else self._rest(leave)
+                rest = 0.0 if leave in self._goals else self._distance_to_goal(leave)
                 if rest < math.inf:
                     yield leave[1], edge["length"] + rest
 
@@ -162,7 +162,7 @@ class PathsToGoals:
             here = self._joined_to(leave)
         return None
 
-    def _rest(self, leave: Port) -> float:
+    def _distance_to_goal(self, leave: Port) -> float:
         """Distance to a goal beyond an exit, m; infinite where no path leads on."""
         beyond = self._joined_to(leave)
         return math.inf if beyond is None else self.lengths.get(beyond, math.inf)

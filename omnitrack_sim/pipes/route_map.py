@@ -97,9 +97,9 @@ class RouteMap:
         if routes:
             self.routes += routes
             self.version += 1
-            self._learn()
+            self._build_tables()
 
-    def _learn(self) -> None:
+    def _build_tables(self) -> None:
         """Build the tables of all routes."""
         self.centreline = Centreline.together([route.centreline for route in self.routes])
         self.lengths = self.centreline.lengths  # (W,) m

@@ -255,11 +255,11 @@ class TakenForClosed(Event):
 
 @dataclass(frozen=True)
 class FellOff(Event):
-    """A robot is off its way, in another pipe of its network, between two ports of a fitting."""
+    """A robot is off its route, in another pipe of its network, between two ports of a fitting."""
 
     fitting: str
     port: str
-    sentence = "in {fitting}: fell off its way, nose towards {port}"
+    sentence = "in {fitting}: left its route, nose towards {port}"
 
 
 @dataclass(frozen=True)
@@ -306,13 +306,13 @@ class ExplorationIncomplete(Event):
     Attributes:
         fittings: explored.
         ends: explored.
-        left: which ports it has not seen into, and why.
+        unexplored: which ports it has not seen into, and why.
     """
 
     fittings: int
     ends: int
-    left: str
-    sentence = "explored {fittings} fittings, {ends} ends; not explored: {left}"
+    unexplored: str
+    sentence = "explored {fittings} fittings, {ends} ends; not explored: {unexplored}"
 
 
 @dataclass(frozen=True)

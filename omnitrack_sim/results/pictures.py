@@ -124,7 +124,7 @@ class Pictures(Sequence[Array]):
         place = range(len(self))[index]
         return self._coding.pixels(self._records[place : place + 1]["pixels"][0])
 
-    def seen_at(self, time: float, end: int) -> int | None:
+    def index_at(self, time: float, end: int) -> int | None:
         """Index of the last picture up to ``time`` s from an end (1 nose, -1 tail), if any."""
         known = np.flatnonzero((self.time <= time) & (self.end == end))
         return int(known[-1]) if len(known) else None

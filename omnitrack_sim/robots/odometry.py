@@ -253,10 +253,10 @@ class Odometry:
         """
         return {}
 
-    def seen(
+    def to_controller(
         self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
     ) -> Mapping[str, Array]:
-        """Return readings as controllers receive them; see ``Plant.seen``."""
+        """Return readings as controllers receive them; see ``Plant.to_controller``."""
         return readings
 
     @property

@@ -297,7 +297,7 @@ class Plant:
             place = own.position - own.rotation[:, 2] * robot.length / 2
         return body, place - model.body_ipos[body]
 
-    def seen(
+    def to_controller(
         self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
     ) -> Mapping[str, Array]:
         """Return the readings of robots as their controllers receive them.
@@ -309,10 +309,10 @@ class Plant:
         """
         return readings
 
-    def carried_out(self, command: Any, gear: NDArray[np.int_]) -> Any:
+    def from_controller(self, command: Any, gear: NDArray[np.int_]) -> Any:
         """Return the command that robots carry out for one that their controllers give.
 
-        Controllers take the robot as ``seen`` shows it.
+        Controllers take the robot as ``to_controller`` shows it.
         """
         return command
 

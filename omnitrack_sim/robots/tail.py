@@ -147,7 +147,7 @@ TETHER_CHANNELS = (
 """Recorded beside them with a tether."""
 
 
-def _held(run: Run) -> float:
+def _force_at_max_distance(run: Run) -> float:
     """Force at the sample in which the robot was farthest on its last leg, N."""
     leg, distance = run.trajectory["leg"], run.trajectory["distance"]
     # Arc lengths of different legs cannot be compared.
@@ -161,7 +161,7 @@ TAIL_METRICS = (
         "N",
         "force at the tail when the robot was farthest on its last leg: the largest that it still "
         "moved against; of a robot that nothing stopped a lower bound",
-        _held,
+        _force_at_max_distance,
     ),
     Metric(
         "tail_force_max_n",

@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.autonomy.camera_sight import CAMERA_SIGHT
 from omnitrack_sim.autonomy.sight import SIGHT
 from omnitrack_sim.base.rotations import Array, dot, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly, Part
@@ -209,8 +208,12 @@ def _reach(result: Result) -> float:
     scenario = result.scenario
     if scenario.exploration is None:
         return 0.0
-    by_camera = scenario.sensing.kind == "onboard"
-    return (CAMERA_SIGHT if by_camera else SIGHT).reach * scenario.robot.nominal_bore
+    if scenario.sensing.kind == "onboard":
+        # With the recognition of fittings, which only explorers need.
+        from omnitrack_sim.autonomy.camera_sight import CAMERA_SIGHT
+
+        return CAMERA_SIGHT.reach * scenario.robot.nominal_bore
+    return SIGHT.reach * scenario.robot.nominal_bore
 
 
 def _holders(parts: Sequence[Part], points: Array) -> tuple[NDArray[np.intp], Array]:

@@ -127,14 +127,14 @@ class Playback:
         return np.zeros((len(self.time), self.model.nmocap, 7))
 
     @cached_property
-    def seen(self) -> tuple[int, ...]:
+    def visible_geoms(self) -> tuple[int, ...]:
         """Geoms that are seen; those of the world stand still like the pipes."""
         raise NotImplementedError
 
     @cached_property
     def casting(self) -> tuple[int, ...]:
         """Geoms that throw shadows."""
-        return self.seen
+        return self.visible_geoms
 
     @cached_property
     def body(self) -> int:
@@ -286,12 +286,12 @@ class Playback:
     @property
     def still(self) -> tuple[int, ...]:
         """Geoms of the world that are seen, such as plates."""
-        return tuple(geom for geom in self.seen if self.model.geom_bodyid[geom] == 0)
+        return tuple(geom for geom in self.visible_geoms if self.model.geom_bodyid[geom] == 0)
 
     @property
     def moving(self) -> tuple[int, ...]:
         """Geoms of bodies that are seen."""
-        return tuple(geom for geom in self.seen if self.model.geom_bodyid[geom] > 0)
+        return tuple(geom for geom in self.visible_geoms if self.model.geom_bodyid[geom] > 0)
 
 
 def sound_rows(values: list[Array]) -> NDArray[np.intp]:

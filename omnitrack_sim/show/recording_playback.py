@@ -100,7 +100,7 @@ class RecordingPlayback(Playback):
         return sound_rows([self.recording.qpos, self._mocap])
 
     @cached_property
-    def seen(self) -> tuple[int, ...]:
+    def visible_geoms(self) -> tuple[int, ...]:
         """Geoms that are drawn: neither walls nor hidden nor without an end."""
         model = self.model
         paint = np.where(model.geom_matid < 0, model.geom_rgba[:, 3], 1.0)
@@ -146,7 +146,7 @@ class RecordingPlayback(Playback):
     def size(self) -> float:
         """Size of pictures, by the widest bore and by the robot's reach."""
         bore = 2 * max(part.fitting.max_radius for part in self.network.parts)
-        moving = np.unique(self.model.geom_bodyid[list(self.seen)])
+        moving = np.unique(self.model.geom_bodyid[list(self.visible_geoms)])
         rows = list(self.extremes)
         away = self.recording.bodies[rows][:, moving[moving > 0], :3]
         away = away - self.position[rows][:, None]

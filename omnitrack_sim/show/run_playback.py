@@ -89,7 +89,7 @@ class RunPlayback(Playback):
         return self.display.robot.length_scale
 
     @cached_property
-    def seen(self) -> tuple[int, ...]:
+    def visible_geoms(self) -> tuple[int, ...]:
         """See ``Playback``."""
         return tuple(np.flatnonzero(self.model.geom_group == ROBOT_GROUP).tolist())
 
@@ -97,7 +97,7 @@ class RunPlayback(Playback):
     def casting(self) -> tuple[int, ...]:
         """See ``Playback``."""
         casts = self.display.casts_shadow
-        return tuple(geom for geom in self.seen if casts(self.model.geom(geom).name))
+        return tuple(geom for geom in self.visible_geoms if casts(self.model.geom(geom).name))
 
     @cached_property
     def body(self) -> int:

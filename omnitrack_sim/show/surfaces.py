@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Self
 
 import mujoco
@@ -19,6 +20,7 @@ from omnitrack_sim.walls.meshes import (
     cut_normal,
     cutaway_mesh,
     inside_mesh,
+    opened_meshes,
 )
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
@@ -106,10 +108,7 @@ def body_spheres(surface: Surface, bodies: int) -> tuple[Array, Array]:
 
 
 def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
-    # Normals are the mean of the faces that meet at a corner, and apart at an edge that is sharp.
-    # MuJoCo's own are those of another face at many a sharp edge of a mesh.
-    solid = _solid(model, geom, fine)
-    position, normal, faces = _triangles(model, geom) if solid.is_empty() else _smooth(solid)
+    position, normal, faces = _corners(model, geom, fine)
     rotation = matrix_from_quaternion(model.geom_quat[geom])
     material = int(model.geom_matid[geom])
     colour = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
@@ -125,28 +124,42 @@ def _geom(model: mujoco.MjModel, geom: int, fine: bool) -> Surface:
     )
 
 
+def _corners(model: mujoco.MjModel, geom: int, fine: bool) -> tuple[Array, Array, Faces]:
+    """Return corners, normals and faces of a geom in its own frame."""
+    # Normals are the mean of the faces that meet at a corner, and apart at an edge that is sharp.
+    # MuJoCo's own are those of another face at many a sharp edge of a mesh.
+    kind = mujoco.mjtGeom(model.geom_type[geom])
+    if kind != mujoco.mjtGeom.mjGEOM_MESH:
+        return _smooth(_primitive(kind, np.array(model.geom_size[geom], float), fine))
+    mesh = int(model.geom_dataid[geom])
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    faces = model.mesh_face[face : face + model.mesh_facenum[mesh]]
+    return _mesh_corners(vertices.tobytes(), faces.tobytes())
+
+
+@lru_cache(maxsize=32)  # modules of a robot have the same meshes
+def _mesh_corners(vertices: bytes, faces: bytes) -> tuple[Array, Array, Faces]:
+    """Return corners, normals and faces of a mesh of float32 vertices and int32 faces."""
+    corners = np.frombuffer(vertices, np.float32).reshape(-1, 3).copy()  # the kernel may write
+    triangles = np.frombuffer(faces, np.int32).reshape(-1, 3)
+    solid = Manifold(Mesh(corners, triangles.astype(np.uint32)))
+    return _flat(corners, triangles) if solid.is_empty() else _smooth(solid)
+
+
 def _smooth(solid: Manifold) -> tuple[Array, Array, Faces]:
     """Return corners, normals and faces of a solid."""
     mesh = solid.calculate_normals(0, CREASE_DEG).to_mesh()
     position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
-    return position, normal, np.asarray(mesh.tri_verts, np.int32)
+    return position, normal, np.array(mesh.tri_verts, np.int32)  # a copy, to let go of the mesh
 
 
-def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, Array, Faces]:
+def _flat(vertices: NDArray[np.float32], faces: Faces) -> tuple[Array, Array, Faces]:
     """Return corners, normals and faces of a mesh that is no closed solid, each face flat."""
-    vertices, faces = _mesh(model, geom)
     corners = vertices.astype(float)[faces]
     normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     flat = np.repeat(np.nan_to_num(normal), 3, axis=0)
     return corners.reshape(-1, 3), flat, np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
-
-
-def _mesh(model: mujoco.MjModel, geom: int) -> tuple[NDArray[np.float32], Faces]:
-    """Return vertices and faces of a geom's mesh."""
-    mesh = int(model.geom_dataid[geom])
-    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-    return vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]]
 
 
 def _painted(
@@ -163,12 +176,8 @@ def _painted(
     )
 
 
-def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
-    """Return the solid of a geom in its own frame, empty of a mesh that is not closed."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), np.array(model.geom_size[geom], float)
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        vertices, faces = _mesh(model, geom)
-        return Manifold(Mesh(np.ascontiguousarray(vertices), faces.astype(np.uint32)))
+def _primitive(kind: mujoco.mjtGeom, size: Array, fine: bool) -> Manifold:
+    """Return the solid of a primitive geom in its own frame."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return Manifold.cube(2 * size, center=True)
     around = _FINE if fine else _THIN if size[0] < _THIN_RADIUS else _ROUND
@@ -184,24 +193,37 @@ def _solid(model: mujoco.MjModel, geom: int, fine: bool) -> Manifold:
     return Manifold.batch_hull(ends)  # a capsule
 
 
-def cut_pipe(
-    fitting: Fitting, towards: Array, sections: int = _SECTIONS_CUT, keep: bool = True
-) -> Surface:
+def opened_pipe(
+    fitting: Fitting, towards: Array, sections: int
+) -> tuple[Surface, Surface, Surface]:
+    """Return both halves of a fitting that is cut open, and its inner surface, in its frame.
+
+    First comes the half that stays, away from a viewer in direction ``towards`` (3,).
+    """
+    kept, front, inside = opened_meshes(fitting, towards, sections)
+    cut = cut_normal(fitting, towards)
+    return (
+        _wall(fitting, kept, cut),
+        _wall(fitting, front, cut),
+        _wall(fitting, inside, np.zeros(3)),
+    )
+
+
+def cut_pipe(fitting: Fitting, towards: Array) -> Surface:
     """Return the half of a fitting, in its frame, that stays when it is cut open.
 
-    It is the one away from a viewer in direction ``towards`` (3,); without ``keep`` the one that is
-    cut off.
+    It is the one away from a viewer in direction ``towards`` (3,).
     """
-    mesh = cutaway_mesh(fitting, towards, sections=sections, keep=keep)
+    mesh = cutaway_mesh(fitting, towards, sections=_SECTIONS_CUT)
     return _wall(fitting, mesh, cut_normal(fitting, towards))
 
 
-def pipe_inside(fitting: Fitting, sections: int = _SECTIONS_INSIDE) -> Surface:
+def pipe_inside(fitting: Fitting) -> Surface:
     """Return the inner surface of a fitting, in its frame, which is seen from within only.
 
     Painted without the faces that look away, the pipe is open towards any viewer.
     """
-    return _wall(fitting, inside_mesh(fitting, sections), np.zeros(3))
+    return _wall(fitting, inside_mesh(fitting, _SECTIONS_INSIDE), np.zeros(3))
 
 
 def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:

@@ -55,7 +55,7 @@ def _by_map(scenario: Scenario, pilot: Pilot, reason: str) -> Ending:
     # Who searches for goals has no need of a whole map.
     if exploration is None or belief is None or exploration.mission.task == "find":
         return Ending(Outcome.REACHED_GOAL, reason)
-    left = pilot.left
+    left = pilot.unexplored
     if left:
         reason = f"not explored: {left}; {reason}"
     difference = exploration.difference(belief.network)

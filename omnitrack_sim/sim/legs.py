@@ -76,14 +76,14 @@ class Legs:
         set_rows(self, row, look_at=pilot.looks_at)
         before = float(self.routes.lengths[self.route[robot]])
         if leg is not None and leg != self._begun[robot][-1]:
-            if decision.goes_on:
+            if decision.same_leg:
                 self._begun[robot][-1] = leg
             else:
                 self._begun[robot].append(leg)
                 set_rows(self, row, number=self.number[robot] + 1, gear=leg.gear, near=leg.begin)
             set_rows(self, row, end=leg.end, route=self._number_of(pilot))
         length = float(self.routes.lengths[self.route[robot]])
-        return max(length - before, 0.0) if decision.goes_on else length
+        return max(length - before, 0.0) if decision.same_leg else length
 
     def _number_of(self, pilot: Pilot) -> int:
         """The number of the route of a pilot's leg, which is added where it is new."""

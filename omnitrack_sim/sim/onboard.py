@@ -194,7 +194,7 @@ class Onboard:
     def guard(self, command: Any) -> tuple[Any, NDArray[np.bool_]]:
         """See ``Senses``."""
         gear = self._legs.gear
-        readings = self._odometry.seen(self.readings, gear, self.channels)
+        readings = self._odometry.to_controller(self.readings, gear, self.channels)
         self._relocaliser.update_lost(self.location)
         return self._search.step(command, self._relocaliser.lost, readings, gear)
 

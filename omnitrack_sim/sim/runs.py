@@ -152,7 +152,7 @@ class Runs:
             self._monitor.shift_progress(robot, decision.shift)
         self.events[robot] += decision.events
         scenario = self._scenarios[robot]
-        if decision.goes_on:
+        if decision.same_leg:
             # The fixed part of the time was granted when the leg began.
             more = scenario.time_for(length) - scenario.time_for(0.0)
             self._monitor.extend_time_limit(robot, more)

@@ -226,7 +226,7 @@ class Simulation:
     def observation(self) -> Observation:
         """Measurements of the robots now, as their controllers receive them."""
         gear, senses = self.legs.gear, self.senses
-        readings = self.plant.seen(senses.readings, gear, senses.channels)
+        readings = self.plant.to_controller(senses.readings, gear, senses.channels)
         return Observation(readings, senses.location, self.legs.number, gear)
 
     @property
@@ -298,9 +298,9 @@ class Simulation:
         if type(command) is not type(start):
             check_is(type(start), whose, command)
         command, lost = self.senses.guard(checked(command, start))
-        active, carried_out = self.active, self.plant.carried_out(command, self.legs.gear)
-        self._command = held_command(carried_out, self._command, active)
-        self.runs.add_events(carried_out.events)
+        active, given = self.active, self.plant.from_controller(command, self.legs.gear)
+        self._command = held_command(given, self._command, active)
+        self.runs.add_events(given.events)
         if self._tail is not None:
             self._tail.act(self.time, self.location)
         self.plant.step(active, self._command, self._substeps)

@@ -184,18 +184,18 @@ class _Dispatch:
                 broken = True
                 # Any of the tasks in flight may be the cause: the broken executor does not say
                 # which.
-                self._bury(task, 1)
+                self._retry_or_give_up(task, 1)
             except Exception as error:
                 if not killed_its_worker(error):
                     raise
                 # Dask has tried the task on several workers before it gives up.
                 self.lost += 1
-                self._bury(task, DEATHS)
+                self._retry_or_give_up(task, DEATHS)
             else:
                 self._add(task, results)
         return broken
 
-    def _bury(self, task: _Task, deaths: int) -> None:
+    def _retry_or_give_up(self, task: _Task, deaths: int) -> None:
         """Count ``deaths`` of a task's workers, and repeat, split or give up the task."""
         task.deaths += deaths
         is_single = task.place is not None

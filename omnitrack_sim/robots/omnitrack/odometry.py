@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.robots.odometry import BodyReadings, Limbs, LookAround, Motion, Odometry
-from omnitrack_sim.robots.omnitrack.control.command import Command, seen
+from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_readings
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, belt_sign
 from omnitrack_sim.robots.omnitrack.parameters import MODULE_ANGLES, MODULES, Omnitrack
 from omnitrack_sim.robots.robot import Robot
@@ -104,11 +104,11 @@ class TrackOdometry(Odometry):
             "roll": body.angle,
         }
 
-    def seen(
+    def to_controller(
         self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
     ) -> Mapping[str, Array]:
         """See ``Odometry``: nose and tail are alike, so a robot in reverse sees itself mirrored."""
-        return seen(readings, gear, channels)
+        return mirror_readings(readings, gear, channels)
 
     def look_around(self, command: Command, order: LookAround) -> Command:
         """See ``Odometry``: the belts creep, and the modules roll."""

@@ -26,7 +26,7 @@ from omnitrack_sim.robots.omnitrack.body import (
     friction_tendons,
     spring_free_length,
 )
-from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out, seen
+from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
@@ -228,7 +228,7 @@ class TrackPlant(Plant):
         """See ``Plant``; the motors hold the belts' speeds and the modules' roll."""
         belts, torque = self._last["belt_speed"], self._last["motor_torque"]
         motors = self.motors.advance(command.belt_speed, belts, torque, self.period)
-        self._rub(command.brake)
+        self._set_friction(command.brake)
         set_point, lowest, highest = motors
         self._ctrl[:, self._belt_motors], self._ctrl[:, self._roll_motors] = set_point, command.roll
         self._force_range[:, self._belt_motors, 0] = lowest
@@ -247,24 +247,24 @@ class TrackPlant(Plant):
         self._leave_out_far_tracks()
         self._advance(active, substeps)
 
-    def seen(
+    def to_controller(
         self, readings: Mapping[str, Array], gear: NDArray[np.int_], channels: Iterable[Channel]
     ) -> Mapping[str, Array]:
         """See ``Plant``: nose and tail are alike, so a robot in reverse sees itself mirrored."""
-        return seen(readings, gear, channels)
+        return mirror_readings(readings, gear, channels)
 
-    def carried_out(self, command: Command, gear: NDArray[np.int_]) -> Command:
+    def from_controller(self, command: Command, gear: NDArray[np.int_]) -> Command:
         """See ``Plant``."""
         if command.brake is not None and not self._body.brake_force and np.any(command.brake):
             raise ValueError("command.brake is given to a robot whose robot.brake_force is 0")
-        return carried_out(command, gear)
+        return mirror_command(command, gear)
 
     def commanded(self, command: Command) -> Mapping[str, Array]:
         """See ``Plant``."""
         roll: Any = command.roll
         return {"belt_speed_command": command.belt_speed, "roll_command": roll}
 
-    def _rub(self, brake: Array | None) -> None:
+    def _set_friction(self, brake: Array | None) -> None:
         """Set the friction of the gears and of the brakes for the next steps."""
         if self._gears:
             # What a motor passes on to each of its outputs, N.

@@ -316,7 +316,7 @@ class Shape:
             return np.zeros(len(due))
         along = place.distance[:, None] + self._ends
         tangents = routes.tangents(along, place.route)
-        walls = np.min([held(robot, routes, s, place.route) for s in along.T], axis=0)
+        walls = np.min([wall_closeness(robot, routes, s, place.route) for s in along.T], axis=0)
         is_straight = dot(tangents[:, 0], tangents[:, 2]) > 1 - 1e-9
         twist = np.clip(-place.theta5, -SETTINGS.twist, SETTINGS.twist)
         return np.where(due & is_straight & (walls > SETTINGS.min_spread), twist, 0.0)
@@ -339,7 +339,7 @@ def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Arra
         """Where nodes of a side are wanted, and the speeds of their wheels."""
         (point, _, normal, curvature), frame = line.at_with_frame(s, route)
         out = along_x * frame[:, :, 0] + along_y * frame[:, :, 1]
-        out = (side * robot.reach * held(robot, routes, s, route))[:, None] * out
+        out = (side * robot.reach * wall_closeness(robot, routes, s, route))[:, None] * out
         return point + out, 1 - curvature * dot(out, normal)
 
     s = np.tile(place.distance, 2) + way * robot.link / 2
@@ -363,7 +363,7 @@ def chain(robot: Pirate, routes: RouteMap, place: Location) -> tuple[Array, Arra
     return nodes, np.concatenate([slow[::-1], fast]).T
 
 
-def held(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> Array:
+def wall_closeness(robot: Pirate, routes: RouteMap, s: Array, route: NDArray[np.intp]) -> Array:
     """Return how near to the wall (n,) nodes at arc lengths (n,) m are to be.
 
     1 where there is a wall on both sides, less over the opening of a branch.

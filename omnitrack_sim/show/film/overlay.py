@@ -158,7 +158,7 @@ class CameraPanel(Panel):
         px, time = self._px, float(self._playback.time[row])
         gear = -1 if self._playback.backward[row] else 1
         last = {
-            word: self._pictures.seen_at(time, end * gear)
+            word: self._pictures.index_at(time, end * gear)
             for word, end in (("ahead", 1), ("behind", -1))
         }
         taken = {word: index for word, index in last.items() if index is not None}

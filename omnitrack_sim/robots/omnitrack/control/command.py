@@ -63,7 +63,7 @@ SWAPPED = [0, 2, 1]
 """Modules in the turned robot's order."""
 
 
-def seen(
+def mirror_readings(
     readings: Mapping[str, Array],
     gear: NDArray[np.int_],
     channels: Iterable[Channel] = tuple(CHANNELS.values()),
@@ -87,7 +87,7 @@ def seen(
     }
 
 
-def carried_out(command: Command, gear: NDArray[np.int_]) -> Command:
+def mirror_command(command: Command, gear: NDArray[np.int_]) -> Command:
     """Mirror a command for robots in reverse gear (n,), and the angles that its events tell."""
     back = gear < 0
     if not np.count_nonzero(back):

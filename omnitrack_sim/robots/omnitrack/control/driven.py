@@ -22,7 +22,7 @@ from omnitrack_sim.record.events import Driven, Event
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
 from omnitrack_sim.robots.driving import DriverTable, Order
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
-from omnitrack_sim.robots.omnitrack.control.command import Command, carried_out
+from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command
 from omnitrack_sim.robots.omnitrack.control.jacobian import DampingTable
 from omnitrack_sim.robots.omnitrack.control.tracking import TrackingTable, wall_speeds
 from omnitrack_sim.robots.omnitrack.drive import drive_of
@@ -112,16 +112,16 @@ class DrivenController:
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
-        events = self._obey(observation)
+        events = self._apply_due_orders(observation)
         command = self._driven(observation)
         for robot in np.flatnonzero(~self.by_hand).tolist():
             command = self._piloted(command, robot, observation)
-        roll = carried_out(command, observation.gear).roll
+        roll = mirror_command(command, observation.gear).roll
         assert roll is not None
         self.roll = np.array(roll)
         return command._replace(events=[*events, *command.events], over=self._over.copy())
 
-    def _obey(self, observation: Observation) -> list[Event]:
+    def _apply_due_orders(self, observation: Observation) -> list[Event]:
         """Take on the orders that are due."""
         events: list[Event] = []
         if not self._told:
@@ -173,7 +173,7 @@ class DrivenController:
     def _roll_in_gear(self, observation: Observation) -> Array:
         """``roll`` as robots are told it that drive in the gear of their legs."""
         command = Command(np.zeros((self.setup.n, 3)), self.roll)
-        roll = carried_out(command, observation.gear).roll
+        roll = mirror_command(command, observation.gear).roll
         assert roll is not None
         return np.array(roll)
 

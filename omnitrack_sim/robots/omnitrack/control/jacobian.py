@@ -148,9 +148,9 @@ class JacobianController:
         self._forward = np.ones(setup.n)
         self.resting = self.resting.copy()  # the last command holds the array
         self.resting[rows], self.angular_velocity[rows] = False, 0.0
-        self._learn()
+        self._build_tables()
 
-    def _learn(self) -> None:
+    def _build_tables(self) -> None:
         """Look up what each passage of the routes asks for."""
         wanted, none = manoeuvres(self.routes), np.zeros(len(self._rows))
         self.kind = np.array([_PHASES[m] for m in wanted])  # (Q,) phase in each passage
@@ -163,7 +163,7 @@ class JacobianController:
         """Prepare robots that have been sent onto another route."""
         changes = self._legs.changes(observation)
         if self._legs.grown:
-            self._learn()
+            self._build_tables()
             self.aligner.ranges.update()
         for robot, shift in self._legs.extended:
             self.aligner.extend_leg(robot, shift)

@@ -76,9 +76,9 @@ class PaperController:
         self._complete = np.radians(setup.each("complete_deg"))
         self.turning[rows] = self.turned[rows] = -1
         self.turn_speeds[rows] = 0.0
-        self._learn()
+        self._build_tables()
 
-    def _learn(self) -> None:
+    def _build_tables(self) -> None:
         """Look up phase, mark and tangents of each passage of the routes."""
         routes, passages = self.routes, self.routes.passages
         self.kind = np.array([_PHASES[m] for m in manoeuvres(routes)])  # (Q,)
@@ -95,7 +95,7 @@ class PaperController:
         """Prepare robots that have been sent onto another way."""
         changes = self._legs.changes(observation)
         if self._legs.grown:
-            self._learn()
+            self._build_tables()
             self.aligner.ranges.update()
         for robot, shift in self._legs.extended:
             self.aligner.extend_leg(robot, shift)
