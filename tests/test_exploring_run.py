@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -199,6 +200,24 @@ def test_a_robot_that_hangs_as_it_rights_itself(lies, sensing, goes_on, monkeypa
     assert any(isinstance(event, GaveUp) for event in runs.events[0]) != goes_on
     if sensing == "onboard":
         assert senses.localiser.inconsistent[0]
+
+
+@pytest.mark.parametrize(
+    ("gear", "gone", "told"),
+    [(-1, 0.1, True), (-1, 0.01, False), (-1, -0.1, False), (1, 0.1, False)],
+)
+def test_the_reason_says_that_a_robot_drove_against_its_gear(gear, gone, told):
+    """One that is ahead of where a leg tail first began has gone nose first; by a centimetre, or
+    tail first, or on a leg nose first, none is said to."""
+    simulation = Simulation([fork()])
+    runs, pilot = simulation.runs, simulation.legs.pilots[0]
+    begin = float(runs.location.distance[0]) + gone
+    pilot.leg = replace(pilot.leg, gear=gear, begin=begin)
+    runs._end(0, Outcome.LEFT_PIPE)
+    reason = runs.endings[0].reason
+    words = "moved nose first by 100 mm though its leg is driven tail first: controllers get"
+    assert (words in reason) == told
+    assert ("nose first" in reason) == told
 
 
 def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):

@@ -305,7 +305,7 @@ def test_a_robot_that_has_gone_past_its_branch_arrives_in_the_end(fallen: ot.Res
     assert fallen.success, fallen.reason
     (fell,) = falls(fallen)
     assert (fell.fitting, fell.port) == ("t", "t.run_end")
-    assert str(fell).endswith(" s, in t: fell off its way, nose towards t.run_end")
+    assert str(fell).endswith(" s, in t: left its route, nose towards t.run_end")
     assert fallen.legs[-1].path[-1][2] == "start"
     assert [leg.goal for leg in fallen.legs] == [0, -1, 0]
     leg, trajectory = fallen.trajectory["leg"], fallen.trajectory

@@ -13,11 +13,12 @@ import omnitrack_sim as ot
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
-from omnitrack_sim.show.film.render import render_frame, render_frames
+from omnitrack_sim.show.film.render import painted, render_frame, render_frames
 from omnitrack_sim.show.film.shots import in_the_way, view_directions
 from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.projection import clearest, needs_map
 from omnitrack_sim.show.run_playback import RunPlayback
+from omnitrack_sim.show.sources import playback_of
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,17 @@ def test_every_camera_sees_something_that_changes(result, camera):
     assert early.dtype == np.uint8
     assert early[:100].std() > 4
     assert np.abs(early[:100].astype(int) - late[:100]).max() > 20
+
+
+def test_the_side_camera_paints_what_changes_and_nothing_else_changes(result, monkeypatch):
+    """Pictures of which only what is near robot and shadow is painted are those painted whole."""
+    playback, times = playback_of(result), np.linspace(0.0, 1.0, 5).tolist()
+    order = (playback, times, (640, 360), "side", {"fine": False})
+    near = list(painted(*order))
+    from omnitrack_sim.show.film.painter import Painter  # OpenGL's platform is chosen by now
+
+    monkeypatch.setattr(Painter, "_box_of_robot", lambda painter, *_: painter._drawn.whole)
+    np.testing.assert_array_equal(near, list(painted(*order)))
 
 
 def test_modules_show_in_three_colours(result):

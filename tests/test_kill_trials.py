@@ -12,7 +12,7 @@ from pathlib import Path
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-from killing.outputs import _moments, _state, _told  # noqa: E402
+from killing.outputs import _described, _moments, _state  # noqa: E402
 
 
 def launched(place: Path, deadly: int) -> int:
@@ -47,11 +47,11 @@ def test_kills_fall_all_over_the_life():
     assert max(moments) == 30
 
 
-def test_a_lost_and_a_changed_file_are_told(tmp_path):
+def test_a_lost_and_a_changed_file_are_described(tmp_path):
     """States tell apart what is missing and what differs."""
     (tmp_path / "a").write_text("a")
     (tmp_path / "b").write_text("b")
     known = _state(tmp_path)
     (tmp_path / "a").unlink()
     (tmp_path / "b").write_text("c")
-    assert _told(_state(tmp_path), [known]) == "a is missing, b differs"
+    assert _described(_state(tmp_path), [known]) == "a is missing, b differs"

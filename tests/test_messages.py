@@ -127,7 +127,8 @@ def test_tables_show_names_with_escapes(capsys):
     name = "[red]:boom:\n[/red]\x1b[31m"
     pipes = [{"kind": "straight", "name": name, "length": 0.5}] * 1
     scenario = validate({"name": "a", "pipes": pipes})
-    out.print(runs._passage_table(sample_result(scenario=scenario)))
+    result = sample_result(scenario=scenario)
+    out.print(runs._passage_table(result, result.timeline()))
     out.print("\x1b[31mnot escaped by who printed it")
     shown = capsys.readouterr().out
     assert "[red]:boom:\\n[/red]\\x1b[31m" in shown

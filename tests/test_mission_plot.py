@@ -156,10 +156,10 @@ def test_a_fall_is_marked_where_it_was():
     result = two_legs_result()
     time = float(result.trajectory.time[100])
     fell = two_legs_result(events=[FellOff(0, time, "tee_1", "tee_1.run_end")])
-    (mark,) = [mark for mark in marks_of(fell) if mark.text == "falls off its way"]
+    (mark,) = [mark for mark in marks_of(fell) if mark.text == "leaves its route"]
     assert mark.rows.tolist() == [100]
-    assert "falls off its way" in legends(plot_mission(fell))
-    assert "falls off its way" not in [mark.text for mark in marks_of(result)]
+    assert "leaves its route" in legends(plot_mission(fell))
+    assert "leaves its route" not in [mark.text for mark in marks_of(result)]
 
 
 def test_a_failed_run_shows_its_end():

@@ -62,6 +62,68 @@ def test_a_robot_of_another_folder_drives_by_its_own_sensors(tmp_path):
     assert result.metrics["theta5_error_p95_deg"] < 4
 
 
+def test_the_controller_of_the_page_drives_in_the_gear_that_it_is_told():
+    """Tail first its wheels turn the other way."""
+    names: dict = {}
+    exec(python_of("autonomy", "class Rover"), names)
+    setup, observation = SimpleNamespace(n=2), SimpleNamespace(gear=np.array([1, -1]))
+    ahead, back = names["Forward"](setup).step(observation).ctrl
+    assert (ahead > 0).all()
+    assert back == pytest.approx(-ahead)
+
+
+class Wheels(ot.Odometry):
+    """Two wheels, and all that is needed."""
+
+    surface_radius = 0.03
+
+    def surfaces(self, state):
+        return state.qpos[:, -2:]
+
+    def look_around(self, command, order):
+        return command
+
+
+FAULTY = {
+    "write Wheels(self)": lambda robot: Wheels,
+    "returns a int, which does not inherit": lambda robot: 3,
+    "no surface_radius: write surface_radius =": lambda robot: type(
+        "Bare", (ot.Odometry,), {"surfaces": Wheels.surfaces, "look_around": Wheels.look_around}
+    )(robot),
+    "surface_radius -1": lambda robot: type("Odd", (Wheels,), {"surface_radius": -1.0})(robot),
+    "write def surfaces(self, state)": lambda robot: type(
+        "Bare", (Wheels,), {"surfaces": ot.Odometry.surfaces}
+    )(robot),
+    "write def look_around(self, command, order)": lambda robot: type(
+        "Bare", (Wheels,), {"look_around": ot.Odometry.look_around}
+    )(robot),
+    "surfaces of shape (2,), and needs (n, w)": lambda robot: type(
+        "Flat", (Wheels,), {"surfaces": lambda self, state: state.qpos[0, -2:]}
+    )(robot),
+    "surfaces of shape (1, 0)": lambda robot: type(
+        "None", (Wheels,), {"surfaces": lambda self, state: state.qpos[:, :0]}
+    )(robot),
+    "arms of shape (3,), and needs (n, b)": lambda robot: type(
+        "Arms", (Wheels,), {"arms": lambda self, state: np.zeros(3)}
+    )(robot),
+    "velocity of shape (1, 2), and needs (n, 3)": lambda robot: type(
+        "Slow", (Wheels,), {"velocity": lambda self, state: np.zeros((1, 2))}
+    )(robot),
+}
+
+
+@pytest.mark.parametrize("told", FAULTY)
+def test_odometry_that_cannot_be_read_is_refused_as_the_run_begins(told, monkeypatch):
+    """The fault is at the robot, and says what is wrong and what to write."""
+    scenario = ot.load_scenario("robots/presser_tee")
+    monkeypatch.setattr(Presser, "odometry", FAULTY[told])
+    with pytest.raises(ot.InputError) as caught:
+        ot.Simulation([ot.override(scenario, {"sensing.kind": "onboard"})])
+    (fault,) = caught.value.faults
+    assert fault.where == "robot"
+    assert told in str(fault)
+
+
 @pytest.mark.parametrize("robot", ["presser", "climber"])
 def test_other_robots_drive_through_fig14_by_their_own_sensors(robot):
     """Over two tees and round an elbow, and know where they are to centimetres."""

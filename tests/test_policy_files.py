@@ -248,7 +248,8 @@ def test_damaged_and_huge_files_are_refused(saved, tmp_path):
     with zipfile.ZipFile(saved, "w") as archive:
         for name in ("mean", "weight_0", "bias_0", "features"):
             archive.writestr(f"{name}.npy", header.getvalue())
-    _refused(saved, "is damaged: Unable to allocate")
+    # Where the memory suffices, the rows are missed instead.
+    _refused(saved, "is damaged: Unable to allocate|EOF: reading array data")
     _refused(tmp_path, "no such file, nor a shipped policy")
     _refused(tmp_path / "none.npz", "no such file, nor a shipped policy")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -14,13 +15,17 @@ import numpy as np
 import pytest
 from commands import omnitrack
 from pages import chromium, needs_browser, opened
+from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.naming import name_of
+from omnitrack_sim.cli import app
+from omnitrack_sim.pipes.fittings.kinds import fitting_class
 from omnitrack_sim.record.display import Moment, StatusText
 from omnitrack_sim.robots.display import RobotDisplay
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
-from omnitrack_sim.scenario import validate
+from omnitrack_sim.robots.presser import Presser
+from omnitrack_sim.scenario import kinds_first, validate
 from omnitrack_sim.show.run_playback import RunPlayback
 
 ROOMS = ("walls", "pipes", "show", "sim")
@@ -47,6 +52,16 @@ class Ball(ot.Robot):
         ball = spec.worldbody.add_body(name="chassis")
         _ = ball.add_freejoint(), ball.add_geom(size=[self.radius, 0, 0])
         return spec
+
+
+class Still:
+    """A controller of any robot, which leaves its inputs as they are."""
+
+    def __init__(self, setup):
+        self.command = setup.command
+
+    def step(self, observation):
+        return self.command
 
 
 class Rod(Ball):
@@ -201,6 +216,74 @@ def test_another_kind_brings_its_own_controller():
     back = ot.override(scenario, {"robot.kind": "omnitrack"})
     assert back.robot == ot.Omnitrack()
     assert back.control.kind == "jacobian"
+
+
+def test_the_kind_comes_first_whatever_the_order_of_changes():
+    """It drops the values of the file's robot, and none that is set in the same call; the
+    controller, which a robot brings, is set after it."""
+    changes = {
+        "control.parameters.gain": 2.0,
+        "control.kind": "bend",
+        "robot.bore": 0.16,
+        "robot.kind": "presser",
+    }
+    for each in (changes, dict(reversed(changes.items()))):
+        order = list(kinds_first(each))
+        assert order[0] == "robot.kind"
+        assert order.index("control.kind") < order.index("control.parameters.gain")
+    base = ot.override(ot.load_scenario("straight"), {"robot.lugs_per_track": 20})
+    preload = {"robot.wheel_radius": 0.02, "robot.kind": "presser"}
+    for each in (preload, dict(reversed(preload.items()))):
+        assert ot.override(base, each).robot == Presser(wheel_radius=0.02)
+    ball = {"control.kind": name_of(Still), "robot.kind": "presser"}
+    assert ot.override(base, ball).control.kind == name_of(Still)
+
+
+def test_values_of_a_kind_that_is_not_there_are_not_faults():
+    """What it has is not known: the fault is at the kind alone."""
+    changes = {"robot.file": "rover.xml", "robot.kind": "presse"}
+    with pytest.raises(ot.ScenarioError) as caught:
+        ot.load_scenario("straight", changes)
+    assert [fault.where for fault in caught.value.faults] == ["robot.kind"]
+
+
+def test_only_classes_of_the_kind_are_offered_for_a_misspelt_one(tmp_path, monkeypatch):
+    """Of a module of robots, controllers, fittings and constants."""
+    (tmp_path / "mixed_things.py").write_text(
+        "import omnitrack_sim as ot\nSPEED = 3\ndef helper(): ...\n"
+        "class Rover(ot.Mjcf): ...\n"
+        "class Forward:\n    def step(self, observation): ...\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for changes, fits in (
+        ({"robot.kind": "mixed_things:Nope"}, "mixed_things:Rover"),
+        ({"control.kind": "mixed_things:Nope"}, "mixed_things:Forward"),
+    ):
+        with pytest.raises(ot.ScenarioError) as caught:
+            ot.load_scenario("straight", changes)
+        (fault,) = caught.value.faults
+        assert [name for name in fault.choices if name.startswith("mixed_things")] == [fits]
+    with pytest.raises(ot.InputError) as caught:
+        fitting_class("mixed_things:Nope")
+    assert not [name for name in caught.value.faults[0].choices if "mixed_things" in name]
+
+
+class Loaded(ot.Mjcf):
+    """A robot whose file has to be given."""
+
+
+def test_parameters_of_a_model_file_are_listed_and_of_its_class_are_asked_for(tmp_path):
+    """A class that needs a file cannot be shown by its name alone: the fault says what to name."""
+    file = tmp_path / "hull.xml"
+    file.write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.05'/></body></worldbody>"
+        "</mujoco>"
+    )
+    shown = CliRunner().invoke(app, ["parameters", str(file), "--json"])
+    assert shown.exit_code == 0, shown.output
+    assert str(file) in [row["value"] for row in json.loads(shown.output)]
+    with pytest.raises(ot.InputError, match=r"needs file, .* name a scenario"):
+        CliRunner().invoke(app, ["parameters", name_of(Loaded)], catch_exceptions=False)
 
 
 def test_an_mjcf_file_is_a_robot(tmp_path, monkeypatch):

@@ -18,6 +18,8 @@ from samples import (
     two_legs_result,
 )
 
+import omnitrack_sim as ot
+from omnitrack_sim.cli.runs import print_result
 from omnitrack_sim.pipes import Elbow, Route, Step, Straight, route
 from omnitrack_sim.record.metrics import summarise
 from omnitrack_sim.record.timeline import PassageRecord, passage_indices, timeline
@@ -26,6 +28,7 @@ from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
+from omnitrack_sim.scenario import validate
 
 WAY = np.arange(0.1, 1.2, 0.002)
 
@@ -205,6 +208,19 @@ def test_broken_and_short_records_have_rows(bend):
     assert passage_indices(record(bend, distance=broken), [bend])[-1] == 2
     broken[210:] = np.nan
     assert [row.name for row in visits(record(bend, distance=broken), bend)] == ["a", "b"]
+
+
+@pytest.mark.parametrize(("robot", "has_slip"), [("omnitrack", True), ("presser", False)])
+def test_slip_is_printed_where_it_is_measured(robot, has_slip, capsys, tmp_path):
+    """The printed timeline of a wheeled robot has neither a column nor a legend of slip ratios."""
+    straight, elbow = {"kind": "straight", "length": 0.5}, {"kind": "elbow", "mean_radius": 0.24}
+    table = {"name": "bends", "robot": {"kind": robot}, "run": {"time_limit": 0.1}}
+    scenario = validate({**table, "pipes": [straight, elbow, straight, elbow, straight]})
+    print_result(ot.run(scenario, no_load=False), tmp_path)
+    printed = capsys.readouterr().out
+    assert "force: least normal force" in printed
+    assert (" slip " in printed.partition("tilt: largest")[0]) is has_slip
+    assert ("slip: mean ratio" in printed) is has_slip
 
 
 def test_table_reads_back_exactly(tmp_path):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -64,7 +64,13 @@ def _installed(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     return {entry.name: entry for entry in reversed(tuple(entry_points(group=group)))}
 
 
-def named(name: str, where: str, shipped: Mapping[str, Any], group: Group | None = None) -> Any:
+def named(
+    name: str,
+    where: str,
+    shipped: Mapping[str, Any],
+    group: Group | None = None,
+    fits: Callable[[Any], bool] | None = None,
+) -> Any:
     """Return the object that a name in a file stands for.
 
     That is a shipped one, one that an installed distribution adds, or the user's own
@@ -76,6 +82,8 @@ def named(name: str, where: str, shipped: Mapping[str, Any], group: Group | None
         where: the dotted path where it stands, for the fault.
         shipped: objects by their short names.
         group: of the entry points that count; None: there are none.
+        fits: tells which objects of a module are choices where the one asked for is not in it;
+            None: all.
 
     Raises:
         InputError: there is no such object; the fault says what was looked for and the choices.
@@ -92,7 +100,7 @@ def named(name: str, where: str, shipped: Mapping[str, Any], group: Group | None
     if not (colon and module_name and path):
         choices = (*shipped, *added, "module:Object")
         raise InputError(Fault(where, f"is {name!r}", choices, given=name))
-    return _imported(module_name, path, where, (*shipped, *added))
+    return _imported(module_name, path, where, (*shipped, *added), fits)
 
 
 def _loaded(entry: EntryPoint, where: str) -> Any:
@@ -109,7 +117,13 @@ def _loaded(entry: EntryPoint, where: str) -> Any:
         raise InputError(Fault(where, problem)) from error
 
 
-def _imported(module_name: str, path: str, where: str, known: tuple[str, ...]) -> Any:
+def _imported(
+    module_name: str,
+    path: str,
+    where: str,
+    known: tuple[str, ...],
+    fits: Callable[[Any], bool] | None,
+) -> Any:
     """Return the object ``path`` of a user's module; ``known`` are the short names there are.
 
     Raises:
@@ -130,7 +144,7 @@ def _imported(module_name: str, path: str, where: str, known: tuple[str, ...]) -
         raise InputError(Fault(where, problem, (*known, "module:Object"))) from error
     _refuse_twin(thing, name, where)
     # Listed before the walk, since `thing` then moves on to the attributes of the module.
-    own = _own(thing)
+    own = _own(thing, fits)
     for part in path.split("."):
         if not hasattr(thing, part):
             problem = f"is {name!r}: there is no {part!r} in module {module_name!r}"
@@ -157,15 +171,15 @@ def _refuse_twin(module: ModuleType, name: str, where: str) -> None:
         raise InputError(Fault(where, problem))
 
 
-def _own(module: Any) -> list[str]:
-    """Names ``module:Object`` of what a module defines itself."""
+def _own(module: Any, fits: Callable[[Any], bool] | None) -> list[str]:
+    """Names ``module:Object`` of what a module defines itself and what fits."""
     names = []
     for name, thing in vars(module).items():
         defined = hasattr(thing, "__qualname__")  # a class or a function, here or elsewhere
         imported = isinstance(thing, ModuleType) or (
             defined and thing.__module__ != module.__name__
         )
-        if not imported and not name.startswith("_"):
+        if not imported and not name.startswith("_") and (fits is None or fits(thing)):
             names.append(f"{module.__name__}:{name}")
     return names
 

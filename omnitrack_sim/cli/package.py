@@ -51,22 +51,15 @@ def parameters(
         str | None,
         typer.Argument(
             metavar="[ROBOT]",
-            help="A kind of robot, or a scenario whose robot is shown; the default one if left "
-            "out.",
+            help="A kind of robot, an MJCF file, or a scenario whose robot is shown; the default "
+            "one if left out.",
             autocompletion=complete.robots,
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """A robot's parameters with unit, range, provenance and source."""
-    from omnitrack_sim.base.reading import checked
-    from omnitrack_sim.robots.kinds import DEFAULT, robot_class, robot_kinds
-
-    kind = robot or DEFAULT
-    is_kind = kind in robot_kinds() or ":" in kind
-    rows = (
-        checked(robot_class(kind), {}, InputError) if is_kind else load(kind, None).robot
-    ).parameters()
+    rows = _robot(robot).parameters()
     if as_json:
         print_json([vars(row) for row in rows])
         return
@@ -78,6 +71,27 @@ def parameters(
         within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
         table.add_row(row.name, plain(value), within, row.unit, row.provenance, plain(row.source))
     out.print(table)
+
+
+def _robot(source: str | None) -> ot.Robot:
+    """Return the robot of a kind, an MJCF file or a scenario; None: the default one."""
+    from omnitrack_sim.base.reading import checked
+    from omnitrack_sim.robots.kinds import DEFAULT, robot_class, robot_kinds
+
+    kind = source or DEFAULT
+    if Path(kind).suffix in (".xml", ".mjcf", ".urdf"):
+        return checked(ot.Mjcf, {"file": kind}, InputError)
+    if kind not in robot_kinds() and ":" not in kind:
+        return load(kind, None).robot
+    model = robot_class(kind)
+    needed = [name for name, field in model.model_fields.items() if field.is_required()]
+    if needed:
+        problem = (
+            f"needs {' and '.join(needed)}, which a kind alone does not give: name a scenario "
+            "instead whose table [robot] has them"
+        )
+        raise InputError(Fault(kind, problem))
+    return checked(model, {}, InputError)
 
 
 @app.command()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -118,11 +118,11 @@ def print_result(result: ot.Result, target: Path) -> None:
     if result.as_expected is False:
         out.print(f"  [yellow]expected {result.scenario.run.expected_outcome}[/]")
     if _is_mission(result):
-        out.print(_passage_table(result))
+        passages = result.timeline()
+        out.print(_passage_table(result, passages))
+        slip = "slip: mean ratio; " if _has_slip(passages) else ""
         part = "module" if result.scenario.robot.slips else "body"
-        out.say(
-            f"  tilt: largest; slip: mean ratio; force: least normal force of a {part}, 0.1 s mean"
-        )
+        out.say(f"  tilt: largest; {slip}force: least normal force of a {part}, 0.1 s mean")
     out.print(_figure_table(result))
     metrics = result.metrics
     out.say(
@@ -184,17 +184,23 @@ def _is_mission(result: ot.Result) -> bool:
     return len(routes) > 1 or len(turns) > 1
 
 
-def _passage_table(result: ot.Result) -> Table:
-    """The columns of the timeline that matter most."""
+def _has_slip(passages: Sequence[ot.PassageRecord]) -> bool:
+    """Return whether a slip ratio was measured; robots other than the tracked one have none."""
+    return any(passage.slip_ratio_mean is not None for passage in passages)
+
+
+def _passage_table(result: ot.Result, passages: Sequence[ot.PassageRecord]) -> Table:
+    """The columns of the timeline that matter most; without slip where none was measured."""
     legs = len(result.routes()) > 1
-    heads = ("enter\ns", "time\ns", "theta5\ndeg", "tilt\ndeg", "slip\n1", "force\nN")
+    has_slip = _has_slip(passages)
+    heads = ("enter\ns", "time\ns", "theta5\ndeg", "tilt\ndeg", *["slip\n1"] * has_slip, "force\nN")
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=True)
     for name in ["leg", "fitting"] if legs else ["  fitting"]:
         table.add_column(name, no_wrap=True)
     table.add_column("manoeuvre")
     for head in (*heads, "rolls\n1", "retries\n1"):
         table.add_column(head, justify="right", no_wrap=True)
-    for passage in result.timeline():
+    for passage in passages:
         leg = f"{passage.leg + 1}{' tail' if passage.gear < 0 else ''}"
         slip = "-" if passage.slip_ratio_mean is None else f"{passage.slip_ratio_mean:.3f}"
         table.add_row(
@@ -204,7 +210,7 @@ def _passage_table(result: ot.Result) -> Table:
             f"{passage.duration_s:.2f}",
             f"{passage.theta5_enter_deg:z.0f}",
             f"{passage.tilt_max_deg:.1f}",
-            slip,
+            *[slip] * has_slip,
             f"{passage.normal_force_min_n:.1f}",
             str(passage.rolls or "-"),
             str(passage.retries or "-"),

@@ -62,7 +62,7 @@ class Outcome(StrEnum):
     LEFT_PIPE = (
         "left_pipe",
         "The robot's centre left its way, out of a pipe or past a tee into another one: check "
-        "start.distance, and gravity against the friction.",
+        "start.distance, gravity against the friction, and that the controller heeds the gear.",
     )
     TIMED_OUT = "timed_out", "Time ran out while the robot still moved: raise run.time_limit."
     WRONG_MAP = (
@@ -255,11 +255,11 @@ class TakenForClosed(Event):
 
 @dataclass(frozen=True)
 class FellOff(Event):
-    """A robot is off its way, in another pipe of its network, between two ports of a fitting."""
+    """A robot is off its route, in another pipe of its network, between two ports of a fitting."""
 
     fitting: str
     port: str
-    sentence = "in {fitting}: fell off its way, nose towards {port}"
+    sentence = "in {fitting}: left its route, nose towards {port}"
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -294,12 +294,17 @@ def controller_of(kind: str, shipped: Mapping[str, type[Controller]]) -> type[Co
     Raises:
         InputError: there is no such class, or it has no ``step``.
     """
-    controller = named(kind, "control.kind", shipped, "controllers")
-    if not (isinstance(controller, type) and callable(getattr(controller, "step", None))):
+    controller = named(kind, "control.kind", shipped, "controllers", _is_controller)
+    if not _is_controller(controller):
         choices = (*shipped, *installed("controllers"), "module:Object")
         problem = f"is {kind!r}, which is no class with a step"
         raise InputError(Fault("control.kind", problem, choices))
     return controller
+
+
+def _is_controller(thing: object) -> TypeGuard[type[Controller]]:
+    """Return whether an object is a class with a ``step``."""
+    return isinstance(thing, type) and callable(getattr(thing, "step", None))
 
 
 def parameters_model(controller: type[Controller]) -> type[BaseModel]:

@@ -7,7 +7,7 @@ an installed distribution, or is named ``module:Class`` in the file.
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated
+from typing import Annotated, TypeGuard
 
 from pydantic import SerializeAsAny
 
@@ -50,11 +50,16 @@ def robot_class(kind: str) -> type[Robot]:
     shipped = _shipped(kind)
     if shipped is not None:
         return shipped
-    robot = named(kind, "robot.kind", dict.fromkeys(ROBOTS), "robots")
-    if not (isinstance(robot, type) and issubclass(robot, Robot)):
+    robot = named(kind, "robot.kind", dict.fromkeys(ROBOTS), "robots", _is_robot)
+    if not _is_robot(robot):
         choices = (*robot_kinds(), "module:Class")
         raise InputError(Fault("robot.kind", f"is {kind!r}, which is no ot.Robot", choices))
     return robot
+
+
+def _is_robot(thing: object) -> TypeGuard[type[Robot]]:
+    """Return whether an object is a class of robots."""
+    return isinstance(thing, type) and issubclass(thing, Robot)
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import shown
 from omnitrack_sim.record.channels import Channel
 
 if TYPE_CHECKING:
@@ -288,4 +290,52 @@ def odometry_of(robot: Robot) -> Odometry:
             "odometry return an ot.Odometry (docs/how-to/autonomy.md)"
         )
         raise InputError(Fault("sensing.kind", problem, ("truth",)))
+    problem = _lacks(odometry)
+    if problem:
+        raise InputError(Fault("robot", f"{problem} (docs/how-to/autonomy.md)"))
     return odometry
+
+
+def _lacks(odometry: Any) -> str:
+    """Return what a robot's odometry lacks, and what to write; "" where it has what is needed."""
+    if isinstance(odometry, type):
+        return f"odometry() returns the class {odometry.__name__}: write {odometry.__name__}(self)"
+    name = type(odometry).__name__
+    if not isinstance(odometry, Odometry):
+        return f"odometry() returns a {name}, which does not inherit from ot.Odometry"
+    radius = getattr(odometry, "surface_radius", None)
+    if not (isinstance(radius, Real) and 0 < radius < math.inf):
+        has = "no surface_radius" if radius is None else f"surface_radius {shown(radius)}"
+        return f"its odometry {name} has {has}: write surface_radius = 0.025, in m, for example"
+    for method, arguments in (("surfaces", "state"), ("look_around", "command, order")):
+        if getattr(type(odometry), method) is getattr(Odometry, method):
+            return f"its odometry {name} has no {method}: write def {method}(self, {arguments})"
+    return ""
+
+
+def check_shapes(odometry: Odometry, state: State) -> None:
+    """Refuse odometry that does not measure a row of values for each robot.
+
+    Args:
+        odometry: that is checked.
+        state: of the physics at the start.
+
+    Raises:
+        InputError: at ``robot``.
+    """
+    n = len(state["time"])
+    for name, shape in (
+        ("surfaces", "w"),
+        ("angles", "a"),
+        ("arms", "b"),
+        ("torques", "m"),
+        ("velocity", "3"),
+    ):
+        has = np.shape(getattr(odometry, name)(state))
+        right = len(has) == 2 and has[0] == n and (shape != "3" or has[1] == 3)
+        if not right or (name == "surfaces" and has[1] == 0):
+            problem = (
+                f"its odometry {type(odometry).__name__} returns {name} of shape {has}, and needs "
+                f"(n, {shape}), a row for each of the n robots, here {n}: index state.qpos[:, ...]"
+            )
+            raise InputError(Fault("robot", problem))

@@ -56,6 +56,25 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     return fault
 
 
+def kinds_first(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return changes by path with the ``kind`` of a table before what else is set in that table.
+
+    A new kind drops the values of the old one, and decides which keys there are. The kind of a
+    robot drops its controller as well. All else stays in order.
+    """
+    order = {path: i for i, path in enumerate(changes)}
+
+    def place(path: str) -> tuple[int, int]:
+        table, _, key = path.rpartition(".")
+        if key != "kind" or not table:
+            return order[path], 2
+        inside = (f"{table}.", "control.") if path == "robot.kind" else (f"{table}.",)
+        first = min(i for other, i in order.items() if f"{other}.".startswith(inside))
+        return first, 0 if path == "robot.kind" else 1
+
+    return {path: changes[path] for path in sorted(changes, key=place)}
+
+
 def _document(data: Any) -> Document:
     """Plain data of a scenario; the controller knows the keys of ``[control.parameters]``."""
     return Document(Scenario, data, {OPEN_TABLE: _parameters_of})
@@ -166,17 +185,28 @@ def _changed(
     if any(path.startswith("robot.") for path in changes):
         # `values_at_scale` may state the robot at another size; a change means the robot at hand.
         plain["robot"] = _at_its_scale(plain.get("robot", {}), changes)
-    for path, value in changes.items():
+    for path, value in kinds_first(changes).items():
         network = plain.get("network")
         if path.startswith("network.") and isinstance(network, str):
             try:
                 plain["network"] = network_data(beside(folder, network))
             except NetworkError:
                 continue  # reported when the network is read
+        if path.startswith("robot.") and path != "robot.kind" and not _knows_robot(plain):
+            continue  # reported when the robot is read
         for place in _document(plain).expand(path):
             fault = set_value(plain, place, value)
             faults += [fault] if fault else []
     return plain, faults
+
+
+def _knows_robot(data: Mapping[str, Any]) -> bool:
+    """Return whether there is a class of the kind of robot of a scenario's data."""
+    try:
+        robot_class(_robot_kind(data))
+    except InputError:
+        return False
+    return True
 
 
 def _at_its_scale(robot: Any, changes: Mapping[str, Any]) -> Any:

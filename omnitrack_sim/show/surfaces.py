@@ -20,6 +20,7 @@ from omnitrack_sim.walls.meshes import (
     cut_normal,
     cutaway_mesh,
     inside_mesh,
+    opened_meshes,
 )
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
@@ -150,7 +151,7 @@ def _smooth(solid: Manifold) -> tuple[Array, Array, Faces]:
     """Return corners, normals and faces of a solid."""
     mesh = solid.calculate_normals(0, CREASE_DEG).to_mesh()
     position, normal = np.split(mesh.vert_properties.astype(float), 2, axis=1)
-    return position, normal, np.asarray(mesh.tri_verts, np.int32)
+    return position, normal, np.array(mesh.tri_verts, np.int32)  # a copy, to let go of the mesh
 
 
 def _flat(vertices: NDArray[np.float32], faces: Faces) -> tuple[Array, Array, Faces]:
@@ -192,24 +193,37 @@ def _primitive(kind: mujoco.mjtGeom, size: Array, fine: bool) -> Manifold:
     return Manifold.batch_hull(ends)  # a capsule
 
 
-def cut_pipe(
-    fitting: Fitting, towards: Array, sections: int = _SECTIONS_CUT, keep: bool = True
-) -> Surface:
+def opened_pipe(
+    fitting: Fitting, towards: Array, sections: int
+) -> tuple[Surface, Surface, Surface]:
+    """Return both halves of a fitting that is cut open, and its inner surface, in its frame.
+
+    First comes the half that stays, away from a viewer in direction ``towards`` (3,).
+    """
+    kept, front, inside = opened_meshes(fitting, towards, sections)
+    cut = cut_normal(fitting, towards)
+    return (
+        _wall(fitting, kept, cut),
+        _wall(fitting, front, cut),
+        _wall(fitting, inside, np.zeros(3)),
+    )
+
+
+def cut_pipe(fitting: Fitting, towards: Array) -> Surface:
     """Return the half of a fitting, in its frame, that stays when it is cut open.
 
-    It is the one away from a viewer in direction ``towards`` (3,); without ``keep`` the one that is
-    cut off.
+    It is the one away from a viewer in direction ``towards`` (3,).
     """
-    mesh = cutaway_mesh(fitting, towards, sections=sections, keep=keep)
+    mesh = cutaway_mesh(fitting, towards, sections=_SECTIONS_CUT)
     return _wall(fitting, mesh, cut_normal(fitting, towards))
 
 
-def pipe_inside(fitting: Fitting, sections: int = _SECTIONS_INSIDE) -> Surface:
+def pipe_inside(fitting: Fitting) -> Surface:
     """Return the inner surface of a fitting, in its frame, which is seen from within only.
 
     Painted without the faces that look away, the pipe is open towards any viewer.
     """
-    return _wall(fitting, inside_mesh(fitting, sections), np.zeros(3))
+    return _wall(fitting, inside_mesh(fitting, _SECTIONS_INSIDE), np.zeros(3))
 
 
 def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:

@@ -29,7 +29,7 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Pictures
-from omnitrack_sim.robots.odometry import BodyReadings, odometry_of
+from omnitrack_sim.robots.odometry import BodyReadings, check_shapes, odometry_of
 from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.senses.draws import Keys, keys, normal, uniform
@@ -64,6 +64,7 @@ class Onboard:
         table, network = _table(first), first.route.network
         period = first.physics.control_period
         self._odometry, self._legs, self._table = odometry_of(first.robot), legs, table
+        check_shapes(self._odometry, state)
         self._period = period
         mount = Mount(camera_of(table), self._odometry.lens)
         self._maps = OwnMaps(legs.pilots, network.parts, network.closed_ends)

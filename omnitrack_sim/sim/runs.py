@@ -170,6 +170,7 @@ class Runs:
         """End a robot's run."""
         time, location = float(self._readings["time"][robot]), self.location
         reason = self._monitor.reason(robot, location, float(self._legs.end[robot]), time)
+        reason += self._against_gear(robot)
         ending = Ending(outcome, reason)
         if outcome is Outcome.REACHED_GOAL:
             scenario, pilot = self._scenarios[robot], self._legs.pilots[robot]
@@ -182,6 +183,18 @@ class Runs:
             ending = Ending(outcome, f"{off}; {reason}")
         self.endings[robot] = ending
         set_rows(self, np.array([robot]), active=False, end_time=time)
+
+    def _against_gear(self, robot: int) -> str:
+        """Return words on a robot that is ahead of where a leg in reverse gear began; "" if not."""
+        leg, length = self._legs.pilots[robot].leg, self._scenarios[robot].robot.length
+        gone = float(leg.begin - self.location.distance[robot])
+        # The leg begins at an estimate, which may be off by some centimetres.
+        if leg.gear > 0 or gone < length / 4:
+            return ""
+        return (
+            f"; it moved nose first by {1000 * gone:.0f} mm though its leg is driven tail first: "
+            "controllers get `observation.gear`"
+        )
 
     def progress(self, phase: Sequence[str]) -> tuple[float, str]:
         """Return the part of all tasks that is done, 0 to 1, and a text of time and place.

@@ -15,7 +15,7 @@ from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.events import BackedOff, FellOff
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.scenario import Scenario, set_value, validate
+from omnitrack_sim.scenario import Scenario, kinds_first, set_value, validate
 from omnitrack_sim.sim.builder import batch_key, is_shared, robot_kind
 from omnitrack_sim.sim.run import run_batch
 
@@ -97,7 +97,7 @@ def fitted(value: Any, present: Any) -> Any:
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of a plain scenario with changes by path; the result is not checked."""
     plain = copy.deepcopy(dict(data))
-    for path, value in changes.items():
+    for path, value in kinds_first(changes).items():
         set_value(plain, path, value)
     return plain
 
@@ -124,7 +124,7 @@ def batched(
         shared = {path: value for path, value in one.changes.items() if is_shared(path, kind)}
         group = json.dumps([one.base, shared], default=str)
         if group not in keys:
-            for path, value in shared.items():
+            for path, value in kinds_first(shared).items():
                 set_value(plain[one.base], path, value)
             keys[group] = batch_key(plain[one.base])
         groups.setdefault(keys[group], []).append(one)

@@ -16,7 +16,7 @@ from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.plant import is_similar
 from omnitrack_sim.robots.robot import Robot
-from omnitrack_sim.scenario import set_value
+from omnitrack_sim.scenario import kinds_first, set_value
 
 Changes = Mapping[str, Any]
 
@@ -58,7 +58,7 @@ def robot_of(changes: Changes) -> Robot:
         InputError: there is no such robot, or one of its values does not fit.
     """
     data: dict[str, Any] = {"robot": {}}
-    for path, value in changes.items():
+    for path, value in kinds_first(changes).items():
         if path.startswith("robot."):
             set_value(data, path, value)
     kind = data["robot"].pop("kind", DEFAULT)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -119,8 +118,7 @@ def cutaway_mesh(
         sections: corners of the cross-section.
         keep: True for the half that stays, False for the one taken away.
     """
-    side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
-    return triangles_of(_wall(fitting, THICKNESS, sections).trim_by_plane(tuple(side), 0.0))
+    return _half(_wall(fitting, THICKNESS, sections), fitting, towards, keep)
 
 
 def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:
@@ -128,9 +126,32 @@ def inside_mesh(fitting: Fitting, sections: int = SECTIONS) -> TriangleMesh:
 
     Its faces look into the bore.
     """
+    return _inside(fitting_mesh(fitting, sections=sections), fitting)
+
+
+def opened_meshes(
+    fitting: Fitting, towards: ArrayLike, sections: int = SECTIONS
+) -> tuple[TriangleMesh, TriangleMesh, TriangleMesh]:
+    """Return both halves of a fitting that is cut open, and its inner surface.
+
+    As ``cutaway_mesh`` with and without ``keep`` and ``inside_mesh``, of a wall that is made once.
+    """
+    wall = _wall(fitting, THICKNESS, sections)
+    kept, front = (_half(wall, fitting, towards, keep) for keep in (True, False))
+    return kept, front, _inside(triangles_of(wall), fitting)
+
+
+def _half(wall: Manifold, fitting: Fitting, towards: ArrayLike, keep: bool) -> TriangleMesh:
+    """Return the half of a fitting's wall that stays, or the one that faces the viewer."""
+    side = np.asarray(cut_normal(fitting, towards)) * (-1.0 if keep else 1.0)
+    return triangles_of(wall.trim_by_plane(tuple(side), 0.0))
+
+
+def _inside(wall: TriangleMesh, fitting: Fitting) -> TriangleMesh:
+    """Return the inner surface of a fitting's wall."""
     # Half of the wall's thickness separates the inner surface from the outer one and survives the
     # inscribed bore's error.
-    vertices, faces = fitting_mesh(fitting, sections=sections)
+    vertices, faces = wall
     within = fitting.signed_distance(vertices)[0] > -THICKNESS / 2
     kept, faces = np.unique(faces[within[faces].all(axis=1)], return_inverse=True)
     return TriangleMesh(vertices[kept], faces.reshape(-1, 3))
@@ -196,7 +217,6 @@ class ManifoldKit:
         return solid.transform(np.column_stack([pose.rotation, pose.position]))
 
 
-@lru_cache(maxsize=1)  # both halves and the inside of a fitting are wanted one after another
 def _wall(fitting: Fitting, thickness: float, sections: int) -> Manifold:
     # The bore is made first: the order of making solids orders the triangles of the result.
     bore = _bore(fitting, sections)

@@ -57,7 +57,7 @@ def fitting_class(kind: str) -> type[Fitting]:
     known = known_fittings().get(kind)
     if known is not None:
         return known
-    fitting = named(kind, "kind", shipped_fittings(), "fittings")
+    fitting = named(kind, "kind", shipped_fittings(), "fittings", _is_kind)
     if not _is_kind(fitting):
         choices = (*shipped_fittings(), *installed("fittings"))
         raise InputError(Fault("kind", f"is {kind!r}, which is no fitting", choices, given=kind))

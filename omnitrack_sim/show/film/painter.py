@@ -23,7 +23,7 @@ from OpenGL.GL.shaders import compileProgram, compileShader
 from OpenGL.raw.GL.VERSION.GL_2_0 import glVertexAttribPointer
 
 from omnitrack_sim.show.film.shots import Eye, Sun
-from omnitrack_sim.show.surfaces import Surface
+from omnitrack_sim.show.surfaces import Surface, body_spheres
 
 _SIZES = (3, 3, 4, 1)  # floats of position, normal, colour, body
 # Slope and units by which depths in a map lie behind: else a wall would throw dots of shadow on
@@ -34,7 +34,12 @@ BLOCK = 4
 MIN_CONTRAST = 0.06
 """Least contrast of green, 0 to 1, that counts as an edge."""
 
+_MARGIN = 4 * BLOCK
+"""Pixels about an edge that smoothing may change: it is followed for 10, from a block beside it."""
+
 Image = NDArray[np.uint8]
+Box = tuple[int, int, int, int]
+"""Column and row of a first pixel, width and height."""
 
 
 class Painted:
@@ -140,21 +145,26 @@ class Canvas:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._buffer)
         GL.glViewport(0, 0, self.width, self.height)
 
-    def copy(self, source: Canvas) -> None:
-        """Copy the colours of another canvas of this size."""
+    @property
+    def whole(self) -> Box:
+        """Box of all pixels."""
+        return 0, 0, self.width, self.height
+
+    def copy(self, source: Canvas, box: Box) -> None:
+        """Copy the colours in a box of another canvas."""
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, source._buffer)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._buffer)
-        box = (0, 0, self.width, self.height)
-        GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
+        x, y, width, height = box
+        edges = x, y, x + width, y + height
+        GL.glBlitFramebuffer(*edges, *edges, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
 
-    def read(self, grey: bool = False) -> Image:
-        """Return the pixels (h, w, 3); with ``grey`` their red (h, w) alone."""
+    def read(self, box: Box, grey: bool = False) -> Image:
+        """Return the pixels (h, w, 3) of a box; with ``grey`` their red (h, w) alone."""
         form, channels = (GL.GL_RED, ()) if grey else (GL.GL_RGB, (3,))
-        pixels = np.empty((self.height, self.width, *channels), np.uint8)
+        pixels = np.empty((box[3], box[2], *channels), np.uint8)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._buffer)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        size = (0, 0, self.width, self.height)
-        GL.glReadPixels(*size, form, GL.GL_UNSIGNED_BYTE, array=pixels)
+        GL.glReadPixels(*box, form, GL.GL_UNSIGNED_BYTE, array=pixels)
         return pixels
 
 
@@ -292,6 +302,9 @@ class Painter:
         self._near = ShadowMap(FINE_NEAR_MAP if fine else NEAR_MAP)
         self._far = ShadowMap(FAR_MAP)
         self._still: dict[str, Any] = {}
+        self._spheres = body_spheres(Surface.joined([robot, casting]), bodies)
+        self._backdrop: tuple[Canvas, Image] | None = None
+        self._painted: Box = (0, 0, 0, 0)  # what the backdrop has to be brought back to
         if sun is not None:
             _test_depths(GL.GL_CCW)
             self._far.cast(self.pipes, self._depth, view=sun.matrix, pose=_HERE)
@@ -326,28 +339,85 @@ class Painter:
             sun: its view of the robot; None with a lamp.
             clearness: of each pipe, 0 to 1: how much is seen of it.
         """
+        if not self._still or self._reduced is not self._smoothed:
+            self._paint(eye, poses, sun, clearness, self._drawn.whole)
+            return self._reduced.read(self._reduced.whole)
+        # Pipes in the light of a sun that stands still, seen by an eye that does, too: only the
+        # robot and its shadow change.
+        canvas, picture = self._backdrop or self._make_backdrop(eye, poses, sun, clearness)
+        self._drawn.copy(canvas, self._painted)
+        self._painted = box = self._box_of_robot(eye, poses, sun)
+        self._paint(eye, poses, sun, clearness, box)
+        picture, (x, y, width, height) = picture.copy(), box
+        picture[y : y + height, x : x + width] = self._smoothed.read(box)
+        return picture
+
+    def _make_backdrop(self, *shot: Any) -> tuple[Canvas, Image]:
+        """Return the pipes without the robot: before their edges are smoothed, and after."""
+        canvas = Canvas(self.width, self.height)
+        self._paint(*shot, self._drawn.whole, robot=False)
+        canvas.copy(self._drawn, canvas.whole)
+        self._backdrop = canvas, self._smoothed.read(self._smoothed.whole)
+        return self._backdrop
+
+    def _box_of_robot(self, eye: Eye, poses: NDArray[np.float64], sun: Sun) -> Box:
+        """Return the box, of whole blocks, of the pixels that robot and shadow may change."""
+        centres, radii = self._spheres
+        seen = radii > 0
+        world = np.einsum("bij,bj->bi", poses[seen, :, :3], centres[seen]) + poses[seen, :, 3]
+        to_sun = sun.matrix
+        places = world @ to_sun[:3, :3].T + to_sun[:3, 3]
+        reach = radii[seen, None] * np.linalg.norm(to_sun[:3, :3], axis=1)
+        low, high = (places - reach).min(axis=0), (places + reach).max(axis=0)
+        high[2] = max(high[2], 1.0)  # as far as there are shadows
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
+        to_eye = eye.matrix(self.width / self.height) @ np.linalg.inv(to_sun)
+        clip = np.c_[corners, np.ones(8)] @ to_eye.T
+        if not (clip[:, 3] > 0).all():  # behind the eye
+            return self._drawn.whole
+        size = np.array([self.width, self.height])
+        pixels = (clip[:, :2] / clip[:, 3:] + 1) / 2 * size
+        first = np.clip((pixels.min(axis=0) - _MARGIN) // BLOCK * BLOCK, 0, size - 1)
+        last = np.clip(pixels.max(axis=0) + _MARGIN, first + 1, size)
+        x, y, right, top = np.ceil([*first, *last]).astype(int).tolist()
+        return x, y, right - x, top - y
+
+    def _paint(
+        self,
+        eye: Eye,
+        poses: NDArray[np.float64],
+        sun: Sun | None,
+        clearness: Sequence[float],
+        box: Box,
+        robot: bool = True,
+    ) -> None:
+        """Paint the pixels of a box, with the robot or without."""
         rows = poses.reshape(-1, 4)
         shared: dict[str, Any] = {"pose": rows, "view": eye.matrix(self.width / self.height)}
         if sun is not None:
             _test_depths(GL.GL_CCW)
-            self._near.cast([self._casting], self._depth, view=sun.matrix, pose=rows)
+            casting = [self._casting] if robot else []
+            self._near.cast(casting, self._depth, view=sun.matrix, pose=rows)
             shared |= {"towards": sun.towards, "up": [0.0, 0.0, 1.0], "back": eye.frame[:, 2]}
             shared |= {"near_map": 0, "clearness": 1.0}
             shared |= {"near_view": _TO_TEXELS @ sun.matrix, **self._still}
         else:
             shared |= {"eye": eye.position, "ahead": -eye.frame[:, 2]}
         self._drawn.begin()
+        GL.glEnable(GL.GL_SCISSOR_TEST)
+        GL.glScissor(*box)
         _test_depths(GL.GL_CW)  # rows come from the top
         GL.glClearColor(*((0.0, 0.0, 0.0) if self._lamp else GROUND), 1.0)
         GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
         bind(0, self._near.depths)
         bind(1, self._far.depths)
-        if not self._lamp:  # who sees by a lamp is the robot itself
+        if robot and not self._lamp:  # who sees by a lamp is the robot itself
             self._gloss.use(**shared)
             self._robot.draw()
         self._light.use(**shared | {"pose": _HERE})
         self._draw(clearness)
-        return self._finished()
+        self._finish(box)
+        GL.glDisable(GL.GL_SCISSOR_TEST)
 
     def _draw(self, clearness: Sequence[float]) -> None:
         """Draw the opaque pipes, then the translucent ones."""
@@ -366,32 +436,36 @@ class Painter:
             GL.glDisable(GL.GL_BLEND)
             GL.glDepthMask(True)
 
-    def _finished(self) -> Image:
-        """Smooth, reduce and read the picture."""
+    def _finish(self, box: Box) -> None:
+        """Smooth and reduce the pixels of a box."""
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glDisable(GL.GL_CULL_FACE)
         # Pixels that are not smoothed stay as they were drawn.
-        self._smoothed.copy(self._drawn)
-        self._smooth_edges()
+        self._smoothed.copy(self._drawn, box)
+        self._smooth_edges(box)
         if self._reduced is not self._smoothed:
+            GL.glDisable(GL.GL_SCISSOR_TEST)
             self._reduced.begin()
             bind(0, self._smoothed.colours)
             self._reduce.use(drawn=0, pixel=[1 / self.width, 1 / self.height])
             self._fill()
-        return self._reduced.read()
 
-    def _smooth_edges(self) -> None:
-        """Smooth the blocks in which there are edges, as they are few."""
+    def _smooth_edges(self, box: Box) -> None:
+        """Smooth the blocks of a box in which there are edges, as they are few."""
+        x, y = box[0] // BLOCK, box[1] // BLOCK
+        blocks = x, y, -(-(box[0] + box[2]) // BLOCK) - x, -(-(box[1] + box[3]) // BLOCK) - y
         self._contrast.begin()
+        GL.glScissor(*blocks)
         bind(0, self._drawn.colours)
         pixel = [1 / self._drawn.width, 1 / self._drawn.height]
         self._edges.use(drawn=0, pixel=pixel)
         self._fill()
-        edges = self._contrast.read(grey=True) >= 255 * MIN_CONTRAST - 1
+        edges = self._contrast.read(blocks, grey=True) >= 255 * MIN_CONTRAST - 1
         self._smoothed.begin()
+        GL.glScissor(*box)
         self._smooth.use(drawn=0, pixel=pixel)
         GL.glPointSize(BLOCK)
-        self._points.draw(np.argwhere(edges)[:, ::-1])
+        self._points.draw(np.argwhere(edges)[:, ::-1] + [x, y])
 
     def _fill(self) -> None:
         GL.glBindVertexArray(self._screen)

@@ -560,7 +560,7 @@ def marks_of(result: Result) -> list[EventMark]:
     marks = [
         EventMark("modules rolled", "\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", INK, rolls),
         EventMark("backs off to retry", "\N{LEFTWARDS ARROW WITH HOOK}", ALARM, retries),
-        EventMark("falls off its way", "\N{DOWNWARDS ARROW}", ALARM, falls),
+        EventMark("leaves its route", "\N{DOWNWARDS ARROW}", ALARM, falls),
         EventMark(end, "X", ALARM, last[:0] if result.success else last),
     ]
     return [mark for mark in marks if len(mark.rows)]

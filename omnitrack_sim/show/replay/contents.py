@@ -27,7 +27,7 @@ from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.projection import clearest
-from omnitrack_sim.show.surfaces import Surface, cut_pipe, geoms_surface, pipe_inside
+from omnitrack_sim.show.surfaces import Surface, geoms_surface, opened_pipe
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 from omnitrack_sim.walls.pipe_looks import (
     FIELD_OF_VIEW,
@@ -376,11 +376,13 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
     for part in network.parts:
         fitting, rotation, samples = part.fitting, part.pose.rotation, part.bore_samples()
         local = rotation.T @ towards
+        pieces = opened_pipe(fitting, local, SECTIONS)
+        kept, front, inside = (piece(surface, part.pose) for surface in pieces)
         table = {
             "name": part.name,
-            "kept": piece(cut_pipe(fitting, local, SECTIONS), part.pose),
-            "front": piece(cut_pipe(fitting, local, SECTIONS, keep=False), part.pose),
-            "inside": piece(pipe_inside(fitting, SECTIONS), part.pose),
+            "kept": kept,
+            "front": front,
+            "inside": inside,
             "cut": rounded(rotation @ cut_normal(fitting, local), 6),
             "low": rounded(samples.min(axis=0) - THICKNESS, 4),
             "high": rounded(samples.max(axis=0) + THICKNESS, 4),
