@@ -193,10 +193,10 @@ def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
     assert run_trials(small_sweep(), out=calm).status.found == 10
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other", "foreign"])
+@pytest.mark.parametrize("damage", ["cut", "flip", "name", "empty", "other", "foreign"])
 def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
-    """A part that is cut, has a wrong byte, is empty, belongs to other trials, or to trials of the
-    same numbers with other values, is run again."""
+    """A part is run again that is cut, has a wrong byte, in its rows or in a column's name, is
+    empty, belongs to other trials, or to trials of the same numbers with other values."""
     place = tmp_path / "sweep"
     run_trials(small_sweep(), out=place, shard=(1, 2))
     file = parts(place)[0]
@@ -209,7 +209,8 @@ def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
     at = table.schema.get_field_index("energy_j")
     foreign = table.set_column(at, table.schema.field(at), zeros)
     foreign = foreign.replace_schema_metadata(table.schema.metadata | {b"part": b"0" * 16})
-    files = {"cut": whole[:-100], "flip": flipped, "empty": b"", "other": other}
+    named = whole.replace(b"energy_j", b"\x91nergy_j")
+    files = {"cut": whole[:-100], "flip": flipped, "name": named, "empty": b"", "other": other}
     file.write_bytes((files | {"foreign": to_parquet(foreign)})[damage])
     run_trials(small_sweep(), out=place)
     assert same(calm, place)

@@ -132,6 +132,7 @@ class Folder(Store):
             data = pa.BufferReader(self._part(batch).read_bytes())
             table = pq.read_table(data, page_checksum_verification=True)
             made_by(table)
+            _ = table.column_names  # decoded only now; a wrong byte may be in one
         except Exception:  # decoders raise anything on damaged bytes; the batch is run again
             return None
         # A file of the right name may be copied from another one.
