@@ -328,10 +328,5 @@ def clear(sizes, px, py, pz, ax, ay, az):
     w, across = px * cos - pz * sin, ax * cos - az * sin
     branch_low, branch_high = in_bore(w, py, across, ay, sizes[3])
     along, ahead = px * sin + pz * cos, ax * sin + az * cos
-    if ahead > 0.0:
-        branch_low = max(branch_low, -along / ahead)
-    elif ahead < 0.0:
-        branch_high = min(branch_high, -along / ahead)
-    elif along < 0.0:
-        branch_high = -math.inf
+    branch_low, branch_high = _within(branch_low, branch_high, -along, -ahead)
     return out_of_two(low, high, branch_low, branch_high)
