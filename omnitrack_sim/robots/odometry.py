@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -304,7 +303,7 @@ def _lacks(odometry: Any) -> str:
     if not isinstance(odometry, Odometry):
         return f"odometry() returns a {name}, which does not inherit from ot.Odometry"
     radius = getattr(odometry, "surface_radius", None)
-    if not (isinstance(radius, Real) and 0 < radius < math.inf):
+    if not (isinstance(radius, float | int) and 0 < radius < math.inf):
         has = "no surface_radius" if radius is None else f"surface_radius {shown(radius)}"
         return f"its odometry {name} has {has}: write surface_radius = 0.025, in m, for example"
     for method, arguments in (("surfaces", "state"), ("look_around", "command, order")):

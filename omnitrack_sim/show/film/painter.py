@@ -339,12 +339,12 @@ class Painter:
             sun: its view of the robot; None with a lamp.
             clearness: of each pipe, 0 to 1: how much is seen of it.
         """
-        if not self._still or self._reduced is not self._smoothed:
+        if not self._still or sun is None or self._reduced is not self._smoothed:
             self._paint(eye, poses, sun, clearness, self._drawn.whole)
             return self._reduced.read(self._reduced.whole)
         # Pipes in the light of a sun that stands still, seen by an eye that does, too: only the
         # robot and its shadow change.
-        canvas, picture = self._backdrop or self._make_backdrop(eye, poses, sun, clearness)
+        canvas, picture = self._backdrop or self._make_backdrop((eye, poses, sun, clearness))
         self._drawn.copy(canvas, self._painted)
         self._painted = box = self._box_of_robot(eye, poses, sun)
         self._paint(eye, poses, sun, clearness, box)
@@ -352,7 +352,9 @@ class Painter:
         picture[y : y + height, x : x + width] = self._smoothed.read(box)
         return picture
 
-    def _make_backdrop(self, *shot: Any) -> tuple[Canvas, Image]:
+    def _make_backdrop(
+        self, shot: tuple[Eye, NDArray[np.float64], Sun, Sequence[float]]
+    ) -> tuple[Canvas, Image]:
         """Return the pipes without the robot: before their edges are smoothed, and after."""
         canvas = Canvas(self.width, self.height)
         self._paint(*shot, self._drawn.whole, robot=False)
