@@ -18,6 +18,8 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.html import sketch
 from omnitrack_sim.scenario import validate
 
+pytestmark = pytest.mark.long
+
 DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
 PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1, "your-robot-in-10-minutes": 2}
 """Notebooks, and how many pictures each shows at least."""

@@ -170,6 +170,7 @@ def test_the_temporary_file_goes_with_its_last_reader(tmp_path, monkeypatch):
     assert len(os.listdir("/proc/self/fd")) == before
 
 
+@pytest.mark.long
 def test_ten_minutes_of_pictures_take_little_memory(tmp_path):
     """6000 pictures are kept and written by parts: no array of all of them is ever there."""
     import tracemalloc

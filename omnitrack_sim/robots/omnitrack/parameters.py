@@ -562,12 +562,13 @@ class Omnitrack(Robot):
 
     def touch(self, trajectory: Trajectory) -> Touch:
         """See ``Robot``."""
+        run = self.run_record(trajectory, math.nan, math.nan)
         return Touch(
             trajectory["contact_count"].sum(axis=-1) > 0,
             trajectory["normal_force"],
             trajectory["slip_velocity"],
             trajectory["slip_ratio"],
-            trajectory["motor_torque"] * trajectory["belt_speed"] / self.lug_radius,
+            run.power / run.efficiency,
         )
 
     def advice(self, outcome: Outcome) -> str:
