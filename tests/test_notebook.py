@@ -122,7 +122,7 @@ def test_any_run_can_be_shown(samples):
     channels["tilt"][-1] = np.inf
     channels["normal_force"][:] = np.nan
     channels["phase"] = full["phase"][:samples]
-    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples], full.schema)
     metrics = dict(sample_result().metrics) | {"energy_j": None}
     drawn = ET.fromstring(sketch(short))
     assert len(drawn.findall(f"{SVG}polyline")) == 5

@@ -15,8 +15,8 @@ from samples import two_legs_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.metrics import ESTIMATES
-from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.show.film.overlay import (
     CAMERA_GAP,
     CAMERA_HEIGHT,
