@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,8 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length
+from omnitrack_sim.base.rotations import Array, angle_between, cross, dot
 from omnitrack_sim.pipes import Centreline, Passage, Route
+from omnitrack_sim.pipes.centreline import COLUMNS, nearest, place_on, segment_at
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBERS,
+    WORD,
+    WORDS,
+    at,
+    c_function,
+    compiled,
+    pointers,
+)
+from omnitrack_sim.pipes.vectors import length, minus, put_vector, vector
 
 BEFORE_END = 1e-9
 """Distance before the end of a fitting where its centreline is still that of the fitting, m."""
@@ -140,9 +153,13 @@ class RouteMap:
         # The end entries begin at infinity, where no tangent can be looked up.
         entries = np.where(np.isinf(self.start), 0.0, self.start)
         self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
-        self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
-        for route, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
-            self._ends[route, :count] = self.end[begin : begin + count]
+        # What compiled functions look up of the passages, and (W, 2) first and last of each route.
+        self._passages = np.empty((len(passages), PASSAGE))
+        self._passages[:, END] = self.end
+        self._passages[:, TURN_BEGIN] = np.where(self.is_turn, self.start, np.inf)
+        self._passages[:, OUT_OF_BRANCH] = self.out_of_branch
+        self._passages[:, DIRECTION : DIRECTION + 3] = self.directions
+        self._spans = np.stack([self.first, self.last], axis=1).astype(np.int64)
 
     def locate(
         self, position: Array, rotation: Array, route: NDArray[np.intp], near: Array
@@ -156,23 +173,34 @@ class RouteMap:
             near: (n,) m, arc length where each robot was a moment ago: routes may come close to
                 themselves.
         """
-        distance, point, tangent, normal, curvature = self.centreline.nearest(
-            position, near, self._route(route)
+        count = len(route)
+        passage, rows = np.empty(count, np.int64), np.empty((count, PLACE))
+        given = (np.ascontiguousarray(each, float) for each in (position, near))
+        c_function(_locate, _LOCATE).ctypes(
+            count,
+            *self.tables,
+            *pointers(self._spans, route, *given, passage, rows),
         )
-        aside = position - point
-        passage = self._passage(distance, route)
         return Location(
             route=route,
-            distance=distance,
-            aside=aside,
-            offset=length(aside),
-            tangent=tangent,
-            normal=normal,
-            curvature=curvature,
+            distance=rows[:, DISTANCE],
+            aside=rows[:, ASIDE : ASIDE + 3],
+            offset=rows[:, OFFSET],
+            tangent=rows[:, TANGENT : TANGENT + 3],
+            normal=rows[:, NORMAL : NORMAL + 3],
+            curvature=rows[:, CURVATURE],
             passage=passage,
-            turning=self._turning_direction(distance, passage, normal),
+            turning=rows[:, TURNING : TURNING + 3],
             frame=rotation,
         )
+
+    @property
+    def tables(self) -> list[Any]:
+        """Pointers to segments, first and last segment of each route, and passages.
+
+        See ``centreline.COLUMNS`` and ``PASSAGE``.
+        """
+        return [*self.centreline.tables, *pointers(self._passages)]
 
     def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
         """Return theta5 (n,) rad, in [-pi, pi), of located robots for ``passage`` (n,).
@@ -180,9 +208,8 @@ class RouteMap:
         The passage may be the one before or after that of their location.
         """
         # Beyond a bend, its turning direction is that at its end.
-        at = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
-        normal = self.centreline.at(at, self._route(location.route))[2]
-        turning = self._turning_direction(at, passage, normal)
+        before_end = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
+        turning = self._turning(before_end, location.route, passage)
         return angle_about(location.frame[:, :, 2], turning, location.frame[:, :, 0])
 
     def nose_room(self, location: Location, length: float) -> Array:
@@ -204,19 +231,10 @@ class RouteMap:
         along = dot(axis, self.ahead.take(passage, axis=0))
         return np.arctan2(towards, along) / self.turn.take(passage)
 
-    def straight(self, start: Array, end: Array, route: NDArray[np.intp]) -> Array | None:
-        """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
-        return self.centreline.straight(start, end, self._route(route))
-
     def tangents(self, distance: Array, route: NDArray[np.intp]) -> Array:
         """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
-        which = self._route(route)
-        repeated = None if which is None else np.repeat(which, distance.shape[1])
-        return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
-
-    def _route(self, route: NDArray[np.intp]) -> NDArray[np.intp] | None:
-        """Route numbers as ``Centreline`` takes them; None where there is one route only."""
-        return route if len(self.routes) > 1 else None
+        repeated = np.repeat(route, distance.shape[1])
+        return self.centreline.at(distance.ravel(), repeated)[1].reshape(*distance.shape, 3)
 
     def name_of(self, passage: int) -> str:
         """Name of a passage's fitting in the network."""
@@ -231,8 +249,8 @@ class RouteMap:
 
         ``distance`` (n,) m, arc length. ``theta5`` (n,) rad.
         """
-        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
-        turning = self._turning_direction(distance, self._passage(distance, route), normal)
+        position, tangent, _, _ = self.centreline.at(distance, route)
+        turning = self._turning(distance, route, np.full(len(route), -1))
         return position, _turned(tangent, turning, theta5)
 
     def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
@@ -241,28 +259,91 @@ class RouteMap:
         ``distance`` (k,) m, arc length. ``turn`` (k,) rad, of module 1 from the centreline's
         normal.
         """
-        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
+        position, tangent, normal, _ = self.centreline.at(distance, route)
         return position, _turned(tangent, normal, turn)
 
-    def _passage(self, distance: Array, route: NDArray[np.intp]) -> NDArray[np.intp]:
-        if len(self.routes) == 1:
-            return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
-        # Ends of passages ascend along a route: their number behind the robot is the index.
-        passed = np.add.reduce(
-            self._ends.take(route, axis=0) <= distance[:, None], axis=1, dtype=np.intp
-        )
-        return np.minimum(self.first.take(route) + passed, self.last.take(route))
-
-    def _turning_direction(
-        self, distance: Array, passage: NDArray[np.intp], normal: Array
+    def _turning(
+        self, distance: Array, route: NDArray[np.intp], passage: NDArray[np.intp]
     ) -> Array:
-        # Within a bend the turning direction follows the arc's normal; before it, it is that at the
-        # entry.
-        bending = self.is_turn.take(passage) & (distance > self.start.take(passage))
-        directions = self.directions.take(passage, axis=0)
-        if not np.count_nonzero(bending):
-            return directions
-        return np.where(bending[:, None], normal, directions)
+        """Turning directions (n, 3) at arc lengths (n,) m for ``passage`` (n,).
+
+        A passage of -1 is that of the arc length.
+        """
+        turning = np.empty((len(route), 3))
+        c_function(_turnings, _TURNINGS).ctypes(
+            len(route),
+            *self.tables,
+            *pointers(self._spans, route, passage, distance, turning),
+        )
+        return turning
+
+
+# Columns of the table of passages; a turn's begin is infinite where there is none.
+END, TURN_BEGIN, OUT_OF_BRANCH, DIRECTION = 0, 1, 2, 3
+PASSAGE = 6
+# Columns of what a robot's place is.
+DISTANCE, OFFSET, CURVATURE, ASIDE, TANGENT, NORMAL, TURNING = 0, 1, 2, 3, 6, 9, 12
+PLACE = 15
+
+
+@compiled
+def passage_at(passages, first, last, s):
+    """Return which passage, of first to last, arc length ``s`` m lies in or before."""
+    # Their ends ascend along a route.
+    while first < last:
+        middle = (first + last) // 2
+        if passages[middle * PASSAGE + END] <= s:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@compiled
+def turning_at(passages, passage, s, normal):
+    """Return the turning direction of a passage at arc length ``s`` m.
+
+    Within a bend it follows the arc's normal; before it, it is that at the entry.
+    """
+    start = passage * PASSAGE
+    return normal if s > passages[start + TURN_BEGIN] else vector(passages, start + DIRECTION)
+
+
+def _locate(count, segments, lines, passages, spans, route, position, near, passage, places):
+    """Write passages (count,) and places (count, PLACE) of robots on their routes."""
+    for i in range(count):
+        way, place = route[i], at(places, PLACE * i)
+        robot = vector(position, 3 * i)
+        s, here = nearest(segments, lines[2 * way], lines[2 * way + 1], robot, near[i])
+        point, tangent, normal, curvature = place_on(at(segments, here * COLUMNS), s)
+        aside = minus(robot, point)
+        passage[i] = passage_at(passages, spans[2 * way], spans[2 * way + 1], s)
+        place[DISTANCE], place[OFFSET], place[CURVATURE] = s, length(aside), curvature
+        put_vector(place, ASIDE, aside)
+        put_vector(place, TANGENT, tangent)
+        put_vector(place, NORMAL, normal)
+        put_vector(place, TURNING, turning_at(passages, passage[i], s, normal))
+    return 0
+
+
+_LOCATE = CFUNCTYPE(
+    INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, NUMBERS, NUMBERS, WORDS, NUMBERS
+)
+
+
+def _turnings(count, segments, lines, passages, spans, route, passage, s, turning):
+    """Write turning directions (count, 3) at arc lengths; see ``RouteMap._turning``."""
+    for i in range(count):
+        way, q = route[i], passage[i]
+        here = segment_at(segments, lines[2 * way], lines[2 * way + 1], s[i])
+        normal = place_on(at(segments, here * COLUMNS), s[i])[2]
+        if q < 0:
+            q = passage_at(passages, spans[2 * way], spans[2 * way + 1], s[i])
+        put_vector(turning, 3 * i, turning_at(passages, q, s[i], normal))
+    return 0
+
+
+_TURNINGS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, WORDS, NUMBERS, NUMBERS)
 
 
 def _turned(tangent: Array, normal: Array, turn: Array) -> Array:

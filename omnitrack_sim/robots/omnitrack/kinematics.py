@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.base.rotations import Array, cross
+from omnitrack_sim.pipes.native import compiled
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
@@ -144,7 +145,13 @@ def module_speeds(
     """
     v, arm = np.asarray(forward_speed, float)[..., None], np.asarray(lever, float)[..., None]
     wx, wy = np.asarray(omega_x, float)[..., None], np.asarray(omega_y, float)[..., None]
-    return v - arm * (wy * _COS - wx * _SIN)
+    return module_speed(v, wx, wy, arm, _COS, _SIN)
+
+
+@compiled
+def module_speed(forward_speed, omega_x, omega_y, lever, cosine, sine):
+    """Wall speed of the module at an angle of that cosine and sine; see ``module_speeds``."""
+    return forward_speed - lever * (omega_y * cosine - omega_x * sine)
 
 
 def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:

@@ -9,6 +9,8 @@ points anywhere into that stretch is right.
 
 from __future__ import annotations
 
+import math
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -16,23 +18,50 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, unit
+from omnitrack_sim.base import rotations
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
-from omnitrack_sim.pipes.route_map import Location
+from omnitrack_sim.pipes.centreline import COLUMNS, place_on, segment_at
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBERS,
+    WORD,
+    WORDS,
+    at,
+    c_function,
+    compiled,
+    pointers,
+)
+from omnitrack_sim.pipes.route_map import DIRECTION, OUT_OF_BRANCH, PASSAGE, Location
+from omnitrack_sim.pipes.vectors import (
+    angle_between,
+    cross,
+    dot,
+    length,
+    minus,
+    plus,
+    put_vector,
+    scaled,
+    unit,
+    vector,
+)
 from omnitrack_sim.robots.control import ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control.orientation import (
     keeps_the_wall,
     orientation_error,
     preferred_theta5,
 )
-from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
+from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speed, module_speeds
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.size import REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
-STEEP = (0.5, 0.8)
+STEEP, STEEPEST = 0.5, 0.8
 """Weight against a robot, as parts of it, between which the parameters of steep runs set in."""
+TINY = 1e-12
+"""Length by which nothing smaller is divided."""
 FALLING = 0.75
 """Weight against a robot, as a part of it, beyond which it falls where its belts give way."""
 SLIPPERY = 0.5
@@ -108,23 +137,25 @@ class Tracking:
         self.routes = setup.routes
         robot = setup.robot
         each = {name: setup.each(f"{path}.{name}") for name in TrackingTable.model_fields}
-        self.gain = each["gain"] * REFERENCE_BORE / robot.nominal_bore  # (n,) rad/m
-        self.limit = each["rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
+        sharper = REFERENCE_BORE / robot.nominal_bore
         self.centring = each["centring"] / robot.length_scale
-        self.max_return_slope = each["max_return_slope"]
-        lead, lookahead = (
-            robot.own_length(each["heading_lead"]),
-            robot.own_length(each["lookahead"]),
-        )
-        stretches = np.array([np.linspace(0.0, reach, LEADS) for reach in lead])
-        self.leads = lookahead[:, None] + stretches  # (n, LEADS) m
-        self._slip_lead = robot.own_length(each["slip_lead"])  # (n,) m
-        self._upward_lead = robot.own_length(each["upward_lead"])  # (n,) m
-        self._upward_gain = each["upward_gain"] * REFERENCE_BORE / robot.nominal_bore
-        self._upward_limit = each["upward_rotation_limit"] * REFERENCE_BORE / robot.nominal_bore
         self._upward_speed, self._retry_speed = each["upward_speed"], each["retry_speed"]
         self._weight = setup.gravity / GRAVITY  # (n, 3)
-        self._rows = np.arange(setup.n)
+        self._rows = np.zeros((setup.n, ROBOT))
+        for column, values in (
+            (GAIN, each["gain"] * sharper),
+            (LIMIT, each["rotation_limit"] * sharper),
+            (UPWARD_GAIN, each["upward_gain"] * sharper),
+            (UPWARD_LIMIT, each["upward_rotation_limit"] * sharper),
+            (UPWARD_LEAD, robot.own_length(each["upward_lead"])),
+            (SLIP_LEAD, robot.own_length(each["slip_lead"])),
+            (MAX_SLOPE, each["max_return_slope"]),
+            (WEIGHT, self._weight),
+            (LEAD, robot.own_length(each["lookahead"])),
+            (STRETCH, robot.own_length(each["heading_lead"])),
+        ):
+            flat = values.reshape(setup.n, -1)
+            self._rows[:, column : column + flat.shape[1]] = flat
 
     def wanted_rotation(
         self, location: Location, rotation: Array, direction: Array, centring: Array, lean: Lean
@@ -141,48 +172,23 @@ class Tracking:
             centring: (n,) 1/m, ``self.centring`` where it is wanted and 0 elsewhere.
             lean: out of the plane of a turn, see ``Sway``.
         """
-        axis, routes, passage = rotation[:, :, 2], self.routes, location.passage
-        leads, gain, limit = self.leads, self.gain, self.limit
-        merging = routes.out_of_branch.take(passage) & (direction > 0)
-        if np.count_nonzero(merging):
-            up = -dot(self._weight, routes.directions.take(passage, axis=0))
-            sharper = np.interp(up, STEEP, (0.0, 1.0)) * merging
-            leads = leads + (sharper * self._upward_lead)[:, None]
-            gain = gain + sharper * (self._upward_gain - gain)
-            limit = limit + sharper * (self._upward_limit - limit)
-        if np.count_nonzero(lean.slip):
-            # The distance by which the heading lags behind an arc, where belts give 1 - slip of the
-            # rotation that is asked.
-            lag = lean.slip / ((1.0 - lean.slip) * self.gain)
-            leads = leads + np.minimum(lag, self._slip_lead)[:, None]
-        ahead = location.distance[:, None] + direction[:, None] * leads  # (n, leads) m
-        # Index 0 is the lookahead point; on a straight stretch all points have its tangent.
-        nearest = self._rows * 0
-        target = self.routes.straight(ahead[:, 0], ahead[:, -1], location.route)
-        if target is None:
-            tangents = self.routes.tangents(ahead, location.route)
-            nearest = angle_between(axis[:, None], tangents).argmin(axis=1)
-            target = tangents[self._rows, nearest]
-        if np.count_nonzero(centring):
-            slope = centring[:, None] * location.aside
-            # On the centreline the slope is 0 and has no direction: nothing to divide by.
-            steepness = np.maximum(length(slope), 1e-12)
-            share = direction * np.minimum(1.0, self.max_return_slope / steepness)
-            back = target - share[:, None] * slope
-            back = back / length(back)[:, None]
-            target = np.where((centring > 0)[:, None], back, target)
-        if np.count_nonzero(lean.aside):
-            leans = (lean.limit > 0)[:, None]
-            target = np.where(leans, unit(target + lean.aside), target)
-        angle = angle_between(axis, target)
-        # In proportion to the angle, not to its sine, which would fade beyond 90 degrees.
-        wanted = unit(cross(axis, target)) * (direction * gain * angle)[:, None]
-        if np.count_nonzero(location.curvature):
-            # A robot that has turned ahead of the bend goes straight until the bend has caught up.
-            curvature = location.curvature * (nearest == 0)
-            wanted = cross(location.tangent, location.normal) * curvature[:, None] + wanted
-        limit = limit * (1.0 + lean.limit)  # the turn goes on while the robot leans
-        return wanted * np.minimum(1.0, limit / np.maximum(length(wanted), 1e-12))[:, None]
+        rows, wanted = self._rows, np.empty((len(direction), 3))
+        rows[:, DISTANCE], rows[:, CURVATURE] = location.distance, location.curvature
+        rows[:, ASIDE : ASIDE + 3] = location.aside
+        rows[:, TANGENT : TANGENT + 3], rows[:, NORMAL : NORMAL + 3] = (
+            location.tangent,
+            location.normal,
+        )
+        rows[:, AXIS : AXIS + 3] = rotation[:, :, 2]
+        rows[:, WAY], rows[:, CENTRING] = direction, centring
+        rows[:, LEAN : LEAN + 3], rows[:, MAX_LEAN] = lean.aside, lean.limit
+        rows[:, SLIP] = lean.slip
+        c_function(_wanted_rotations, _WANTED_ROTATIONS).ctypes(
+            len(wanted),
+            *self.routes.tables,
+            *pointers(location.route, location.passage, rows, wanted),
+        )
+        return wanted
 
     def forward_out_of_branch(
         self,
@@ -209,12 +215,12 @@ class Tracking:
         towards = routes.directions.take(passage, axis=0)
         merging = routes.out_of_branch.take(passage)
         least = np.where(merging & again, self._retry_speed * speed, 0.0)[:, None]
-        falls = merging & (-dot(self._weight, towards) > FALLING)
+        falls = merging & (-rotations.dot(self._weight, towards) > FALLING)
         falls &= (again | slips) & (routes.progress(passage, rotation) < 1.0)
         if np.count_nonzero(falls):
-            normal = cross(routes.ahead.take(passage, axis=0), towards)
-            falls &= np.abs(dot(rotation[:, :, 2], normal)) < IN_PLANE
-            in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
+            normal = rotations.cross(routes.ahead.take(passage, axis=0), towards)
+            falls &= np.abs(rotations.dot(rotation[:, :, 2], normal)) < IN_PLANE
+            in_robot = rotations.dot(normal[:, None], rotation.transpose(0, 2, 1))
             turning = module_speeds(0.0 * speed, in_robot[:, 0], in_robot[:, 1], 1.0 + 0.0 * speed)
             outer = falls[:, None] & (turning > 0)
             least = np.where(outer, np.maximum(least, (self._upward_speed * speed)[:, None]), least)
@@ -242,14 +248,115 @@ def wall_speeds(
         lever: (n,) m, distance of the walls from the robot's axis.
         speed_limit: (n,) m/s, cap on each speed.
     """
-    across = dot(wanted[:, None], rotation.transpose(0, 2, 1)[:, :2])  # (n, 2) rad/m about x and y
-    omega = across * speed[:, None]
-    # The rate loop (docs/explanation/control.md): between walls that do not hold it, a robot is
-    # turned by its springs as much as by its belts.
-    omega = omega + rate_gain[:, None] * (omega - angular_velocity[:, :2])
-    speeds = module_speeds(speed, omega[:, 0], omega[:, 1], lever)
-    limit = speed_limit[:, None]
-    return np.minimum(np.maximum(speeds, -limit), limit)
+    count, speeds = len(speed), np.empty((len(speed), 3))
+    given = (rotation, angular_velocity, rate_gain, wanted, speed, lever, speed_limit)
+    c_function(_wall_speeds, _WALL_SPEEDS).ctypes(
+        count, *pointers(*map(np.ascontiguousarray, given), _MODULES, speeds)
+    )
+    return speeds
+
+
+_MODULES = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)], axis=1)  # (3, 2)
+
+
+def _wall_speeds(
+    count, rotation, angular_velocity, rate_gain, wanted, speed, lever, speed_limit, modules, speeds
+):
+    """Write wall speeds (count, 3); see ``wall_speeds``."""
+    for i in range(count):
+        frame, asked = at(rotation, 9 * i), vector(wanted, 3 * i)
+        omega_x = dot(asked, (frame[0], frame[3], frame[6])) * speed[i]
+        omega_y = dot(asked, (frame[1], frame[4], frame[7])) * speed[i]
+        # The rate loop (docs/explanation/control.md): between walls that do not hold it, a robot is
+        # turned by its springs as much as by its belts.
+        omega_x += rate_gain[i] * (omega_x - angular_velocity[3 * i])
+        omega_y += rate_gain[i] * (omega_y - angular_velocity[3 * i + 1])
+        for k in range(3):
+            cosine, sine = modules[2 * k], modules[2 * k + 1]
+            wall = module_speed(speed[i], omega_x, omega_y, lever[i], cosine, sine)
+            speeds[3 * i + k] = min(max(wall, -speed_limit[i]), speed_limit[i])
+    return 0
+
+
+_WALL_SPEEDS = CFUNCTYPE(INTEGER, WORD, *[NUMBERS] * 9)
+
+# Columns of a robot in the table of tracking: parameters, then what it is given at each step.
+GAIN, LIMIT, UPWARD_GAIN, UPWARD_LIMIT, UPWARD_LEAD, SLIP_LEAD, MAX_SLOPE, LEAD, STRETCH = range(9)
+DISTANCE, CURVATURE, WAY, CENTRING, MAX_LEAN, SLIP = range(9, 15)
+WEIGHT, ASIDE, TANGENT, NORMAL, AXIS, LEAN = range(15, 33, 3)
+ROBOT = 33
+
+
+@compiled
+def steepness(robot, passage):
+    """Return by how much, 0 to 1, the parameters of steep runs count for a robot."""
+    if passage[OUT_OF_BRANCH] == 0.0 or robot[WAY] < 0.0:
+        return 0.0
+    up = -dot(vector(robot, WEIGHT), vector(passage, DIRECTION))
+    return min(max((up - STEEP) / (STEEPEST - STEEP), 0.0), 1.0)
+
+
+@compiled
+def tangent_ahead(robot, segments, first, last, lead):
+    """Return the tangent of the stretch ahead that is nearest to a robot's axis, and its number."""
+    axis, nearest, target, chosen = vector(robot, AXIS), math.inf, vector(robot, AXIS), 0
+    for j in range(LEADS):
+        s = robot[DISTANCE] + robot[WAY] * (lead + robot[STRETCH] * (j / (LEADS - 1)))
+        segment = at(segments, segment_at(segments, first, last, s) * COLUMNS)
+        tangent = place_on(segment, s)[1]
+        angle = angle_between(axis, tangent)
+        if angle < nearest:
+            nearest, target, chosen = angle, tangent, j
+    return target, chosen
+
+
+@compiled
+def aimed(robot, target):
+    """Return a heading towards ``target``, back to the centreline and leaning."""
+    if robot[CENTRING] > 0.0:
+        slope = scaled(vector(robot, ASIDE), robot[CENTRING])
+        # On the centreline the slope is 0 and has no direction: nothing to divide by.
+        share = robot[WAY] * min(1.0, robot[MAX_SLOPE] / max(length(slope), TINY))
+        target = unit(minus(target, scaled(slope, share)))
+    if robot[MAX_LEAN] > 0.0:
+        target = unit(plus(target, vector(robot, LEAN)))
+    return target
+
+
+@compiled
+def wanted_of(robot, passage, segments, first, last):
+    """Return the rotation wanted of one robot; see ``Tracking.wanted_rotation``."""
+    axis, steep = vector(robot, AXIS), steepness(robot, passage)
+    gain = robot[GAIN] + steep * (robot[UPWARD_GAIN] - robot[GAIN])
+    limit = robot[LIMIT] + steep * (robot[UPWARD_LIMIT] - robot[LIMIT])
+    # The distance by which the heading lags behind an arc, where belts give 1 - slip of the
+    # rotation that is asked.
+    lag = robot[SLIP] / ((1.0 - robot[SLIP]) * robot[GAIN])
+    lead = robot[LEAD] + steep * robot[UPWARD_LEAD] + min(lag, robot[SLIP_LEAD])
+    target, chosen = tangent_ahead(robot, segments, first, last, lead)
+    target = aimed(robot, target)
+    # In proportion to the angle, not to its sine, which would fade beyond 90 degrees.
+    rate = robot[WAY] * gain * angle_between(axis, target)
+    wanted = scaled(unit(cross(axis, target)), rate)
+    # Number 0 is the lookahead point. A robot that has turned ahead of the bend goes straight until
+    # the bend has caught up.
+    if chosen == 0:
+        about = cross(vector(robot, TANGENT), vector(robot, NORMAL))
+        wanted = plus(scaled(about, robot[CURVATURE]), wanted)
+    limit *= 1.0 + robot[MAX_LEAN]  # the turn goes on while the robot leans
+    return scaled(wanted, min(1.0, limit / max(length(wanted), TINY)))
+
+
+def _wanted_rotations(count, segments, lines, passages, route, passage, robots, wanted):
+    """Write wanted rotations (count, 3)."""
+    for i in range(count):
+        robot, fitting = at(robots, ROBOT * i), at(passages, PASSAGE * passage[i])
+        first, last = lines[2 * route[i]], lines[2 * route[i] + 1]
+        put_vector(wanted, 3 * i, wanted_of(robot, fitting, segments, first, last))
+    return 0
+
+
+_WANTED_ROTATIONS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, *[NUMBERS] * 2)
 
 
 class SwayTable(Table):
@@ -401,13 +508,13 @@ class Sway:
         passage, rotation = location.passage, observation.rotation
         ahead = self.routes.ahead.take(passage, axis=0)
         towards = self.routes.directions.take(passage, axis=0)
-        normal = cross(ahead, towards)
+        normal = rotations.cross(ahead, towards)
         progress = self.routes.progress(passage, rotation)
-        in_robot = dot(normal[:, None], rotation.transpose(0, 2, 1))
+        in_robot = rotations.dot(normal[:, None], rotation.transpose(0, 2, 1))
         radius = self.routes.radius.take(passage)
         # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
-        belts = dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
-        gyro = dot(observation.angular_velocity, in_robot)
+        belts = rotations.dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
+        gyro = rotations.dot(observation.angular_velocity, in_robot)
         elapsed = np.where(measured & (progress < SWAY.judged), self.period, 0.0)
         self.by_belts = np.where(measured, self.by_belts, 0.0) + elapsed * belts
         self.turned = np.where(measured, self.turned, 0.0) + elapsed * gyro
