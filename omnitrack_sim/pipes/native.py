@@ -325,7 +325,7 @@ def pointers(*arrays: NDArray[Any]) -> list[Any]:
     return [_pointer(array) for array in arrays]
 
 
-def _pointer(array: NDArray[Any]) -> Any:
+def _pointer(array: Any) -> Any:
     kind = NUMBER if array.dtype == np.float64 else WORD
     try:
         # As an argument it is the address of the array's first number; found in a third of the time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, angle_between, cross, dot
+from omnitrack_sim.base import rotations
+from omnitrack_sim.base.rotations import Array, angle_between, cross
 from omnitrack_sim.pipes import Centreline, Passage, Route
 from omnitrack_sim.pipes.centreline import COLUMNS, nearest, place_on, segment_at
 from omnitrack_sim.pipes.native import (
@@ -24,7 +26,7 @@ from omnitrack_sim.pipes.native import (
     compiled,
     pointers,
 )
-from omnitrack_sim.pipes.vectors import length, minus, put_vector, vector
+from omnitrack_sim.pipes.vectors import dot, length, minus, put_vector, vector
 
 BEFORE_END = 1e-9
 """Distance before the end of a fitting where its centreline is still that of the fitting, m."""
@@ -158,7 +160,9 @@ class RouteMap:
         self._passages[:, END] = self.end
         self._passages[:, TURN_BEGIN] = np.where(self.is_turn, self.start, np.inf)
         self._passages[:, OUT_OF_BRANCH] = self.out_of_branch
+        self._passages[:, RADIUS], self._passages[:, TURN] = self.radius, self.turn
         self._passages[:, DIRECTION : DIRECTION + 3] = self.directions
+        self._passages[:, AHEAD : AHEAD + 3] = self.ahead
         self._spans = np.stack([self.first, self.last], axis=1).astype(np.int64)
 
     def locate(
@@ -226,10 +230,12 @@ class RouteMap:
             passage: (n,) that robots are in.
             rotation: (n, 3, 3) robot frame in the world.
         """
-        axis = rotation[:, :, 2]
-        towards = dot(axis, self.directions.take(passage, axis=0))
-        along = dot(axis, self.ahead.take(passage, axis=0))
-        return np.arctan2(towards, along) / self.turn.take(passage)
+        share = np.empty(len(passage))
+        c_function(_progress, _PROGRESS).ctypes(
+            len(share),
+            *pointers(self._passages, passage, np.ascontiguousarray(rotation), share),
+        )
+        return share
 
     def tangents(self, distance: Array, route: NDArray[np.intp]) -> Array:
         """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
@@ -279,8 +285,8 @@ class RouteMap:
 
 
 # Columns of the table of passages; a turn's begin is infinite where there is none.
-END, TURN_BEGIN, OUT_OF_BRANCH, DIRECTION = 0, 1, 2, 3
-PASSAGE = 6
+END, TURN_BEGIN, OUT_OF_BRANCH, RADIUS, TURN, DIRECTION, AHEAD = 0, 1, 2, 3, 4, 5, 8
+PASSAGE = 11
 # Columns of what a robot's place is.
 DISTANCE, OFFSET, CURVATURE, ASIDE, TANGENT, NORMAL, TURNING = 0, 1, 2, 3, 6, 9, 12
 PLACE = 15
@@ -346,6 +352,24 @@ def _turnings(count, segments, lines, passages, spans, route, passage, s, turnin
 _TURNINGS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, WORDS, NUMBERS, NUMBERS)
 
 
+@compiled
+def progress_of(passage, frame):
+    """Return by which share a robot has turned into a passage; see ``RouteMap.progress``."""
+    axis = (frame[2], frame[5], frame[8])
+    towards, along = dot(axis, vector(passage, DIRECTION)), dot(axis, vector(passage, AHEAD))
+    return math.atan2(towards, along) / passage[TURN]
+
+
+def _progress(count, passages, passage, rotation, share):
+    """Write the shares (count,) of turns; see ``RouteMap.progress``."""
+    for i in range(count):
+        share[i] = progress_of(at(passages, PASSAGE * passage[i]), at(rotation, 9 * i))
+    return 0
+
+
+_PROGRESS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, NUMBERS)
+
+
 def _turned(tangent: Array, normal: Array, turn: Array) -> Array:
     """Frames (n, 3, 3) along ``tangent``, their x axes turned by ``turn`` (n,) from ``normal``."""
     side = cross(tangent, normal)
@@ -359,6 +383,5 @@ def angle_about(axis: Array, start: Array, end: Array) -> Array:
     Both are projected across the axis.
     """
     # The subtraction takes away what lies along the axis: only the parts across it make the angle.
-    return np.arctan2(
-        dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)
-    )
+    across = rotations.dot(start, end) - rotations.dot(axis, start) * rotations.dot(axis, end)
+    return np.arctan2(rotations.dot(cross(axis, start), end), across)

@@ -56,6 +56,14 @@ def cross(a, b):
 
 
 @compiled
+def in_frame(frame, a):
+    """Return a vector in a frame, whose nine numbers are a rotation matrix, row by row."""
+    x, y = (frame[0], frame[3], frame[6]), (frame[1], frame[4], frame[7])
+    z = (frame[2], frame[5], frame[8])
+    return dot(a, x), dot(a, y), dot(a, z)
+
+
+@compiled
 def length(a):
     """Return the length of a vector."""
     return math.sqrt(dot(a, a))

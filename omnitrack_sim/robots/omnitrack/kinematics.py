@@ -16,6 +16,8 @@ from omnitrack_sim.pipes.native import compiled
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
+MODULE_AXES = np.stack([_COS, _SIN], axis=1)
+"""Cosine and sine (3, 2) of the modules' angles."""
 _ROOT3 = np.sqrt(3.0)
 # (3, 3) unit vectors from the robot axis to the modules, and k x these
 _OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
@@ -91,8 +93,17 @@ def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
         speeds: V_i (..., 3), m/s.
         lever: l (...,), m, the same for all modules.
     """
-    speeds, lever = np.asarray(speeds, float), np.asarray(lever, float)
-    return -(speeds / (1.5 * lever[..., None]))[..., None] * _TANGENT
+    speeds, lever = np.asarray(speeds, float)[..., None], np.asarray(lever, float)[..., None, None]
+    return rotation_part(speeds, lever, _TANGENT)
+
+
+@compiled
+def rotation_part(speed, lever, tangent):
+    """Component of the rotation by one module; see ``rotation_by_module``.
+
+    ``tangent``: the same component of k x e, where e points from the axis to the module.
+    """
+    return -(speed / (1.5 * lever)) * tangent
 
 
 def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike) -> Array:

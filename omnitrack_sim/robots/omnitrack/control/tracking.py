@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import math
 from ctypes import CFUNCTYPE
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from omnitrack_sim.base import rotations
 from omnitrack_sim.base.rotations import Array
@@ -32,11 +30,17 @@ from omnitrack_sim.pipes.native import (
     compiled,
     pointers,
 )
-from omnitrack_sim.pipes.route_map import DIRECTION, OUT_OF_BRANCH, PASSAGE, Location
+from omnitrack_sim.pipes.route_map import (
+    DIRECTION,
+    OUT_OF_BRANCH,
+    PASSAGE,
+    Location,
+)
 from omnitrack_sim.pipes.vectors import (
     angle_between,
     cross,
     dot,
+    in_frame,
     length,
     minus,
     plus,
@@ -45,14 +49,9 @@ from omnitrack_sim.pipes.vectors import (
     unit,
     vector,
 )
-from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.control.orientation import (
-    keeps_the_wall,
-    orientation_error,
-    preferred_theta5,
-)
-from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speed, module_speeds
+from omnitrack_sim.robots.control import ControlSetup
+from omnitrack_sim.robots.omnitrack.control.sway import Lean
+from omnitrack_sim.robots.omnitrack.kinematics import MODULE_AXES, module_speed, module_speeds
 from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.size import REFERENCE_BORE
 
@@ -251,12 +250,9 @@ def wall_speeds(
     count, speeds = len(speed), np.empty((len(speed), 3))
     given = (rotation, angular_velocity, rate_gain, wanted, speed, lever, speed_limit)
     c_function(_wall_speeds, _WALL_SPEEDS).ctypes(
-        count, *pointers(*map(np.ascontiguousarray, given), _MODULES, speeds)
+        count, *pointers(*map(np.ascontiguousarray, given), MODULE_AXES, speeds)
     )
     return speeds
-
-
-_MODULES = np.stack([np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)], axis=1)  # (3, 2)
 
 
 def _wall_speeds(
@@ -265,8 +261,8 @@ def _wall_speeds(
     """Write wall speeds (count, 3); see ``wall_speeds``."""
     for i in range(count):
         frame, asked = at(rotation, 9 * i), vector(wanted, 3 * i)
-        omega_x = dot(asked, (frame[0], frame[3], frame[6])) * speed[i]
-        omega_y = dot(asked, (frame[1], frame[4], frame[7])) * speed[i]
+        across = in_frame(frame, asked)
+        omega_x, omega_y = across[0] * speed[i], across[1] * speed[i]
         # The rate loop (docs/explanation/control.md): between walls that do not hold it, a robot is
         # turned by its springs as much as by its belts.
         omega_x += rate_gain[i] * (omega_x - angular_velocity[3 * i])
@@ -357,183 +353,3 @@ def _wanted_rotations(count, segments, lines, passages, route, passage, robots, 
 
 
 _WANTED_ROTATIONS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, *[NUMBERS] * 2)
-
-
-class SwayTable(Table):
-    """Parameters of the sway in a turn from a tee's run into its branch.
-
-    The slip of the turn is the part of the rotation by the belts that the gyroscope does not see.
-    """
-
-    lean_deg: Annotated[float, Field(ge=0, le=80)] = 40.0
-    """Largest lean that is asked for, 0 to 80; a robot reaches half of it. 0: none."""
-    # A turn with less slip is left alone. On a dry wall it is -0.14 to -0.02, in turns that fail
-    # without sway 0.23 and more.
-    slip: Annotated[NotNegative, Unit("1")] = 0.1
-    """A turn that slips no more than this is left alone."""
-    slip_range: Annotated[Part, Unit("1")] = 0.2
-    """Slip beyond that with which the lean is in full."""
-    # A robot that has slid past the branch hardly ever comes back (docs/studies/tee-turn.md). With
-    # 0.4 from a tenth of the turn on, 25 of 120 robots begin again with friction 0.6 to 0.75 and 19
-    # to 24 N, of which all would have passed and 2 fail; with 0.55 from 0.15 on 5, and none fails.
-    begin_again: Annotated[NotNegative, Unit("1")] = 0.55
-    """Slip in the beginning of a turn beyond which the robot backs off to try again at once."""
-
-
-@dataclass(frozen=True)
-class SwayProfile:
-    """Lean over the course of a turn into a branch.
-
-    Attributes:
-        progress: rotation so far at which ``lean`` stands, as parts of the turn.
-        lean: lean there, as parts of the largest; linear between. The swing back begins early: a
-            robot follows it by about a ninth of the turn later.
-        judged: part of the turn after which its slip is no longer measured. Farther on the inner
-            module may have lost its wall, and its belt then turns nothing on a dry wall either.
-        min_turn: rad, rotation by the belts that is enough to tell how much of it slips.
-        beginning: parts of the turn between which it can be begun again. Before, belts that have
-            just begun to turn a robot slip on dry walls, too; farther on it no longer comes back.
-    """
-
-    progress: tuple[float, ...] = (1 / 9, 1 / 3, 5 / 9, 7 / 9)
-    lean: tuple[float, ...] = (-0.15, 1.0, 0.5, 0.0)
-    judged: float = 1 / 3
-    min_turn: float = np.radians(5.0)
-    beginning: tuple[float, float] = (0.15, 0.3)
-
-
-SWAY = SwayProfile()
-MAX_SLIP = 0.9
-"""Slip beyond which no more is made of it: a robot may also be turned back."""
-
-
-class Lean(NamedTuple):
-    """Set point of the lean of n robots.
-
-    Attributes:
-        aside: (n, 3) added to the unit vector of the wanted heading, world frame.
-        limit: (n,) largest size of ``aside`` in this turn.
-        slip: (n,) that of the turn at the first attempt, up to ``MAX_SLIP``, where robots try
-            again; 0 of the others.
-    """
-
-    aside: Array
-    limit: Array
-    slip: Array
-
-
-class Sway:
-    """The sway of n robots.
-
-    A robot leans to the side of the turn's plane that the inner module, the one nearest to the
-    branch, is not on when the turn begins.
-
-    Args:
-        setup: of the controller.
-        path: of the ``SwayTable`` in its parameters.
-
-    Attributes:
-        by_belts: (n,) rad, rotation in the first part of the turn by the speeds of the belts; of
-            turns out of a branch, too.
-        turned: (n,) rad, the same by the gyroscope.
-        slides: (n,) bool, robots that slip so much in the beginning of a turn that they had better
-            begin it again.
-    """
-
-    def __init__(self, setup: ControlSetup, path: str) -> None:
-        self._path = path
-        self._side, self.by_belts, self.turned, self._slipped = np.zeros((4, setup.n))
-        self.slides = np.zeros(setup.n, bool)
-        self._best = preferred_theta5("tee_turn")
-        # While no robot turns and none has slipped, the last location is all that is kept.
-        self._idle = False
-        self._before: Location | None = None
-        self._upright = Lean(np.zeros((setup.n, 3)), np.zeros(setup.n), np.zeros(setup.n))
-        self.reset(np.arange(setup.n), setup)
-
-    def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
-        """Begin anew with robots ``rows``; ``setup`` is that of all robots."""
-        self._catch_up()
-        self.routes, self.period = setup.routes, setup.period
-        each = {name: setup.each(f"{self._path}.{name}") for name in SwayTable.model_fields}
-        # Added across a unit vector, a tangent turns it by the angle.
-        self._max_lean = np.tan(np.radians(each["lean_deg"]))  # (n,)
-        self._slip, self._slip_range = each["slip"], each["slip_range"]
-        # Leaning needs both outer modules at the wall.
-        self._begin_again = np.where(keeps_the_wall(setup), each["begin_again"], np.inf)
-        self._side[rows], self.by_belts[rows], self.turned[rows] = 1.0, 0.0, 0.0
-        self._slipped[rows], self.slides[rows] = 0.0, False
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Robots (n,) that belts have turned far enough to tell the slip."""
-        return self.by_belts > SWAY.min_turn
-
-    @property
-    def slip(self) -> Array:
-        """Slip of the turn (n,), 1; zero as long as it is not known."""
-        return np.where(
-            self.known, 1.0 - self.turned / np.maximum(self.by_belts, SWAY.min_turn), 0.0
-        )
-
-    def step(
-        self,
-        observation: Observation,
-        turning: NDArray[np.bool_],
-        merging: NDArray[np.bool_],
-        full: NDArray[np.bool_],
-    ) -> Lean:
-        """Return the set point of the lean.
-
-        Args:
-            observation: of this moment.
-            turning: (n,) robots that turn into a branch now.
-            merging: (n,) robots that turn out of one now, whose slip is measured.
-            full: (n,) robots that sway in full at any slip, as they try again.
-        """
-        location, measured = observation.location, turning | merging
-        nobody = not np.count_nonzero(measured)
-        if nobody and self._idle:
-            self._before = location
-            return self._upright
-        self._catch_up()
-        self._side = np.where(turning, self._side, self._side_of(location))
-        self._slipped = np.where(full, self._slipped, np.clip(self.slip, 0.0, MAX_SLIP))
-        again = np.where(full & turning, self._slipped, 0.0)
-        self._idle = nobody and not np.count_nonzero(self._slipped)
-        if nobody:
-            self.by_belts, self.turned = 0 * self.by_belts, 0 * self.turned
-            self.slides = turning  # none
-            return self._upright._replace(slip=again)
-        passage, rotation = location.passage, observation.rotation
-        ahead = self.routes.ahead.take(passage, axis=0)
-        towards = self.routes.directions.take(passage, axis=0)
-        normal = rotations.cross(ahead, towards)
-        progress = self.routes.progress(passage, rotation)
-        in_robot = rotations.dot(normal[:, None], rotation.transpose(0, 2, 1))
-        radius = self.routes.radius.take(passage)
-        # The lever is the pipe's radius: tracks act at the wall (docs/explanation/kinematics.md).
-        belts = rotations.dot(angular_velocity(observation.wall_speed, 0.0, radius), in_robot)
-        gyro = rotations.dot(observation.angular_velocity, in_robot)
-        elapsed = np.where(measured & (progress < SWAY.judged), self.period, 0.0)
-        self.by_belts = np.where(measured, self.by_belts, 0.0) + elapsed * belts
-        self.turned = np.where(measured, self.turned, 0.0) + elapsed * gyro
-        start, end = SWAY.beginning
-        begins = turning & ~full & (progress >= start) & (progress < end)
-        self.slides = begins & (self.slip > self._begin_again)
-        share = np.clip((self.slip - self._slip) / self._slip_range, 0.0, 1.0)
-        share = np.where(full, 1.0, share)
-        limit = np.where(turning, self._max_lean * share, 0.0)
-        # Back at 0 before the turn ends: the robot has to leave it in its plane.
-        size = self._side * limit * np.interp(progress, SWAY.progress, SWAY.lean)
-        return Lean(size[:, None] * normal, limit, again)
-
-    def _catch_up(self) -> None:
-        """Take up the side of the turn's plane at the last location of robots that did not turn."""
-        if self._before is not None:
-            self._side, self._before = self._side_of(self._before), None
-
-    def _side_of(self, location: Location) -> Array:
-        """Side (n,) of a turn's plane to lean to, 1 or -1, by the orientation before the turn."""
-        # Equal orientations lean alike: theta5 = -115 is 5 degrees beside the best, as 5 itself.
-        return np.where(orientation_error(location.theta5, self._best) < 0, 1.0, -1.0)
