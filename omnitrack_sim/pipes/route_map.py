@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base import rotations
-from omnitrack_sim.base.rotations import Array, angle_between, cross
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Centreline, Passage, Route
 from omnitrack_sim.pipes.centreline import COLUMNS, nearest, place_on, segment_at
 from omnitrack_sim.pipes.native import (
@@ -26,7 +25,7 @@ from omnitrack_sim.pipes.native import (
     compiled,
     pointers,
 )
-from omnitrack_sim.pipes.vectors import dot, length, minus, put_vector, vector
+from omnitrack_sim.pipes.vectors import angle_between, cross, dot, length, minus, put_vector, vector
 
 BEFORE_END = 1e-9
 """Distance before the end of a fitting where its centreline is still that of the fitting, m."""
@@ -46,6 +45,8 @@ class Location:
             the end of the route after its last one.
         turning: (n, 3) unit vectors, world frame, of its turning direction.
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
+        tilt: (n,) rad, robot axis against the centreline's tangent.
+        theta5: (n,) rad, in [-pi, pi): module 1 from the turning direction of the passage.
         distance_std, theta5_std: (n,) m and rad, standard deviations, where the location is an
             estimate; None where it is the truth.
         sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
@@ -61,22 +62,14 @@ class Location:
     passage: NDArray[np.intp]
     turning: Array
     frame: Array
+    tilt: Array
+    theta5: Array
     distance_std: Array | None = None
     theta5_std: Array | None = None
     sure: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         return f"Location({len(self.route)} robots)"
-
-    @cached_property
-    def tilt(self) -> Array:
-        """Robot axis against the centreline's tangent (n,), rad."""
-        return angle_between(self.frame[:, :, 2], self.tangent)
-
-    @cached_property
-    def theta5(self) -> Array:
-        """theta5 (n,) rad, in [-pi, pi): module 1 from the turning direction of the passage."""
-        return angle_about(self.frame[:, :, 2], self.turning, self.frame[:, :, 0])
 
 
 class RouteMap:
@@ -179,7 +172,7 @@ class RouteMap:
         """
         count = len(route)
         passage, rows = np.empty(count, np.int64), np.empty((count, PLACE))
-        given = (np.ascontiguousarray(each, float) for each in (position, near))
+        given = (np.ascontiguousarray(each, float) for each in (position, rotation, near))
         c_function(_locate, _LOCATE).ctypes(
             count,
             *self.tables,
@@ -196,6 +189,8 @@ class RouteMap:
             passage=passage,
             turning=rows[:, TURNING : TURNING + 3],
             frame=rotation,
+            tilt=rows[:, TILT],
+            theta5=rows[:, THETA5],
         )
 
     @property
@@ -213,8 +208,12 @@ class RouteMap:
         """
         # Beyond a bend, its turning direction is that at its end.
         before_end = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
+        theta5 = np.empty(len(passage))
         turning = self._turning(before_end, location.route, passage)
-        return angle_about(location.frame[:, :, 2], turning, location.frame[:, :, 0])
+        c_function(_angles, _ANGLES).ctypes(
+            len(theta5), *pointers(np.ascontiguousarray(location.frame), turning, theta5)
+        )
+        return theta5
 
     def nose_room(self, location: Location, length: float) -> Array:
         """Return the room (n,) m from noses of robots ``length`` m long to the next fitting.
@@ -288,8 +287,9 @@ class RouteMap:
 END, TURN_BEGIN, OUT_OF_BRANCH, RADIUS, TURN, DIRECTION, AHEAD = 0, 1, 2, 3, 4, 5, 8
 PASSAGE = 11
 # Columns of what a robot's place is.
-DISTANCE, OFFSET, CURVATURE, ASIDE, TANGENT, NORMAL, TURNING = 0, 1, 2, 3, 6, 9, 12
-PLACE = 15
+DISTANCE, OFFSET, CURVATURE, TILT, THETA5 = range(5)
+ASIDE, TANGENT, NORMAL, TURNING = range(5, 17, 3)
+PLACE = 17
 
 
 @compiled
@@ -315,25 +315,48 @@ def turning_at(passages, passage, s, normal):
     return normal if s > passages[start + TURN_BEGIN] else vector(passages, start + DIRECTION)
 
 
-def _locate(count, segments, lines, passages, spans, route, position, near, passage, places):
+@compiled
+def theta5_of(frame, turning):
+    """Return the angle, rad, of a frame's x axis about its z axis from ``turning``."""
+    x, z = (frame[0], frame[3], frame[6]), (frame[2], frame[5], frame[8])
+    # The subtraction takes away what lies along the axis: only the part across makes the angle.
+    return math.atan2(dot(cross(z, turning), x), dot(turning, x) - dot(z, turning) * dot(z, x))
+
+
+def _angles(count, frames, turning, theta5):
+    """Write theta5 (count,) of frames from turning directions (count, 3)."""
+    for i in range(count):
+        theta5[i] = theta5_of(at(frames, 9 * i), vector(turning, 3 * i))
+    return 0
+
+
+_ANGLES = CFUNCTYPE(INTEGER, WORD, *[NUMBERS] * 3)
+
+
+def _locate(
+    count, segments, lines, passages, spans, route, position, rotation, near, passage, places
+):
     """Write passages (count,) and places (count, PLACE) of robots on their routes."""
     for i in range(count):
-        way, place = route[i], at(places, PLACE * i)
+        way, place, frame = route[i], at(places, PLACE * i), at(rotation, 9 * i)
         robot = vector(position, 3 * i)
         s, here = nearest(segments, lines[2 * way], lines[2 * way + 1], robot, near[i])
         point, tangent, normal, curvature = place_on(at(segments, here * COLUMNS), s)
         aside = minus(robot, point)
         passage[i] = passage_at(passages, spans[2 * way], spans[2 * way + 1], s)
+        turning = turning_at(passages, passage[i], s, normal)
         place[DISTANCE], place[OFFSET], place[CURVATURE] = s, length(aside), curvature
+        place[TILT] = angle_between((frame[2], frame[5], frame[8]), tangent)
+        place[THETA5] = theta5_of(frame, turning)
         put_vector(place, ASIDE, aside)
         put_vector(place, TANGENT, tangent)
         put_vector(place, NORMAL, normal)
-        put_vector(place, TURNING, turning_at(passages, passage[i], s, normal))
+        put_vector(place, TURNING, turning)
     return 0
 
 
 _LOCATE = CFUNCTYPE(
-    INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, NUMBERS, NUMBERS, WORDS, NUMBERS
+    INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, *[NUMBERS] * 3, WORDS, NUMBERS
 )
 
 
@@ -372,16 +395,6 @@ _PROGRESS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, NUMBERS)
 
 def _turned(tangent: Array, normal: Array, turn: Array) -> Array:
     """Frames (n, 3, 3) along ``tangent``, their x axes turned by ``turn`` (n,) from ``normal``."""
-    side = cross(tangent, normal)
+    side = rotations.cross(tangent, normal)
     x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
-    return np.stack([x, cross(tangent, x), tangent], axis=-1)
-
-
-def angle_about(axis: Array, start: Array, end: Array) -> Array:
-    """Return the angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3).
-
-    Both are projected across the axis.
-    """
-    # The subtraction takes away what lies along the axis: only the parts across it make the angle.
-    across = rotations.dot(start, end) - rotations.dot(axis, start) * rotations.dot(axis, end)
-    return np.arctan2(rotations.dot(cross(axis, start), end), across)
+    return np.stack([x, rotations.cross(tangent, x), tangent], axis=-1)
