@@ -320,13 +320,16 @@ def _lasting(constant: Any) -> Any:
     return constant
 
 
+_KINDS = {np.dtype(kind).char: kind for kind in (NUMBER, WORD)} | {np.dtype(np.intp).char: WORD}
+
+
 def pointers(*arrays: NDArray[Any]) -> list[Any]:
     """C pointers to the numbers of contiguous arrays of doubles or of words."""
     return [_pointer(array) for array in arrays]
 
 
 def _pointer(array: Any) -> Any:
-    kind = NUMBER if array.dtype == np.float64 else WORD
+    kind = _KINDS[array.dtype.char]
     try:
         # As an argument it is the address of the array's first number; found in a third of the time
         # that ``array.ctypes`` takes.

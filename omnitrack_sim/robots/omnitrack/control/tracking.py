@@ -250,7 +250,8 @@ def wall_speeds(
     count, speeds = len(speed), np.empty((len(speed), 3))
     given = (rotation, angular_velocity, rate_gain, wanted, speed, lever, speed_limit)
     c_function(_wall_speeds, _WALL_SPEEDS).ctypes(
-        count, *pointers(*map(np.ascontiguousarray, given), MODULE_AXES, speeds)
+        count,
+        *pointers(*(np.ascontiguousarray(each, float) for each in given), MODULE_AXES, speeds),
     )
     return speeds
 
