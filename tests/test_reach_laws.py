@@ -424,6 +424,54 @@ def test_progress_goes_from_nothing_to_one_and_says_at_what_it_is():
     assert parts[-2:] == [0.5, 0.75]
 
 
+def ladder(rungs):
+    """Two rails of tees, whose neighbours' branches are joined by rungs: loops."""
+    fittings, joints = [], []
+    for rail in "ab":
+        for k in range(rungs + 1):
+            fittings.append({"name": f"{rail}{k}", "kind": "straight", "length": 0.5 + 0.1 * k})
+            if k < rungs:
+                fittings.append({"name": f"t{rail}{k}", "kind": "tee"})
+                joints.append({"ports": (f"{rail}{k}.end", f"t{rail}{k}.run_start")})
+                joints.append({"ports": (f"t{rail}{k}.run_end", f"{rail}{k + 1}.start")})
+    for k in range(rungs):
+        fittings.append({"name": f"r{k}", "kind": "straight", "length": 0.6})
+        joints += [{"ports": (f"ta{k}.branch", f"r{k}.start")}]
+        joints += [{"ports": (f"r{k}.end", f"tb{k}.branch")}]
+    return ot.Network(fittings=fittings, joints=joints)
+
+
+@pytest.mark.parametrize("run", [0.5, 0.97, 1.0])
+def test_in_loops_the_surest_way_is_taken_and_of_ways_as_sure_the_shortest(run):
+    """Of all ways that pass no part twice: round by the rungs, where the run of a tee is passed
+    more seldom than two branches, and straight on where it is not."""
+
+    def law(kind, **_):
+        chance = {"straight": 0.99, "tee, over the run": run}.get(kind, 0.9 if run < 1 else 1.0)
+        return {"probability": chance}
+
+    network, passport = ladder(3), Stated(ROBOT, {}, {}, law=law)
+    reach, parts = ot.map_reach(network, passport, ["a0.start"]), network.pipes.parts
+    detours = 0
+    for i, ways in simple_ways(network, "a0.start").items():
+        passages = [[Passage.of(network.pipes, edge) for edge in way] for way in ways]
+        chances = [
+            0.99
+            * math.prod(law(kind_of(p))["probability"] for p in way if kind_of(p) != "straight")
+            for way in passages
+        ]
+        lengths = [sum(p.length for p in way) for way in passages]
+        surest = max(chances)
+        shortest = min(
+            n for n, chance in zip(lengths, chances, strict=True) if chance > surest - 1e-9
+        )
+        assert reach.parts[i].probability == pytest.approx(surest), parts[i].name
+        taken = ways.index(list(reach.paths[parts[i].name]))
+        assert lengths[taken] == pytest.approx(shortest)
+        detours += lengths[taken] > min(lengths) + 0.1
+    assert (detours > 2) == (run == 0.5)
+
+
 def test_a_page_runs_nothing_that_a_name_says():
     """Names of pipes, parts and openings stay text: the page has the two script tags of its own and
     no tag of theirs, and says each name as it is."""
