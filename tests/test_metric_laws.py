@@ -24,8 +24,9 @@ from omnitrack_sim.record.metrics import (
     summarise,
 )
 from omnitrack_sim.record.timeline import timeline
-from omnitrack_sim.record.trajectory import RECORDED, Recorder, Trajectory
+from omnitrack_sim.record.trajectory import Recorder, Trajectory
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.robots.plant import compiled
 from omnitrack_sim.robots.tail import (
@@ -374,7 +375,9 @@ def test_the_contact_force_of_modules_is_their_normal_force() -> None:
     for last, expected in ((6.0, 8.0), (math.inf, math.inf)):
         force[-1, 0] = last
         channels = {name: np.zeros((T, *one.shape)) for name, one in RECORDED.items()}
-        trajectory = Trajectory(TIME, channels | {"normal_force": force}, PHASES, np.zeros((T, 28)))
+        trajectory = Trajectory(
+            TIME, channels | {"normal_force": force}, PHASES, np.zeros((T, 28)), RECORDED
+        )
         assert figure(CONTACT_FORCE, trajectory) == expected
 
 
