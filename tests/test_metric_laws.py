@@ -7,13 +7,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.autonomy.camera_sight import CameraSight
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.metrics import (
     COMMON_METRICS,
@@ -35,7 +38,11 @@ from omnitrack_sim.robots.tail import (
     TETHER_CHANNELS,
     TETHER_METRICS,
 )
+from omnitrack_sim.senses.optics import Eyes, Mount
+from omnitrack_sim.senses.settings import SensingTable, camera_of
+from omnitrack_sim.sim.onboard import ScoredSight
 from omnitrack_sim.trials.mobility import CONTACT_FORCE
+from omnitrack_sim.walls.rays import RayWalls
 
 TIME = 2.0 + 1.25 * np.array([0.0, 0.1, 0.15, 0.35, 0.4, 0.7, 0.72, 1.0])
 """Instants of samples, s: no two steps are alike, and the first is not at 0."""
@@ -435,6 +442,59 @@ def test_a_robot_that_ended_early_in_a_batch_has_the_figures_that_it_has_alone()
         for metric in LAWS:
             found = figure(metric, trajectory)
             np.testing.assert_equal(found, figure(metric, alone), metric.name)
+
+
+def test_figures_of_a_map_count_what_it_has_and_what_is_wrong() -> None:
+    """Faults are the parts that are wrong or too many and the ends that are; a map that lacks a
+    part, has another kind or leaves a joint open is not complete."""
+    pairs = [("a", "b")] * 9
+    right = MapDifference(10, 10, (), (), (), (), (), (), 5.0, 0.25)
+    wrong = replace(
+        right,
+        found=4,
+        missing=("a",),
+        extra=("a",) * 2,
+        kinds=pairs[:3],
+        wrong_sizes=pairs[:4],
+        angles=pairs[:5],
+        loose=pairs[:6],
+        ends=pairs[:7],
+    )
+    assert right.figures() == {
+        "map_found": 1.0,
+        "map_complete": 1.0,
+        "map_length_error_m": 0.25,
+        "map_faults": 0.0,
+    }
+    assert wrong.figures() == {
+        "map_found": 0.4,
+        "map_complete": 0.0,
+        "map_length_error_m": 0.25,
+        "map_faults": 2.0 + 3 + 4 + 5 + 7,
+    }
+    for name in ("missing", "kinds", "loose", "extra", "wrong_sizes", "angles", "ends"):
+        complete = replace(right, **{name: pairs[:1]}).figures()["map_complete"]
+        assert complete == (name not in ("missing", "kinds", "loose")), name
+
+
+def test_the_recognition_rate_is_of_looks_that_were_sure(monkeypatch) -> None:
+    """Two of three sightings that are right are two thirds, for each robot by itself; a look that
+    shows nothing counts for none, and without any there is no rate."""
+    true = ot.Sighting(end="open", distance=0.4)
+    wrong, unsure = replace(true, end="closed"), None
+    seen = iter([true, wrong, unsure, true])
+    monkeypatch.setattr(CameraSight, "look", lambda *_: next(seen))
+    table = SensingTable()
+    walls = RayWalls([ot.load_scenario("straight").route.network.parts])
+    world: Any = SimpleNamespace(sight=SimpleNamespace(look=lambda *_: true))
+    sight = ScoredSight(Eyes(Mount(camera_of(table), 0.1), walls, 2), table, [world] * 2)
+    at: Any = SimpleNamespace(position=None, rotation=None)
+    for _ in range(4):
+        sight.look(1, at, at, at)
+    assert math.isnan(sight.rate(0))
+    assert sight.rate(1) == pytest.approx(2 / 3)
+    sight.reset(np.array([1]), [world])
+    assert math.isnan(sight.rate(1))
 
 
 LAWS = {*INTEGRALS, *MEANS, *EXTREMES, *(one for *_, expected in EXACT for one in expected)}
