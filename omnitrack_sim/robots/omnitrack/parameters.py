@@ -61,6 +61,9 @@ STOP_ROOM = 0.001
 MAX_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
+SLIP_STEP, SLIP_EXCESS = 0.002, 0.1
+"""Time step, s, for a robot of scale 1, and the share by which slip reads too large at it. The share
+is still that of the friction's own scatter; beyond, a run carries a note."""
 
 
 class Omnitrack(Robot):
@@ -446,20 +449,13 @@ class Omnitrack(Robot):
         """See ``Robot``."""
         return f"motor {self.motor.name} (robot.motor)"
 
-    @property
-    def default_timestep(self) -> float:
-        """Time step, s, up to which slip reads right in a robot of this size."""
-        from omnitrack_sim.walls.geoms import TIMESTEP  # loads MuJoCo
-
-        return TIMESTEP * self.time_scale
-
     def slip_excess(self, timestep: float) -> float:
         """Return the share by which a typical turn's slip reads too large at a time step, s.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
         (``benchmarks/tee_turns.py steps``).
         """
-        return 0.1 * (timestep / self.default_timestep) ** 2.6
+        return SLIP_EXCESS * (timestep / (SLIP_STEP * self.time_scale)) ** 2.6
 
     # What is made of the parameters
 
@@ -614,7 +610,7 @@ class Omnitrack(Robot):
 
     def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
         """See ``Robot``: on a time step whose slip is not that of small ones, and on a bore."""
-        longest = self.default_timestep
+        longest = SLIP_STEP * self.time_scale
         if timestep > longest * (1 + 1e-9):
             yield (
                 f"physics.timestep is {timestep:.4g} s: above {longest:.4g} s slip comes out too "
