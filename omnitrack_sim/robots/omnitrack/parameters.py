@@ -62,8 +62,8 @@ MAX_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
 SLIP_STEP, SLIP_EXCESS = 0.002, 0.1
-"""Time step, s, for a robot of scale 1, and the share by which slip reads too large at it. The share
-is still that of the friction's own scatter; beyond, a run carries a note."""
+"""Time step, s, for a robot of scale 1, and the share by which slip reads too large at it. Beyond
+it the share grows so fast that a run carries a note."""
 
 
 class Omnitrack(Robot):
