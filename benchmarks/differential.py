@@ -31,7 +31,7 @@ from shape import Arguments, endings, interval, run_tasks, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 

@@ -27,7 +27,6 @@ from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import Metric, Metrics
 from omnitrack_sim.record.timeline import PassageRecord, timeline
@@ -45,6 +44,7 @@ from omnitrack_sim.results.files import (
 )
 from omnitrack_sim.results.html import safe, sketch, table_html
 from omnitrack_sim.results.pictures import PICTURES_FILE, Pictures, read_pictures
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario, read_back
 
 
@@ -241,7 +241,7 @@ class Result:
             summary = strict_json(self.summary())
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
-            write_trajectory(self.trajectory, folder)
+            write_trajectory(self.trajectory, folder, self.scenario.robot)
             if self.map is not None:
                 (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
             if self.album is not None:
@@ -301,16 +301,17 @@ def load_result(directory: str | Path) -> Result:
     folder = whole(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
-        events = [event_of(table) for table in summary.events]
-        # The fields of a damaged file may be of any type, which shows when the text is made.
-        _ = [str(event) for event in events]
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
         # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
     with reading(folder / RESULT_FILE):
-        _check_metrics(summary.metrics, scenario.robot.metrics)
+        # Only now: kinds of events of the robot are known once its class is.
+        events = [event_of(table) for table in summary.events]
+        # The fields of a damaged file may be of any type, which shows when the text is made.
+        _ = [str(event) for event in events]
+        _check_metrics(summary.metrics, scenario.robot)
     explored = None
     if scenario.exploration is not None:
         with _advised(folder), reading(folder / MAP_FILE) as path:
@@ -374,14 +375,14 @@ def _summary(text: bytes) -> _Summary:
         raise ValueError(f"{where}: {first['msg']}".lstrip(": ")) from error
 
 
-def _check_metrics(metrics: Metrics, known: Sequence[Metric]) -> None:
-    """Refuse shipped metrics of another kind; those of a user's own may be anything."""
-    for metric in known:
+def _check_metrics(metrics: Metrics, robot: Robot) -> None:
+    """Refuse metrics of the robot of another kind; those of a user's own may be anything."""
+    for metric in robot.metrics:
         if metric.name not in metrics:
             continue
         value: Any = metrics[metric.name]
         if metric.per_module:
-            right = isinstance(value, list) and len(value) == MODULE_COUNT
+            right = isinstance(value, list) and len(value) == robot.modules
             numbers = value if right else ()
         else:
             right = True
