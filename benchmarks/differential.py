@@ -30,7 +30,7 @@ from shape import Arguments, Row, Trials, endings, interval, modules_of, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 

@@ -11,9 +11,9 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, rotation_about
 from omnitrack_sim.pipes.route_map import RouteMap
-from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import BackedOff, Rolled
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController

@@ -13,8 +13,8 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
-from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.record.events import Rolled
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.command import (
     SWAPPED,
     Command,

@@ -209,6 +209,7 @@ def test_means_weigh_by_time_not_by_sample():
         dict(trajectory.channels) | {"normal_force": force},
         trajectory.phases,
         trajectory.qpos,
+        trajectory.schema,
     )
     assert figures(uneven)["normal_force_mean_n"] == pytest.approx([17.5] * 3, rel=0.01)
 
@@ -221,6 +222,7 @@ def test_a_single_sample_has_figures():
         {k: v[:1] for k, v in trajectory.channels.items()},
         trajectory.phases,
         trajectory.qpos[:1],
+        trajectory.schema,
     )
     metrics = figures(one)
     assert metrics["mean_speed_m_s"] == 0.0

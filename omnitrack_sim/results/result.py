@@ -28,7 +28,6 @@ from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import Metric, Metrics
 from omnitrack_sim.record.timeline import PassageRecord, timeline
@@ -46,6 +45,7 @@ from omnitrack_sim.results.files import (
 )
 from omnitrack_sim.results.html import safe, sketch, table_html
 from omnitrack_sim.results.pictures import PICTURES_FILE, Pictures, read_pictures
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario, read_back
 
 
@@ -272,7 +272,7 @@ class Result:
             summary = strict_json(self.summary())
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
-            write_trajectory(self.trajectory, folder)
+            write_trajectory(self.trajectory, folder, self.scenario.robot)
             if self.map is not None:
                 (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
             if self.album is not None:
@@ -341,7 +341,7 @@ def load_result(directory: str | Path) -> Result:
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
     with reading(folder / RESULT_FILE):
-        _check_metrics(summary.metrics, scenario.robot.metrics)
+        _check_metrics(summary.metrics, scenario.robot)
     explored = None
     if scenario.exploration is not None:
         with _advised(folder), reading(folder / MAP_FILE) as path:
@@ -405,14 +405,14 @@ def _summary(text: bytes) -> _Summary:
         raise ValueError(f"{where}: {first['msg']}".lstrip(": ")) from error
 
 
-def _check_metrics(metrics: Metrics, known: Sequence[Metric]) -> None:
-    """Refuse shipped metrics of another kind; those of a user's own may be anything."""
-    for metric in known:
+def _check_metrics(metrics: Metrics, robot: Robot) -> None:
+    """Refuse metrics of the robot of another kind; those of a user's own may be anything."""
+    for metric in robot.metrics:
         if metric.name not in metrics:
             continue
         value: Any = metrics[metric.name]
         if metric.per_module:
-            right = isinstance(value, list) and len(value) == MODULE_COUNT
+            right = isinstance(value, list) and len(value) == robot.modules
             numbers = value if right else ()
         else:
             right = True

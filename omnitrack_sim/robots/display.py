@@ -53,6 +53,7 @@ class RobotDisplay:
         compared: channels with a value for each module in the figure of two runs compared.
         plots: channels that have a plot on pages.
         first_plots: those of them that are shown before the reader chooses.
+        unplotted: further channels of the robot, which have none.
         page_channels: further channels that pages need.
         columns: name and colour of each column of channels with so many columns.
         badges: bodies that a number in the colour of its column stands on.
@@ -82,6 +83,7 @@ class RobotDisplay:
         *first_plots,
         *("ctrl", "actuator_force", "actuator_velocity", "theta5", "distance", "offset"),
     )
+    unplotted: ClassVar[tuple[str, ...]] = ()
     page_channels: ClassVar[tuple[str, ...]] = ("gear",)
     columns: ClassVar[tuple[tuple[str, Colour], ...]] = ()
     badges: ClassVar[tuple[str, ...]] = ()

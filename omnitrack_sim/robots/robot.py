@@ -20,7 +20,8 @@ from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly, Passage, Port
-from omnitrack_sim.record.channels import COMMON, Channel, SingularRange
+from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
@@ -75,7 +76,8 @@ class Robot(Sized, ABC):
         rolls: it has modules that roll, which ``start.roll_deg`` is for.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
         tether: that it drags along; None: it has none.
-        slips: its metrics have the slip without load, which takes a short run of its own.
+        modules: number of its alike parts, numbered from 1, that its metrics ``per_module`` have a
+            value of each of; 0: it has none.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
 
@@ -107,7 +109,7 @@ class Robot(Sized, ABC):
     rolls: ClassVar[bool] = False
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
-    slips: ClassVar[bool] = False
+    modules: ClassVar[int] = 0
     own_values: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

@@ -263,7 +263,7 @@ def _contact_force(run: Run) -> float:
     # Bodies of other robots, modules of the package's own.
     name = "wall_force" if "wall_force" in run.trajectory else "normal_force"
     # The first sample is of the seat, in which the chassis is held where a nominal bore has it.
-    return float(np.nan_to_num(run.trajectory[name][1:]).max(initial=0.0))
+    return float(np.fmax.reduce(run.trajectory[name][1:], axis=None, initial=0.0))
 
 
 CONTACT_FORCE = Metric(

@@ -13,7 +13,7 @@ from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, direction_of
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.channels import SingularRange
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.show.plots.style import chart, figure_bytes, page
 from omnitrack_sim.show.plots.success import (

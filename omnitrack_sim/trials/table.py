@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -159,6 +160,14 @@ def to_json(data: Any) -> bytes:
 def numbers_of(table: pa.Table, name: str) -> Array:
     """Return the numbers in a column of a table; NaN where it has none."""
     return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
+
+
+def metric_columns(table: pa.Table, name: str) -> list[str]:
+    """Return the column of a metric, or those of the modules that it has a value of each of."""
+    if name in table.column_names:
+        return [name]
+    own = (f"{name}_{i}" for i in itertools.count(1))
+    return list(itertools.takewhile(set(table.column_names).__contains__, own))
 
 
 def passed_of(table: pa.Table) -> Array:

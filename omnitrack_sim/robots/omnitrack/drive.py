@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
 from omnitrack_sim.base.rotations import Array, ordered_sum, set_rows
-from omnitrack_sim.record.channels import MODULE_COUNT
+from omnitrack_sim.robots.omnitrack.channels import MODULES
 from omnitrack_sim.robots.omnitrack.motors import Motor
 
 _NOTHING = 1e-9
@@ -54,8 +54,8 @@ class Drive:
 
     def __post_init__(self) -> None:
         matrix = self.matrix
-        if matrix.ndim != 2 or matrix.shape[1] != MODULE_COUNT or not np.isfinite(matrix).all():
-            raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULE_COUNT} numbers")
+        if matrix.ndim != 2 or matrix.shape[1] != MODULES or not np.isfinite(matrix).all():
+            raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULES} numbers")
         # Motors of the same motion would leave it undecided which of them gives how much force.
         if np.linalg.matrix_rank(matrix) < len(matrix):
             raise ValueError(f"gears of drive {self.name!r}: its motors are not independent")
@@ -75,12 +75,12 @@ class Drive:
     @property
     def steers(self) -> bool:
         """True if the belts can be given three independent speeds."""
-        return self.motors == MODULE_COUNT
+        return self.motors == MODULES
 
     @cached_property
     def direct(self) -> bool:
         """True if motor i drives belt i and nothing else."""
-        return np.array_equal(self.matrix, np.eye(MODULE_COUNT))
+        return np.array_equal(self.matrix, np.eye(MODULES))
 
     @property
     def strength(self) -> Array:
@@ -100,7 +100,7 @@ class Drive:
         """Projection (3, 3) of the belts' speeds onto those with all motors at rest."""
         # pinv(B) B projects onto the motions that turn a motor; the rest is what the gears leave
         # free.
-        free = np.eye(MODULE_COUNT) - np.linalg.pinv(self.matrix) @ self.matrix
+        free = np.eye(MODULES) - np.linalg.pinv(self.matrix) @ self.matrix
         return np.where(np.abs(free) > _NOTHING, free, 0.0)
 
     @cached_property

@@ -15,13 +15,15 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
-from omnitrack_sim.record.trajectory import JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
@@ -42,7 +44,11 @@ if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
     from omnitrack_sim.robots.plant import Start
 
-MODULES = 3
+JOINTS_OF_A_MODULE = (
+    *("slide", "pitch", "roll", "belt_upper", "belt_lower"),
+    *("sprocket_front", "sprocket_rear"),
+)
+"""Names of a module's joints in the model, before an underscore and the module's number."""
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
 
@@ -81,7 +87,7 @@ class Omnitrack(Robot):
     kind: ClassVar[str] = "omnitrack"
     colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
     rolls: ClassVar[bool] = True
-    slips: ClassVar[bool] = True
+    modules: ClassVar[int] = MODULES
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
@@ -556,12 +562,13 @@ class Omnitrack(Robot):
 
     def touch(self, trajectory: Trajectory) -> Touch:
         """See ``Robot``."""
+        run = self.run_record(trajectory, math.nan, math.nan)
         return Touch(
             trajectory["contact_count"].sum(axis=-1) > 0,
             trajectory["normal_force"],
             trajectory["slip_velocity"],
             trajectory["slip_ratio"],
-            trajectory["motor_torque"] * trajectory["belt_speed"] / self.lug_radius,
+            run.power / run.efficiency,
         )
 
     def advice(self, outcome: Outcome) -> str:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, ordered_sum
-from omnitrack_sim.record.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.sensor import Sensor, State

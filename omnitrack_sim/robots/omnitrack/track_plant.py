@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import TRACKS, Channel
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
@@ -26,6 +26,7 @@ from omnitrack_sim.robots.omnitrack.body import (
     friction_tendons,
     spring_free_length,
 )
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.base.text import shown
-from omnitrack_sim.record.channels import CHANNELS, Channel
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Event, Rolled
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 
 
 class Command(NamedTuple):
