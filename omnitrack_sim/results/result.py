@@ -332,15 +332,16 @@ def load_result(directory: str | Path) -> Result:
     folder = whole(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
-        events = [event_of(table) for table in summary.events]
-        # The fields of a damaged file may be of any type, which shows when the text is made.
-        _ = [str(event) for event in events]
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
         # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
     with reading(folder / RESULT_FILE):
+        # Only now: kinds of events of the robot are known once its class is.
+        events = [event_of(table) for table in summary.events]
+        # The fields of a damaged file may be of any type, which shows when the text is made.
+        _ = [str(event) for event in events]
         _check_metrics(summary.metrics, scenario.robot)
     explored = None
     if scenario.exploration is not None:

@@ -34,7 +34,7 @@ from omnitrack_sim.robots.control import (
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
+from omnitrack_sim.sim.builder import each, settings_of, start_of
 from omnitrack_sim.sim.ending import Ending
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
@@ -425,7 +425,7 @@ class Simulation:
         """The result of a robot that slips by ``slip`` m/s without load."""
         scenario, ending = self.scenarios[robot], self.endings[robot]
         assert ending is not None
-        run = scenario.robot.run_record(trajectory, slip, slip_excess(scenario))
+        run = scenario.robot.run_record(trajectory, slip, scenario.physics.timestep)
         values = summarise(run, (*scenario.all_metrics, *metrics))
         network = self.legs.map(robot)
         return Result(
