@@ -19,11 +19,12 @@ from samples import JOINT_POSITIONS, sample_result, sample_trajectory
 from omnitrack_sim import Result, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.channels import Channel
-from omnitrack_sim.record.events import NotAligned, Outcome
+from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
+from omnitrack_sim.robots.omnitrack.events import NotAligned
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")
 

@@ -31,6 +31,7 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.kinds import default_robot
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
@@ -202,7 +203,8 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "plots": lambda: table(("function", "draws", "takes `ax`"), rows_of_plots()),
     "outcomes": lambda: table(
-        ("outcome", "what it says"), ((f"`{one.value}`", one.advice) for one in Outcome)
+        ("outcome", "what it says"),
+        ((f"`{one.value}`", default_robot().advice(one)) for one in Outcome),
     ),
     "channels": lambda: table(
         ("channel", "unit", "shape", "frame", "tail first", "seen", "recorded", "meaning"),

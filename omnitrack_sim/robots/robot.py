@@ -254,17 +254,9 @@ class Robot(Sized, ABC):
         return math.inf
 
     @property
-    def drive_words(self) -> str:
-        """Subject of a sentence on ``top_speed``."""
+    def drive_name(self) -> str:
+        """What holds ``top_speed``, as messages name it."""
         return "the robot's drive"
-
-    def slip_excess(self, steps: float) -> float:
-        """Return the share by which slip reads too large at a time step; NaN if not measured.
-
-        Args:
-            steps: of the time step, in default ones of a robot of this size.
-        """
-        return math.nan
 
     # Control
 
@@ -347,13 +339,13 @@ class Robot(Sized, ABC):
         """Metrics of each run."""
         return COMMON_METRICS
 
-    def run_record(self, trajectory: Trajectory, no_load_slip: float, slip_excess: float) -> Run:
+    def run_record(self, trajectory: Trajectory, no_load_slip: float, timestep: float) -> Run:
         """Return what the metrics of a run are computed from.
 
         Args:
             trajectory: the record.
             no_load_slip: m/s, see ``run.no_load_slips``.
-            slip_excess: share by which slip reads too large at the run's time step.
+            timestep: s, of the physics.
         """
         return Run(trajectory, self.mass * GRAVITY)
 
@@ -368,11 +360,6 @@ class Robot(Sized, ABC):
 
     def advice(self, outcome: Outcome) -> str:
         """Return what an outcome means for a robot of this kind, and what to try."""
-        if outcome is Outcome.STUCK:
-            return (
-                "The robot made no headway: look at tilt, wall force and actuator force in the "
-                "summary plot."
-            )
         return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
@@ -388,8 +375,8 @@ class Robot(Sized, ABC):
         """
         return None
 
-    def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
-        """Yield remarks on a run through bores (m) before it begins."""
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
+        """Yield remarks on a run through bores (m), with a time step (s), before it begins."""
         return iter(())
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
