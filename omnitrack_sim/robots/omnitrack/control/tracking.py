@@ -26,8 +26,7 @@ from omnitrack_sim.robots.omnitrack.control.orientation import (
     preferred_theta5,
 )
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, module_speeds
-from omnitrack_sim.robots.robot import GRAVITY
-from omnitrack_sim.robots.size import REFERENCE_BORE
+from omnitrack_sim.robots.size import GRAVITY, REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
