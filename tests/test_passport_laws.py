@@ -13,6 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.towns.features import FEATURES, kind_of, shape_of, slopes_of
 from omnitrack_sim.towns.passage_model import KindTrials
+from omnitrack_sim.towns.passport_plan import _pipes
 from omnitrack_sim.towns.regression import fit, fit_with_best_priors
 
 Z = norm.ppf(0.975)
@@ -351,6 +352,65 @@ def test_features_by_hand():
         assert shape_of(way, 0.16) == pytest.approx(shape, abs=1e-9), (table, ports)
         assert slopes_of(way, 0 * down) == (0, 0, 0)
         assert shape_of(way, 0.32)[2] == pytest.approx(shape[2] / 2)
+
+
+TURNS = {
+    "straight": [0, 0, 0],
+    "elbow": [6, 30, 45, 90, 90, 90, 90, 90, 90, 150],
+    "mitre": [3, 8, 22.5, 45, 90],
+    "reducer": [0, 0],
+    "tee, run to branch": [90, 90, 90],
+    "tee, branch to run": [90, 90, 90],
+    "tee, over the run": [0, 0, 0],
+    "wye, run to branch": [35, 70, 70, 110, 145],
+    "wye, branch to run": [35, 70, 110, 110, 145],
+    "wye, over the run": [0, 0],
+    "cross, run to branch": [60, 90, 120],
+    "cross, branch to run": [60, 90, 120],
+    "cross, over the run": [0],
+    "cross, across the run": [0],
+}
+
+
+def test_the_courses_are_those_that_a_passport_promises():
+    """49, of which each has one fitting between straights, as far as robots pass them: sharp and
+    wide elbows, acute and obtuse branches, one of them narrower, reducers to both sides, and the
+    commonest ways in bores 5 % too small and too large."""
+    tried = {}
+    for name, pipes in _pipes():
+        assert len(pipes) in (1, 3), name
+        assert {lead["kind"] for lead in pipes[::2]} == {"straight"}
+        middle = pipes[len(pipes) // 2] | {"name": "p"}
+        ports = middle.pop("enter", "start"), middle.pop("leave", "end")
+        network = ot.Network(fittings=[{"inner_diameter": 1.0, **middle}])
+        way = Passage.of(network.pipes, (0, *ports))
+        tried.setdefault(kind_of(way), []).append(shape_of(way, 1.0))
+    shapes = {kind: np.array(sorted(own)).T for kind, own in tried.items()}
+    assert {kind: own[0].round(6).tolist() for kind, own in shapes.items()} == TURNS
+    assert len({name for name, _ in _pipes()}) == sum(map(len, TURNS.values())) == 49
+    for kind, low, high in (
+        ("elbow", 1 / 3, 1 / 0.6),  # bore over bend radius
+        ("reducer", -0.05, 0.05),
+        ("wye, run to branch", 0.0, 0.1),
+        ("wye, branch to run", -1 / 9, 0.0),
+    ):
+        assert (shapes[kind][1].min(), shapes[kind][1].max()) == pytest.approx((low, high))
+    for kind in ("straight", "elbow", *(kind for kind in TURNS if kind.startswith("tee"))):
+        assert sorted({*shapes[kind][2]}) == pytest.approx([0.95, 1.0, 1.05]), kind
+
+
+def test_the_passport_that_comes_along_knows_every_kind_of_way():
+    """It is read by its name, has 16 trials of each course, and says something at the middle of
+    each kind."""
+    made = ot.load_passport("omnitrack")
+    counts = {name: len(kind.passed) for name, kind in made.kinds.items()}
+    assert counts == {name: 16 * len(turns) for name, turns in TURNS.items()}
+    for name, kind in made.kinds.items():
+        middle = (kind.bounds[0] + kind.bounds[1]) / 2
+        near = kind.points[np.argmin(np.abs(kind.points - middle).sum(axis=1))]
+        said = made.estimate(name, near)
+        assert said.is_known.all(), name
+        assert 0 < said.low[0] < said.probability[0] < said.high[0] < 1, name
 
 
 def test_a_passport_takes_the_straights_off_what_a_fitting_cost():

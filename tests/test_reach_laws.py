@@ -412,6 +412,66 @@ def test_in_a_town_of_twenty_parts_runs_drawn_at_random_say_the_same(battery):
     assert sum(limited) >= 3  # by the battery, more or less
 
 
+def test_progress_goes_from_nothing_to_one_and_says_at_what_it_is():
+    """First over the estimates, then from opening to opening, never back."""
+    told = []
+    mapped(openings=OPEN, progress=lambda part, text: told.append((part, text)))
+    parts = [part for part, _ in told]
+    assert parts == sorted(parts)
+    assert parts[0] == 0
+    assert max(part for part, text in told if text == "estimates") == 0.5
+    assert [text for _, text in told[-2:]] == ["from A.start", "from B.end"]
+    assert parts[-2:] == [0.5, 0.75]
+
+
+def ladder(rungs):
+    """Two rails of tees, whose neighbours' branches are joined by rungs: loops."""
+    fittings, joints = [], []
+    for rail in "ab":
+        for k in range(rungs + 1):
+            fittings.append({"name": f"{rail}{k}", "kind": "straight", "length": 0.5 + 0.1 * k})
+            if k < rungs:
+                fittings.append({"name": f"t{rail}{k}", "kind": "tee"})
+                joints.append({"ports": (f"{rail}{k}.end", f"t{rail}{k}.run_start")})
+                joints.append({"ports": (f"t{rail}{k}.run_end", f"{rail}{k + 1}.start")})
+    for k in range(rungs):
+        fittings.append({"name": f"r{k}", "kind": "straight", "length": 0.6})
+        joints += [{"ports": (f"ta{k}.branch", f"r{k}.start")}]
+        joints += [{"ports": (f"r{k}.end", f"tb{k}.branch")}]
+    return ot.Network(fittings=fittings, joints=joints)
+
+
+@pytest.mark.parametrize("run", [0.5, 0.97, 1.0])
+def test_in_loops_the_surest_way_is_taken_and_of_ways_as_sure_the_shortest(run):
+    """Of all ways that pass no part twice: round by the rungs, where the run of a tee is passed
+    more seldom than two branches, and straight on where it is not."""
+
+    def law(kind, **_):
+        chance = {"straight": 0.99, "tee, over the run": run}.get(kind, 0.9 if run < 1 else 1.0)
+        return {"probability": chance}
+
+    network, passport = ladder(3), Stated(ROBOT, {}, {}, law=law)
+    reach, parts = ot.map_reach(network, passport, ["a0.start"]), network.pipes.parts
+    detours = 0
+    for i, ways in simple_ways(network, "a0.start").items():
+        passages = [[Passage.of(network.pipes, edge) for edge in way] for way in ways]
+        chances = [
+            0.99
+            * math.prod(law(kind_of(p))["probability"] for p in way if kind_of(p) != "straight")
+            for way in passages
+        ]
+        lengths = [sum(p.length for p in way) for way in passages]
+        surest = max(chances)
+        shortest = min(
+            n for n, chance in zip(lengths, chances, strict=True) if chance > surest - 1e-9
+        )
+        assert reach.parts[i].probability == pytest.approx(surest), parts[i].name
+        taken = ways.index(list(reach.paths[parts[i].name]))
+        assert lengths[taken] == pytest.approx(shortest)
+        detours += lengths[taken] > min(lengths) + 0.1
+    assert (detours > 2) == (run == 0.5)
+
+
 def test_a_page_runs_nothing_that_a_name_says():
     """Names of pipes, parts and openings stay text: the page has the two script tags of its own and
     no tag of theirs, and says each name as it is."""
@@ -476,3 +536,41 @@ def test_the_page_and_the_summary_say_what_the_map_says():
     )
     (_, _, row) = json.loads(re.search("const rows = (.*), heads", _page(reach))[1])
     assert row == ["B", "straight", "3.00 m", "no", *[""] * 5, "unknown: no trials of elbow (e)"]
+
+
+def test_pictures_show_all_pipes_in_true_proportion_and_where_the_robot_goes_in():
+    """From above, or of a town that is taller than wide the larger elevation; every pipe lies
+    within, coloured by its chance, and an opening is marked where it is."""
+    level, tall, aside = (0, 1, 0), (1, 0, 0), {"axis": (0, 1, 0), "turn_deg": 90}
+    for place, columns in (({"axis": level}, "xy"), ({"axis": tall}, "xz"), (aside, "yz")):
+        network = ot.Network.model_validate(
+            two_pipes().model_dump(mode="json") | {"place": {"position": (7, 8, 9)} | place}
+        )
+        passport = Stated(ROBOT, {}, {}, law=slope)
+        reach = ot.map_reach(network, passport, ["A.start", "e"], friction=(0.8, 0.8))
+        (axes, *_) = ot.plot_reach(reach).axes
+        assert (axes.get_xlabel(), axes.get_ylabel()) == tuple(f"{name} [m]" for name in columns)
+        assert axes.get_aspect() == 1
+        plane = ["xyz".index(name) for name in columns]
+        lines = [line for part in network.pipes.parts for line in part.polylines()]
+        points = np.concatenate(lines)[:, plane]
+        low, high = points.min(axis=0), points.max(axis=0)
+        limits = np.array([axes.get_xlim(), axes.get_ylim()])
+        assert (limits[:, 0] < low - 0.05).all()
+        assert (limits[:, 1] > high + 0.05).all()
+        reached = axes.collections[-1]
+        assert sorted(reached.get_array()) == sorted(part.probability for part in reach.parts)
+        assert reached.get_clim() == (0, 1)
+        pairs = zip(axes.texts, axes.lines, strict=True)
+        marks = {text.get_text(): mark.get_xydata()[0] for text, mark in pairs}
+        assert marks["A.start"] == pytest.approx(np.array([7.0, 8.0, 9.0])[plane])
+        assert marks["e"] == pytest.approx(lines[1].mean(axis=0)[plane])
+        left, top, width, height = map(float, re.search('viewBox="(.*?)"', _page(reach))[1].split())
+        margin = 0.06 * (high - low).max()
+        assert (left, left + width) == pytest.approx((low[0] - margin, high[0] + margin), abs=0.01)
+        assert (-top - height, -top) == pytest.approx((low[1] - margin, high[1] + margin), abs=0.01)
+        drawn = re.findall('data-i="(.)" points="(.*?)"', _page(reach))
+        assert [int(row) for row, _ in drawn] == sorted(range(3), key=lambda i: reach.parts[i][3])
+        for row, line in drawn:
+            there = np.array([[float(x) for x in point.split(",")] for point in line.split()])
+            assert there * [1, -1] == pytest.approx(lines[int(row)][:, plane], abs=1e-3)
