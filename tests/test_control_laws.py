@@ -18,7 +18,8 @@ from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.robots.omnitrack.control.orientation import AIMS, orientation_error
-from omnitrack_sim.robots.omnitrack.control.tracking import Lean, Tracking
+from omnitrack_sim.robots.omnitrack.control.sway import Lean
+from omnitrack_sim.robots.omnitrack.control.tracking import Tracking
 from omnitrack_sim.robots.omnitrack.events import Rolled
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle

@@ -16,7 +16,7 @@ from omnitrack_sim.record.events import EndInspected, ExplorationComplete, Explo
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from driving.unknown import LOOPS, loop, tree
+from explorations import LOOPS, loop, tree
 
 TRAVEL = 3.5
 """Exploration travel budget, in network lengths."""

@@ -91,7 +91,12 @@ def figure(metric: Metric, trajectory: Trajectory, robot: Any = ROBOT) -> Any:
     run = robot.run_record(trajectory, 0.007, 0.004 * math.sqrt(robot.length_scale))
     if metric not in METRICS:
         run = Run(trajectory, 9.81)
-    return summarise(run, [metric])[metric.name]
+    value: Any = summarise(run, [metric])[metric.name]
+    several = value.values() if isinstance(value, dict) else np.ravel(value).tolist()
+    # Files hold plain numbers.
+    assert isinstance(value, float | list | dict)
+    assert all(type(one) is float for one in several), metric.name
+    return value
 
 
 class Of(NamedTuple):
@@ -189,10 +194,12 @@ FLAGS = ("time_at_limit_s", "stall_time_s", "contact_fraction")
 
 
 def impulses(part: Callable[[Array], Array]) -> list[tuple[Array, Array]]:
-    """Values (T,) that are 1 in one sample, or -1 where they may be; and weights of the samples."""
+    """Values (T,) of 1 in one sample, of -1 in one or in turns where they may be; and weights."""
     weights = np.convolve(np.diff(TIME), [0.5, 0.5])  # of the trapezoidal rule
-    signs = (1.0,) if part is np.positive else (1.0, -1.0)
-    return [(sign * one, weights) for one in np.eye(T) for sign in signs]
+    single = [*np.eye(T)]
+    if part is not np.positive:
+        single += [*-np.eye(T), (-1.0) ** np.arange(T)]
+    return [(values, weights) for values in single]
 
 
 def check(metric: Metric, law: Of, values: Array, expected: float) -> None:
@@ -218,7 +225,7 @@ def test_extremes_are_found_in_any_sample() -> None:
     """The largest value counts once, be it in the first or the last sample, and with its size where
     it may be negative."""
     for metric, law in EXTREMES.items():
-        for values, _ in impulses(law.part):
+        for values, _ in impulses(law.part)[: 2 * T]:
             check(metric, law, values, 1.0)
 
 
@@ -410,6 +417,26 @@ def test_energy_is_that_of_the_motors_whatever_the_gears(drive: ot.Drive, monkey
         assert figure(BELTS["energy_j"], trajectory, robot) == expected
         passages = timeline(trajectory, [route], robot.touch(trajectory))
         assert sum(one.energy_j for one in passages) == expected
+
+
+LIMITS = (
+    (ot.DRIVES["three_motors"], (1.0, 1.0, 1.0)),
+    (ot.DRIVES["differential"], (1.0, 1.0, 1.0)),
+    (PAIR, (1.5, 0.75, 0.75)),
+    (OPPOSED, (2.0, 0.0, 1.0)),
+)
+
+
+@pytest.mark.parametrize(("drive", "limits"), LIMITS, ids=lambda one: getattr(one, "name", ""))
+def test_a_belt_is_at_its_limit_where_its_motors_can_give_no_more(drive, limits, monkeypatch):
+    """The limits of drives by hand: just below 99 % no belt counts, just above each does."""
+    monkeypatch.setitem(ot.DRIVES, drive.name, drive)
+    robot = ot.Omnitrack(motor=MOTOR, drive=drive.name)
+    for part, seconds in ((0.985, 0.0), (0.995, SECONDS)):
+        torque = np.tile(part * LIMIT * np.array(limits), (T, 1))
+        found = figure(BELTS["time_at_limit_s"], record(motor_torque=torque), robot)
+        driven = np.array(limits) > 0
+        assert np.array(found)[driven] == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize("kind", ["presser", "screw"])

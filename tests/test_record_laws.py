@@ -18,6 +18,7 @@ from omnitrack_sim.pipes import Route
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
 from omnitrack_sim.record.timeline import Touch, running_mean, timeline
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.plant import TOUCH, _model_sensors, compiled
 from omnitrack_sim.robots.sensor import State
 
@@ -58,7 +59,9 @@ def route() -> Route:
 
 def record(route: Route, places: Array, **channels: Array) -> Trajectory:
     """A robot at places (T,) m of a route."""
-    return Trajectory(TIME, drive(route, places) | channels, ("cruise",), np.zeros((T, 28)))
+    return Trajectory(
+        TIME, drive(route, places) | channels, ("cruise",), np.zeros((T, 28)), RECORDED
+    )
 
 
 def touch(power: Array, speed: Array, force: Array, ratio: Array | None = None) -> Touch:

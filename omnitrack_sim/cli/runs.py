@@ -109,8 +109,7 @@ def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> No
 def print_result(result: ot.Result, target: Path) -> None:
     """Print outcome, events and figures of a run, and where it was saved."""
     colour = "green" if result.success else "yellow"
-    advice = result.scenario.robot.advice(result.outcome)
-    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(advice)}")
+    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(result.advice)}")
     out.say(f"  {plain(result.reason)}")
     for event in result.events:
         out.say(f"  {plain(str(event))}")

@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,7 +22,7 @@ from omnitrack_sim.base.errors import Fault, InputError, NetworkError, OutputErr
 from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.reading import table_of
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import shown, strict_json
+from omnitrack_sim.base.text import counted, shown, strict_json
 from omnitrack_sim.base.writing import whole, whole_folder
 from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
@@ -101,9 +102,9 @@ class Result:
     def _repr_html_(self) -> str:
         """Return the outcome, headline figures, a small picture and the events, for a notebook."""
         colour = "#1a7f4b" if self.success else "#c8322b"
-        outcome = safe(self.outcome.value.replace("_", " "))
         head = (
-            f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>{outcome}</b> after "
+            f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>"
+            f"{safe(self.ending)}</b> after "
             f"{self.duration_s:.2f} s<br>{safe(self.reason)}</p>"
         )
         known = [metric for metric in self.scenario.robot.metrics if metric.name in _HEADLINE]
@@ -122,6 +123,36 @@ class Result:
     def success(self) -> bool:
         """True if the robot reached the goal."""
         return self.outcome is Outcome.REACHED_GOAL
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """Parts of the network that are not on the map of a robot that is back from exploring.
+
+        Who searches for goals has no need of a whole map.
+        """
+        mission = self.scenario.mission
+        if not self.success or mission is None or mission.task == "find":
+            return ()
+        difference = self.map_difference()
+        return () if difference is None else difference.missing
+
+    @property
+    def ending(self) -> str:
+        """The outcome in words, and how many parts are missing from the map where some are."""
+        words = self.outcome.value.replace("_", " ")
+        return (
+            f"{words}, {counted(len(self.missing), 'part')} not mapped" if self.missing else words
+        )
+
+    @property
+    def advice(self) -> str:
+        """What happened and what to try."""
+        if not self.missing:
+            return self.scenario.robot.advice(self.outcome)
+        return (
+            f"The robot is back at the start, but its map lacks {', '.join(self.missing)}, and it "
+            "says so: the reason has what it left unexplored, and why."
+        )
 
     @property
     def as_expected(self) -> bool | None:
@@ -215,7 +246,7 @@ class Result:
         return {
             "name": self.scenario.name,
             "outcome": self.outcome.value,
-            "advice": self.scenario.robot.advice(self.outcome),
+            "advice": self.advice,
             "reason": self.reason,
             "success": self.success,
             "as_expected": self.as_expected,

@@ -239,9 +239,9 @@ class RunPlayback(Playback):
         return finite(
             {
                 "name": self.name,
-                "outcome": run.outcome.value.replace("_", " "),
+                "outcome": run.ending,
                 "success": run.success,
-                "advice": run.scenario.robot.advice(run.outcome),
+                "advice": run.advice,
                 "reason": run.reason,
                 "duration": run.duration_s,
                 "figures": _figure_rows(run),

@@ -59,7 +59,7 @@ BEHIND = (
 
 def part_table(batch: Batch, results: Rows) -> pa.Table:
     """Return the rows of a batch, with its hash and provenance in the metadata."""
-    metrics = [column(name, pa.float64(), unit) for name, unit in results.units.items()]
+    metrics = [column(name, pa.float64(), unit or None) for name, unit in results.units.items()]
     # The hash makes sure that a part file is not of a batch with other values under the same name.
     metadata = {"part": batch.hash, "made_by": json.dumps(results.made_by, sort_keys=True)}
     rows = [{"model": batch.model, **row} for row in results.rows]

@@ -237,8 +237,8 @@ class TrackPlant(Plant):
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
         # back. Both runs of a chain go together, as the tie between them would pull them level.
         travel = self.qpos.take(self._belts, axis=1)
-        pitches = np.rint(travel[..., :1] / self._pitch_of_lugs) * active[:, None, None]
-        if np.count_nonzero(pitches):
+        if np.abs(travel).max() > self._pitch_of_lugs / 2:
+            pitches = np.rint(travel[..., :1] / self._pitch_of_lugs) * active[:, None, None]
             back = self._pitch_of_lugs * pitches
             self.qpos[:, self._belts] = travel - back
             if not self._drive.direct:

@@ -384,7 +384,7 @@ def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] 
 
 
 def _outcome(result: Result) -> str:
-    return f"{result.outcome.value.replace('_', ' ')} after {result.duration_s:.2f} s"
+    return f"{result.ending} after {result.duration_s:.2f} s"
 
 
 def _line_handles(result: Result, estimates: bool) -> list[Any]:

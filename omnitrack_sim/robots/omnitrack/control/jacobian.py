@@ -14,10 +14,9 @@ from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentT
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.orientation import manoeuvres
 from omnitrack_sim.robots.omnitrack.control.recovery import Recovery, RecoveryTable
+from omnitrack_sim.robots.omnitrack.control.sway import Sway, SwayTable
 from omnitrack_sim.robots.omnitrack.control.tracking import (
     SLIPPERY,
-    Sway,
-    SwayTable,
     Tracking,
     TrackingTable,
     wall_speeds,
