@@ -25,7 +25,7 @@ from omnitrack_sim.pipes.centreline import Segment
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
 from omnitrack_sim.towns.passport import Passport
