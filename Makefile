@@ -24,7 +24,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # spinning, would cost recognition a twentieth of its time.
 test test-long: export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-long quick check docs figures models bench tutorial lowest egl screen clean
+.PHONY: demo test test-long mutants quick check docs figures models bench tutorial lowest egl screen clean
 
 demo: $(PACKAGE) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
@@ -37,6 +37,12 @@ test: $(READY) egl
 
 test-long: $(READY) egl screen
 	$(PYTEST) -m long
+
+# Faults by lot, tried with the tests of `make test`: SEED=2 COUNT=100 ROOM=senses
+SEED ?= 1
+COUNT ?= 40
+mutants: $(READY)
+	$(BIN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT) $(if $(ROOM),--room $(ROOM))
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \

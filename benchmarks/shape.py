@@ -19,7 +19,7 @@ import numpy as np
 from omnitrack_sim import Conclusion, Plan, Round, Scenario, run_trials
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.trials.batches import Measure, Trial, batched, sha256_of
 from omnitrack_sim.trials.plan import Rounds
 

@@ -35,7 +35,7 @@ from omnitrack_sim import Scenario, override
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 

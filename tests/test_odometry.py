@@ -12,7 +12,7 @@ import pytest
 from documents import page
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.relocalisation import Search
+from omnitrack_sim.autonomy.relocalisation import PoseSearch
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.robots.odometry import rotation_by_sides
 from omnitrack_sim.robots.presser import BendSpeeds, Presser
@@ -233,7 +233,7 @@ def test_a_lost_robot_that_cannot_roll_steps_back_at_once(rolls):
     odometry = Blind(Presser(), 1.5 if rolls else 0.0)
     odometry.orders = []
     table = SearchTable(tries=2, look=0.5)
-    search = Search(table, odometry, 1)
+    search = PoseSearch(table, odometry, 1)
     search.reset(np.zeros(1, int), np.array([0.08]))
     command, given_up, step = ot.Actuation(np.zeros((1, 6))), np.zeros(1, bool), 0
     while not given_up[0]:

@@ -245,15 +245,20 @@ def test_no_pull_is_taken_that_was_not_tried():
 
 def test_a_friction_that_nobody_tried_counts_as_no_pass():
     """Where the passport knows the upper half of the range alone, the rest adds nothing to the
-    chances and nothing to the mean time."""
+    chances, to the times or to the battery's."""
 
     def law(kind, friction, **_):
-        known = friction > 0.7
-        return {"probability": np.where(known, 0.8, np.nan), "seconds": np.where(known, 7, np.nan)}
+        stated = slope(kind, friction, 0.0, 0.0, 0.0)
+        return {name: np.where(friction > 0.7, value, np.nan) for name, value in stated.items()}
 
-    _, made = mapped(law, friction=(0.4, 1.0))
-    assert made["A"].probability == pytest.approx(0.4)
-    assert made["A"].seconds == pytest.approx(14.0)
+    whole = mapped(supply=ot.Supply(0.15))[1]["A"]
+    _, made = mapped(law, friction=(0.4, 1.0), gravity=(0, 0, 0), supply=ot.Supply(0.15))
+    level = mapped(gravity=(0, 0, 0), supply=ot.Supply(0.15))[1]["A"]
+    assert whole != level
+    assert made["A"].probability == pytest.approx(level.probability / 2)
+    assert made["A"].back == pytest.approx(level.back / 2)
+    for name in ("seconds", "seconds_std", "energy_wh"):
+        assert getattr(made["A"], name) == pytest.approx(getattr(level, name)), name
 
 
 def test_of_two_openings_each_part_has_the_surer_and_gains_are_of_ways_back():

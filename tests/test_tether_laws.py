@@ -326,6 +326,16 @@ def test_between_dragging_and_sliding_a_line_is_a_spring_of_its_length():
     assert first - less == pytest.approx(1e-4 * most)
 
 
+def test_a_tail_at_the_opening_feels_the_reel_alone():
+    """None is out there, nor where the robot slides out; and what comes in again pays it out."""
+    tether = ot.Tether(weight=2.0, friction=0.5, tension=5.0)
+    tethers, _, _ = stood(tether, [route(line(10.0, X))])
+    tethers.reset(np.zeros(1, int), np.array([0.0]))
+    for tail, out in ((0.0, 0.0), (-0.05, 0.0), (-0.001, 0.0), (0.3, 0.3)):
+        assert tethers.pull(np.array([tail])) == pytest.approx(5.0 + out)
+        assert tethers.out[0] == pytest.approx(out)
+
+
 def test_a_line_that_is_used_up_adds_the_stretch_of_all_of_it():
     """To the tension that is there anyway, by EA / L for each metre more."""
     tether = ot.Tether(weight=2.0, friction=0.5, tension=5.0, stiffness=40.0, length=3.0)

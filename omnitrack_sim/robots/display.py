@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -25,9 +25,11 @@ from omnitrack_sim.record.display import (
 )
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.plant import initial_state
-from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot
 
 HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -32,10 +32,12 @@ from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel, Display
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
-from omnitrack_sim.robots.robot import Robot, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot, SceneOptions
 
 WALLS = "wall_"
 """Names of the geoms of pipes begin like this."""

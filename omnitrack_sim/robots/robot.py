@@ -28,7 +28,7 @@ from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller, OwnController
 from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity
-from omnitrack_sim.robots.size import Sized
+from omnitrack_sim.robots.size import GRAVITY, Sized
 from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.odometry import Odometry
     from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-
-GRAVITY = 9.81
-"""Weight of a mass, N/kg, where a figure of a robot asks for it."""
 
 
 @dataclass(frozen=True)

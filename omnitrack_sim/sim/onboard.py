@@ -14,7 +14,7 @@ from omnitrack_sim.autonomy.camera_sight import CameraSight, behind_lens
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.own_maps import OwnMaps, bends_otherwise, shift_of_part
 from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
-from omnitrack_sim.autonomy.relocalisation import Relocaliser, Search
+from omnitrack_sim.autonomy.relocalisation import PoseSearch, Relocaliser
 from omnitrack_sim.autonomy.sight import Look, Sighting, is_right
 from omnitrack_sim.base.rotations import (
     Array,
@@ -74,7 +74,7 @@ class Onboard:
             table, self._odometry, mount, self._maps.walls, self._maps.which, period
         )
         self._relocaliser = Relocaliser(legs.routes, first.robot, self.localiser)
-        self._search = Search(table.search, self._odometry, n)
+        self._search = PoseSearch(table.search, self._odometry, n)
         self._proprioception = Proprioception(table, self._odometry, period, state)
         self._check = OdometryCheck(type(self._odometry).__name__, first.robot.length / 4, state)
         self._remarks: list[Event] = []

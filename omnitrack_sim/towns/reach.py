@@ -25,7 +25,7 @@ from omnitrack_sim.pipes.centreline import Segment
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
 from omnitrack_sim.towns.passport import Passport
@@ -608,8 +608,8 @@ class _Planner:
         own, own_back = (supply.energy(*costs) for costs in np.sqrt(label.variances))
         variance = own**2 + (0.01 * energy) ** 2
         variance_back = variance + own_back**2 + (0.01 * back) ** 2
-        enough = ndtr((supply.battery_wh - energy) / np.sqrt(variance))
-        enough_back = ndtr((supply.battery_wh - energy - back) / np.sqrt(variance_back))
+        enough = _chance(supply.battery_wh - energy, variance)
+        enough_back = _chance(supply.battery_wh - energy - back, variance_back)
         there = np.exp(label.logs)
         probability = float(np.mean(there * enough))
         returned = there * np.exp(label.fittings[1] + label.straights[1]) * enough_back
@@ -646,6 +646,12 @@ def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:
         path, edge = path
         edges.append(edge)
     return tuple(reversed(edges))
+
+
+def _chance(left: Array, variance: Array) -> Array:
+    """Chance that what is left of a battery, Wh, is more than nothing, by its variance, Wh²."""
+    # A way that costs nothing, or of which nothing is known, does not vary.
+    return ndtr(left / np.sqrt(np.maximum(variance, 1e-24)))
 
 
 def _log_mean(logs: Array) -> float:

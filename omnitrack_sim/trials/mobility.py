@@ -18,8 +18,8 @@ from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
-from omnitrack_sim.robots.robot import GRAVITY, Robot
-from omnitrack_sim.robots.size import REFERENCE_BORE
+from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.size import GRAVITY, REFERENCE_BORE
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis

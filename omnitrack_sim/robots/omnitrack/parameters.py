@@ -35,7 +35,8 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, Robot, SceneOptions
+from omnitrack_sim.robots.robot import Robot, SceneOptions
+from omnitrack_sim.robots.size import GRAVITY
 
 if TYPE_CHECKING:
     import mujoco

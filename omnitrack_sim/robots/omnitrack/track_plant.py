@@ -31,8 +31,9 @@ from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_comma
 from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-from omnitrack_sim.robots.robot import GRAVITY, SceneOptions
+from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
 

@@ -52,8 +52,7 @@ from omnitrack_sim.pipes.vectors import (
 from omnitrack_sim.robots.control import ControlSetup
 from omnitrack_sim.robots.omnitrack.control.sway import Lean
 from omnitrack_sim.robots.omnitrack.kinematics import MODULE_AXES, module_speed, module_speeds
-from omnitrack_sim.robots.robot import GRAVITY
-from omnitrack_sim.robots.size import REFERENCE_BORE
+from omnitrack_sim.robots.size import GRAVITY, REFERENCE_BORE
 
 LEADS = 7
 """Points of the stretch that the heading is compared with."""
