@@ -1,7 +1,10 @@
 # make demo: run the tee turn and leave results, plot, video and replay page in
 # out/tee_turn; sets up the package alone in .venv.
-# make test: run the whole test suite; adds what tests, checks and pages need. Both set up the
-# system libraries first. Another Python, or a second environment: PYTHON=python3.13 VENV=.venv-3.13
+# make test: run the tests of what the program computes, in five minutes; adds what tests, checks
+# and pages need. Both set up EGL first. Another Python, or a second environment:
+# PYTHON=python3.13 VENV=.venv-3.13
+# make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, killed
+# processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
 # make quick: run laws of every room in less than a minute.
 # make docs: build the documentation into out/site, strictly.
 # make figures: make the figures and tables of README and docs anew, hours; PARTS="NAME ..." of
@@ -19,17 +22,27 @@ EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
 unexport PYTHONDONTWRITEBYTECODE
 # Three processes have two cores: threads of NumPy's linear algebra, which wait for each other by
 # spinning, would cost recognition a twentieth of its time.
-test: export OPENBLAS_NUM_THREADS := 1
+test test-long: export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test quick check docs figures models bench tutorial lowest egl screen clean
+.PHONY: demo test test-long mutants quick check docs figures models bench tutorial lowest egl screen clean
 
 demo: $(PACKAGE) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
 	@echo "To play it, open $(CURDIR)/out/tee_turn/replay.html in a browser"
 
-# Three processes on two cores: a sixth of their time tests wait for browsers and for workers.
-test: $(READY) egl screen
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+# Three processes on two cores: some of their time tests wait for other processes.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+test: $(READY) egl
+	$(PYTEST) -m "not long"
+
+test-long: $(READY) egl screen
+	$(PYTEST) -m long
+
+# Faults by lot, tried with the tests of `make test`: SEED=2 COUNT=100 ROOM=senses
+SEED ?= 1
+COUNT ?= 40
+mutants: $(READY)
+	$(BIN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT) $(if $(ROOM),--room $(ROOM))
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \

@@ -2,31 +2,28 @@
 
 python benchmarks/contact_forces.py [--trials N] [--networks N] [--workers N] [--seed S]
 
-Turns, merges, elbows (90 mm and 240 mm radius in turn) and wyes (every way through 45, 60 and 75
-degrees in turn): any start orientation, any direction of gravity, friction 0.5 to 1.0, preload 15
-to 35 N a module, by the default controller with its retries. Random networks of 6 to 12 fittings:
-friction 0.6 to 1.0, the default preload. Forces are the normal forces of a module in all samples,
-in preloads of the run; an arm's travel beyond its stop is that of the worst sample.
+Drawn are turns, merges, elbows (90 mm and 240 mm radius in turn) and wyes (every way through 45, 60
+and 75 degrees in turn): any start orientation, any direction of gravity, friction 0.5 to 1.0,
+preload 15 to 35 N a module; and random networks of 6 to 12 fittings: friction 0.6 to 1.0, the
+default preload. They are run by the default controller with its retries. Printed are the normal
+forces of a module in all samples, in preloads of the run; an arm's travel beyond its stop is that
+of the worst sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from missions import random_mission
-from shape import Arguments, random_gravity, run_tasks, table
+from shape import Arguments, Row, Trials, random_gravity, rate, table
 from wye import WAYS, Cell
 from wye import trial as wye_trial
 
-from omnitrack_sim import Scenario, load_scenario, override, run_batch
-from omnitrack_sim.record.statistics import rate_text
+from omnitrack_sim import Result, Scenario, load_scenario, override
 from omnitrack_sim.robots.omnitrack.parameters import MAX_PRELOADS
 
-SIMILAR = 24
-"""Runs of a batch."""
 WYES = [Cell(way, angle) for angle, way in product((45.0, 60.0, 75.0), WAYS) if way != "across"]
 SHIPPED = {
     "turn": ("tee_turn",),
@@ -36,24 +33,8 @@ SHIPPED = {
 KINDS = (*SHIPPED, "wye", "network")
 
 
-class Extremes(NamedTuple):
-    """Extremes of one run.
-
-    Attributes:
-        passed: it reached its goal.
-        preloads: largest force, in preloads of the run.
-        force: the same, N.
-        beyond: largest travel of an arm beyond its stops, mm.
-    """
-
-    passed: bool
-    preloads: float
-    force: float
-    beyond: float
-
-
 def scenario(kind: str, number: int, seed: int) -> Scenario:
-    """Run ``number`` of a kind; its draw depends on nothing else than the seed."""
+    """Draw run ``number`` of a kind; its draw depends on nothing else than the seed."""
     rng = np.random.default_rng([seed, KINDS.index(kind), number])
     if kind == "network":
         return random_mission(10_000 * seed + number, friction_range=(0.6, 1.0))
@@ -70,38 +51,27 @@ def scenario(kind: str, number: int, seed: int) -> Scenario:
     return override(load_scenario(names[number % len(names)]), draw)
 
 
-def extremes(task: tuple[str, range, int]) -> list[Extremes]:
-    """Run some numbers of a kind."""
-    kind, numbers, seed = task
-    runs = []
-    for result in run_batch([scenario(kind, i, seed) for i in numbers], threads=1, no_load=False):
-        robot, trajectory = result.scenario.robot, result.trajectory
-        low, high = robot.slide_range
-        slide, force = trajectory["slide"], float(trajectory["normal_force"].max())
-        beyond = 1e3 * max(0.0, float((slide - high).max()), float((low - slide).max()))
-        runs.append(Extremes(result.success, force / robot.preload, force, beyond))
-    return runs
+def extremes(result: Result) -> dict[str, float]:
+    """Return the largest force, N and in preloads, and an arm's travel beyond its stop, mm."""
+    robot, trajectory = result.scenario.robot, result.trajectory
+    low, high = robot.slide_range
+    slide, force = trajectory["slide"], float(trajectory["normal_force"].max())
+    beyond = 1e3 * max(0.0, float((slide - high).max()), float((low - slide).max()))
+    return {"force": force, "preloads": force / robot.preload, "beyond": beyond}
 
 
-def tasks(trials: int, networks: int, seed: int) -> Iterator[tuple[str, range, int]]:
-    """Batches of similar runs; a network is a batch of its own, as no two share their walls."""
-    for kind in KINDS:
-        count, size = (networks, 1) if kind == "network" else (trials, SIMILAR)
-        for first in range(0, count, size):
-            yield kind, range(first, min(count, first + size)), seed
-
-
-def row(kind: str, runs: Sequence[Extremes]) -> list[str]:
+def row(kind: str, runs: Sequence[Row]) -> list[str]:
     """Return a row of the table."""
-    passed = [run for run in runs if run.passed]
-    over = [sum(run.preloads > MAX_PRELOADS for run in group) for group in (passed, runs)]
+    passed = [run for run in runs if run["success"]]
+    over = [sum(run["preloads"] > MAX_PRELOADS for run in group) for group in (passed, runs)]
+    largest = {name: max(run[name] for run in runs) for name in ("preloads", "force", "beyond")}
     return [
         kind,
-        rate_text(len(passed), len(runs)),
-        f"{max((run.preloads for run in passed), default=0.0):.1f}",
-        f"{max(run.preloads for run in runs):.1f}, {max(run.force for run in runs):.0f} N",
+        rate(runs),
+        f"{max((run['preloads'] for run in passed), default=0.0):.1f}",
+        f"{largest['preloads']:.1f}, {largest['force']:.0f} N",
         f"{over[0]}, {over[1] - over[0]}",
-        f"{max(run.beyond for run in runs):.1f}",
+        f"{largest['beyond']:.1f}",
     ]
 
 
@@ -120,10 +90,9 @@ def main() -> None:
     arguments = Arguments(__doc__, trials=500, seed=61, workers=True)
     arguments.add_argument("--networks", type=int, default=200, help="random networks")
     given = arguments.read()
-    work = list(tasks(given.trials, given.networks, given.seed))
-    runs: dict[str, list[Extremes]] = {}
-    for (kind, *_), batch in zip(work, run_tasks(extremes, work, given.workers), strict=True):
-        runs.setdefault(kind, []).extend(batch)
+    counts = dict.fromkeys(KINDS, given.trials) | {"network": given.networks}
+    drawn = {kind: [scenario(kind, i, given.seed) for i in range(n)] for kind, n in counts.items()}
+    runs = Trials("contact_forces", drawn, measure=extremes).run(given.workers)
     table("forces", HEADS, (row(*one) for one in runs.items()))
 
 

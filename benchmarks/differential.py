@@ -2,18 +2,17 @@
 
 python benchmarks/differential.py [--quick] [--workers N] [--figures FOLDER]
 
-Every cell of the tables is one batch, without
-retry: start orientations over 120 degrees, 20 or in the tee turn 10 degrees apart, and gravity in
-three directions. Robot and pipes are symmetrical, so that an orientation and its mirror image are
-one trial: no two of them are both there. The ways
-to drive are three motors at equal speed, by Eq. 20 and with feedback; one motor and a differential;
-the same with friction in its gears (limited slip); and with brakes on its outputs that steer
-(scenarios/scripts/brake_steering.py). In elbows the robot is not rolled first; in tees it is, if
-the row does not say otherwise.
+Drawn is a cell for each place, way to drive and friction: start orientations over 120 degrees, 20
+or in the tee turn 10 degrees apart, and gravity in three directions. Robot and pipes are
+symmetrical, so that an orientation and its mirror image are one trial: no two of them are both
+there. The ways to drive are three motors at equal speed, by Eq. 20 and with feedback; one motor and
+a differential; the same with friction in its gears (limited slip); and with brakes on its outputs
+that steer (scenarios/scripts/brake_steering.py). All run without retry; in elbows the robot is not
+rolled first, in tees it is, if the row does not say otherwise.
 
-Prints medians over the trials of a cell, with intervals of 95 % by a seeded bootstrap, and success
-with Wilson's; then success by friction in elbows whose walls are slippery. --figures draws success
-by friction, and what the belts do where a module has lost its wall.
+Printed are medians over the trials of a cell, with intervals of 95 % by a seeded bootstrap, and
+success with Wilson's; then success by friction in elbows whose walls are slippery. --figures draws
+success by friction, and what the belts do where a module has lost its wall.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from shape import Arguments, endings, interval, run_tasks, table
+from shape import Arguments, Row, Trials, endings, interval, modules_of, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper.claim_figures import SERIES_COLOURS
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios" / "scripts"))
 
-from brake_steering import BRAKES, BrakeSteering
+from brake_steering import BRAKES
 
 ELBOWS = {"240 mm elbow": "elbow", "90 mm elbow": "elbow_short"}
 OVER, TURN = "straight over a tee", "tee turn"
@@ -50,7 +49,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "one motor, differential": DIFFERENTIAL,
     "the same, gear friction 0.15": DIFFERENTIAL | {"robot.gear_friction": 0.15},
     "the same, gear friction 0.5": DIFFERENTIAL | {"robot.gear_friction": 0.5},
-    "the same, brakes that steer": BRAKES,
+    "the same, brakes that steer": BRAKES | {"control.kind": "brake_steering:BrakeSteering"},
 }
 EQUAL, EQ20, FEEDBACK, ONE, LIMITED, STIFF, BRAKED = WAYS
 TABLE_WAYS = {
@@ -82,16 +81,15 @@ class Cell(NamedTuple):
     friction: float = DRY
 
 
-class Ended(NamedTuple):
-    """What came of one trial: how it ended, and its figures in the order of ``FIGURES``."""
-
-    passed: bool
-    outcome: str
-    figures: tuple[float, ...]
-
-
 FIGURES = ("slip, mm", "traction, N", "needed friction", "largest tilt", "energy, J")
 """Slip is the sum of the modules, traction the root mean square of the largest."""
+
+
+def figures(trial: Row) -> tuple[float, ...]:
+    """Return the figures of a trial, in the order of ``FIGURES``."""
+    slip, traction = (modules_of(trial, name) for name in ("slip_distance_m", "traction_rms_n"))
+    rest = trial["needed_friction"], trial["tilt_max_deg"], trial["energy_j"]
+    return (1000 * sum(slip), max(traction), *rest)
 
 
 def orientations(cell: Cell, quick: bool) -> list[float]:
@@ -116,30 +114,9 @@ def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
     ]
 
 
-def results(cell: Cell, orientations: Sequence[float]) -> list[ot.Result]:
-    """The runs of a cell, as one batch."""
-    controller = BrakeSteering if cell.way == BRAKED else None
-    scenarios = trials(cell, orientations)
-    return ot.run_batch(scenarios, threads=1, no_load=False, controller=controller)
-
-
-def drive(task: tuple[Cell, Sequence[float]]) -> list[Ended]:
-    """What came of the trials of a cell."""
-    return [ended(run) for run in results(*task)]
-
-
-def ended(result: ot.Result) -> Ended:
-    """What came of one run."""
-    metrics = {name: np.asarray(value) for name, value in result.metrics.items()}
-    figures = (
-        1000 * metrics["slip_distance_m"].sum(),
-        metrics["traction_rms_n"].max(),
-        needed_friction(result),
-        metrics["tilt_max_deg"],
-        metrics["energy_j"],
-    )
-    plain = tuple(float(value) for value in figures)
-    return Ended(result.success, result.outcome.value, plain)
+def measured(result: ot.Result) -> dict[str, float]:
+    """Return what no metric says of a run."""
+    return {"needed_friction": needed_friction(result)}
 
 
 def needed_friction(result: ot.Result) -> float:
@@ -166,34 +143,35 @@ def median(values: Sequence[float]) -> tuple[float, float, float]:
     return float(np.median(sample)), float(low), float(high)
 
 
-def row(cell: Cell, found: Sequence[Ended]) -> list[str]:
-    """Return a row of the tables of places: medians of all trials, or of none where none passed."""
-    passed = [trial.figures for trial in found if trial.passed]
+def row(cell: Cell, found: Sequence[Row]) -> list[str]:
+    """Return a row of the tables of places: medians of the trials that passed."""
+    passed = [figures(trial) for trial in found if trial["success"]]
     cells = []
     for values in zip(*passed, strict=True) if passed else ():
         middle, low, high = median(values)
         digits = 0 if middle >= 20 else 2 if middle < 1 else 1
         cells.append(f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})")
     cells = cells or ["-"] * len(FIGURES)
-    rate = f"{len(passed)} ({interval(trial.passed for trial in found)})"
-    return [cell.way, rate, *cells, endings(trial.outcome for trial in found if not trial.passed)]
+    rate = f"{len(passed)} ({interval(trial['success'] for trial in found)})"
+    failed = endings(trial["outcome"] for trial in found if not trial["success"])
+    return [cell.way, rate, *cells, failed]
 
 
-def slippery_rows(place: str, found: Mapping[Cell, Sequence[Ended]]) -> list[list[str]]:
+def slippery_rows(place: str, found: Mapping[Cell, Sequence[Row]]) -> list[list[str]]:
     """Return rows of slippery elbows, one a friction: successes and median slip by drive."""
     rows = []
     for friction in sorted({cell.friction for cell in found} - {DRY}):
         columns = [place, f"{friction:g}"]
         for way in SLIPPERY_WAYS:
             trials = found[Cell(place, way, friction)]
-            slip, *_ = median([trial.figures[0] for trial in trials])
-            columns.append(f"{sum(t.passed for t in trials)}; {slip:.0f}")
+            slip, *_ = median([figures(trial)[0] for trial in trials])
+            columns.append(f"{sum(trial['success'] for trial in trials)}; {slip:.0f}")
         rows.append(columns)
     return rows
 
 
 @style()
-def friction_figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
+def friction_figure(found: Mapping[Cell, Sequence[Row]]) -> Figure:
     """Success over friction in both elbows, with Wilson's intervals."""
     page = new_figure((8.0, 3.4), layout="constrained")
     panels = page.subplots(1, len(ELBOWS), sharey=True)
@@ -207,10 +185,10 @@ def friction_figure(found: Mapping[Cell, Sequence[Ended]]) -> Figure:
     return page
 
 
-def _rates(axes: Axes, k: int, way: str, by_friction: Mapping[float, Sequence[Ended]]) -> None:
+def _rates(axes: Axes, k: int, way: str, by_friction: Mapping[float, Sequence[Row]]) -> None:
     """The line of one way, moved a little beside the others."""
     x = np.array(list(by_friction)) + 0.004 * (k - 1.5)
-    counts = [(sum(t.passed for t in part), len(part)) for part in by_friction.values()]
+    counts = [(sum(t["success"] for t in part), len(part)) for part in by_friction.values()]
     rates = np.array([passed / total for passed, total in counts])
     bars = np.abs(np.array([wilson_interval(*count) for count in counts]).T - rates)
     style: dict[str, Any] = {"fmt": "o-", "ms": 4, "capsize": 2, "color": SERIES_COLOURS[k]}
@@ -248,7 +226,7 @@ def cells(quick: bool) -> list[Cell]:
     return dry + [Cell(*one) for one in product(ELBOWS, SLIPPERY_WAYS, frictions)]
 
 
-def show(found: Mapping[Cell, Sequence[Ended]]) -> None:
+def show(found: Mapping[Cell, Sequence[Row]]) -> None:
     """Print all tables."""
     for place in ELBOWS | TEES:
         own = [(c, f) for c, f in found.items() if (c.place, c.friction) == (place, DRY)]
@@ -268,9 +246,8 @@ def main() -> None:
     given = parser.read()
     if given.quick and given.figures:
         parser.error("--figures needs all frictions, which --quick leaves out")
-    asked = cells(given.quick)
-    tasks = [(cell, orientations(cell, given.quick)) for cell in asked]
-    found = dict(zip(asked, run_tasks(drive, tasks, given.workers), strict=True))
+    drawn = {cell: trials(cell, orientations(cell, given.quick)) for cell in cells(given.quick)}
+    found = Trials("differential", drawn, measure=measured).run(given.workers)
     show(found)
     if given.figures is not None:
         for name, draw in (

@@ -1,20 +1,17 @@
-"""What an environment of many robots costs beside the engine alone, and whether its memory grows.
+"""What an environment of many robots costs beside the engine alone.
 
-python benchmarks/gym_cost.py [--robots N] [--decisions N] [--sensing truth|onboard] [--memory N]
+python benchmarks/gym_cost.py [--robots N] [--decisions N] [--sensing truth|onboard]
 
 Tee turns with exact walls on one core, stretch by stretch in turn on two sides: the vector
 environment, and an `ot.Simulation` of the same trials that is given the same belt speeds and rolls,
 and made anew when all of its robots are through. Both are timed by processor time, and only while
 all robots drive. Printed are decisions of one robot a second on both sides, and their ratio.
-`--memory` does so many decisions of one robot more in the environment, and prints the memory of the
-process on the way.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -29,10 +26,6 @@ ID = "omnitrack_sim/TeeTurn-v0"
 STRETCH = 10
 """Decisions that one side does before it is the other's turn."""
 SEED = 1
-RESIDENT = Path("/proc/self/statm")
-PAGE = 4096
-"""Bytes of a page of memory."""
-REPORTS = 10
 
 
 def environment(robots: int, sensing: str) -> gymnasium.vector.VectorEnv:
@@ -93,35 +86,12 @@ def compared(robots: int, decisions: int, sensing: str) -> tuple[float, float]:
     return done / spent[0], done / spent[1]
 
 
-def resident() -> float:
-    """Memory of this process, MB."""
-    return int(RESIDENT.read_text().split()[1]) * PAGE / 1e6
-
-
-def watched(robots: int, decisions: int, sensing: str) -> None:
-    """Print the memory over many decisions."""
-    env, drawn = environment(robots, sensing), actions(robots)
-    steps, done, ended = decisions // robots, 0, 0
-    for report in range(1, REPORTS + 1):
-        while done < steps * report // REPORTS:
-            _, _, terminated, truncated, _ = env.step(next(drawn))
-            ended += int(np.count_nonzero(terminated | truncated))
-            done += 1
-        print(
-            f"{done * robots:9d} decisions, {ended:6d} episodes, {resident():7.1f} MB", flush=True
-        )
-
-
 def main() -> None:
-    """Measure and print the ratio, or the memory."""
+    """Measure and print the ratio."""
     arguments = Arguments(__doc__, trials=64, of="robots")
     arguments.add_argument("--decisions", type=int, default=200, help="of each robot")
     arguments.add_argument("--sensing", choices=("truth", "onboard"), default="onboard")
-    arguments.add_argument("--memory", type=int, default=0, help="decisions of one robot")
     given = arguments.read()
-    if given.memory:
-        watched(given.robots, given.memory, given.sensing)
-        return
     ours, alone = compared(given.robots, given.decisions, given.sensing)
     print(
         f"{given.robots} robots, {given.sensing}: environment {ours:.0f} decisions a second, "

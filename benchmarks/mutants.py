@@ -1,329 +1,319 @@
-"""Changes one line of the program at a time and looks whether the tests notice.
+"""Draw faults of one line, and look whether the tests notice.
 
-python benchmarks/mutants.py [--quick] [--only NAME ...] [--jobs N] [--results FILE]
+python benchmarks/mutants.py --seed S --count N [--room ROOM] [--jobs N] [--tests EXPRESSION]
 
-The changes stand in benchmarks/mutations/, a file a field. Each is made in a copy of the checkout
-in a temporary folder. The test files that are likeliest to notice run first, and all others where
-these pass. Before that the same files run on the program as it is, and have to pass. Verdicts are
-kept in the results file; a run that is broken off goes on from there, as long as neither program
-nor tests have changed.
+Each fault is made in a copy of the checkout, and the tests that run its line are run there until
+one fails. Which tests these are is measured first, once for each test file. Outcomes are kept in
+out/mutants; a run that is broken off goes on from there, as long as neither program nor tests have
+changed. Faults that nobody can see stand with the reason in mutants.toml, and do not count.
 
-Ends with status 1 if more than 3 of the 67 are not caught, if a change that is not caught has no
-explanation, or, of a part of the changes, if more than 3 are not caught.
+Ends with status 1 where a fault survives.
 """
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import hashlib
 import json
 import os
-import re
 import shutil
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 import tomllib
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from queue import Queue
 
-from omnitrack_sim.base.text import no_such
+from mutating.contexts import Contexts, measuring, tests_of
+from mutating.faults import Fault, Program
+from mutating.trying import NONE_LEFT, Copy, Run, files_of_checkout, load_libraries
 
 ROOT = Path(__file__).resolve().parents[1]
-MUTATIONS = Path(__file__).with_name("mutations")
-MAX_MISSED = 3
-"""How many changes may go unnoticed."""
-QUICK = (
-    "turning_sign",
-    "slip_turned_round",
-    "tilt_at_the_start",
-    "braking_never_saturates",
-    "no_cap_on_belts",
-    "ways_counted_in_joints",
-)
-"""Changes of the quick form; their test files take seconds."""
-PATIENCE = 1800.0
-"""Seconds after which tests that go on for ever count as having noticed."""
-NOTICED = (1, 2)
-"""Exit status of pytest when tests failed, and when a test file could not even be read."""
+UNSEEN = Path(__file__).with_suffix(".toml")
+FIRST_WAVE = 40, 12
+"""Tests, and files of these, that run first: to read all test files takes ten seconds."""
 
 
 @dataclass(frozen=True)
-class Mutant:
-    """One change.
+class Outcome:
+    """What became of a fault.
 
     Attributes:
-        name: of the change. file: below the checkout.
-        old: the line as it is, without indentation; it stands there exactly once.
-        new: the line in its place.
-        breaks: what is wrong then.
-        tests: the test files that are likeliest to notice.
-        unnoticed: why the tests need not notice it; empty where they have to.
+        seed, number, only_room: it was drawn by. room, file, line, kind: of it.
+        diff: what it changes.
+        noticed_by: the first test that failed; "" where it survived.
+        tests_run, tests: how many tests ran, and how many could notice it.
+        seconds: that it took.
+        unseen: why nobody can see it, if so.
     """
 
-    name: str
+    seed: int
+    number: int
+    only_room: str
+    room: str
     file: str
-    old: str
-    new: str
-    breaks: str
-    tests: tuple[str, ...]
-    unnoticed: str = ""
-
-    def apply(self, text: str) -> str:
-        """The text of the file with the line changed.
-
-        Raises:
-            ValueError: the line does not stand there exactly once.
-        """
-        lines = text.splitlines(keepends=True)
-        at = [i for i, line in enumerate(lines) if line.strip() == self.old]
-        if len(at) != 1:
-            raise ValueError(f"{self.name}: the line stands {len(at)} times in {self.file}")
-        lines[at[0]] = lines[at[0]].replace(self.old, self.new)
-        return "".join(lines)
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of one change: the test that noticed it, or "" where none did."""
-
-    by: str
+    line: int
+    kind: str
+    diff: str
+    noticed_by: str
+    tests_run: int
+    tests: int
     seconds: float
-
-
-def load(folder: Path = MUTATIONS) -> list[Mutant]:
-    """All changes, in the order of their files."""
-    rows = [
-        row
-        for path in sorted(folder.glob("*.toml"))
-        for row in tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
-    ]
-    return [Mutant(**row | {"tests": tuple(row["tests"])}) for row in rows]
+    unseen: str = ""
 
 
 def main() -> int:
-    """Choose, try, report."""
+    """Measure, draw, try, report."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="a few, and their likeliest tests")
-    parser.add_argument("--named", action="store_true", help="the likeliest tests only")
-    parser.add_argument(
-        "--only", nargs="+", metavar="NAME", help="these changes; the files in mutations/ name them"
-    )
-    parser.add_argument("--jobs", type=int, default=1, help="changes tried at a time")
-    parser.add_argument("--results", type=Path, default=Path("out/mutants.json"), metavar="FILE")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=20, help="faults that are drawn")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
+    parser.add_argument("--room", default="", help="a part of the package; none: by lines of code")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--tests", default="not long", help="pytest's expression of markers")
+    parser.add_argument("--files", nargs="+", default=[], help="test files; none: all")
+    parser.add_argument("--budget", type=float, default=300.0, help="seconds of tests for a fault")
+    parser.add_argument("--root", type=Path, default=ROOT, help="another checkout")
+    parser.add_argument("--measure", action="store_true", help="measure test files, no more")
+    parser.add_argument("--stale", action="store_true", help="measure nothing anew")
+    parser.add_argument("--list", action="store_true", help="show the faults that are drawn")
     given = parser.parse_args()
-    every = load()
-    names = given.only or (QUICK if given.quick else [mutant.name for mutant in every])
-    known = [mutant.name for mutant in every]
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        parser.error(f"--only: {no_such(unknown[0], known, 'change ')}")
-    chosen = [mutant for mutant in every if mutant.name in names]
-    with tempfile.TemporaryDirectory(prefix="mutants.") as place:
-        trial = Trial(Path(place), given.jobs, given.quick or given.named)
-        if not trial.unchanged_passes(chosen):
-            return 2
-        verdicts = try_all(chosen, trial, given.jobs, given.results)
-    return report(chosen, verdicts)
-
-
-def try_all(chosen: Sequence[Mutant], trial: Trial, jobs: int, results: Path) -> dict[str, Verdict]:
-    """The verdicts of all changes by their names; those in ``results`` are not asked for again."""
-    key = f"{digest()}{' named' if trial.named_only else ''}"
-    kept = read_results(results, key)
-    verdicts = {mutant.name: kept[mutant.name] for mutant in chosen if mutant.name in kept}
-    missing = [mutant for mutant in chosen if mutant.name not in verdicts]
-    with ThreadPoolExecutor(jobs) as pool:
-        for mutant, verdict in zip(missing, pool.map(trial.of, missing), strict=True):
-            verdicts[mutant.name] = verdict
-            told = f"caught by {verdict.by}" if verdict.by else "NOT CAUGHT"
-            print(f"{mutant.name}: {told} ({verdict.seconds:.0f} s)", flush=True)
-            write_results(results, key, kept | verdicts)
-    return verdicts
+    program = Program(given.root)
+    if given.room and given.room not in program.rooms:
+        parser.error(f"--room: choose from {', '.join(program.rooms)}")
+    numbers = range(given.first, given.first + given.count)
+    if given.list:
+        for number in numbers:
+            print(diff_of(program.draw(given.seed, number, given.room), program))
+        return 0
+    load_libraries()
+    trial = Trial(given, program)
+    try:
+        trial.measure()
+        return 0 if given.measure else report(trial.outcomes(numbers))
+    finally:
+        trial.close()
 
 
 class Trial:
-    """Copies of the checkout, in which one change at a time is made and tested."""
+    """Faults, each made in one of as many copies as are tried at a time."""
 
-    def __init__(self, place: Path, jobs: int, named_only: bool) -> None:
-        self.named_only = named_only
-        self._place = place
-        # One path for many copies: what the exact collider has compiled is found again.
-        self._free: Queue[Path] = Queue()
-        for number in range(jobs):
-            self._free.put(place / f"copy_{number}")
+    def __init__(self, given: argparse.Namespace, program: Program) -> None:
+        self._given, self._program = given, program
+        self._place = given.root / "out" / "mutants"
+        self.contexts = Contexts(given.root, self._place / "contexts")
+        names = given.files or sorted(p.name for p in (given.root / "tests").glob("test_*.py"))
+        self._test_files = [f"tests/{Path(name).name}" for name in names]
+        self._copies: list[Copy] = []
+        self._compiled = self._place / "compiled"
 
-    def unchanged_passes(self, chosen: Sequence[Mutant]) -> bool:
-        """Whether the tests pass on the program as it is, told where they do not."""
-        named = sorted({name for mutant in chosen for name in mutant.tests})
-        files = named if self.named_only else every_test_file()
-        copy = self._free.get()
-        fill(copy)
-        found = self._run(copy, files)
-        self._free.put(copy)
-        if found:
-            print(f"the tests do not pass on the program as it is: {found}")
-        return not found
+    def _copy(self, slot: int) -> Copy:
+        while len(self._copies) <= slot:
+            name = f"copy_{len(self._copies)}.{os.getpid()}"
+            self._copies.append(Copy(self._given.root, self._place / name, self._compiled))
+        return self._copies[slot]
 
-    def of(self, mutant: Mutant) -> Verdict:
-        """Make one change and run the tests, the likeliest first."""
+    def measure(self) -> None:
+        """Measure the test files that have changed, and read what is known of all."""
+        missing = [f for f in self._test_files if not self.contexts.is_measured(f)]
+        self._in_parallel([] if self._given.stale else missing, self._measure)
+        self.contexts.read(self._test_files)
+        for test in sorted(self.contexts.failed):
+            print(f"left out, for it fails without a fault: {test}")
+
+    def _measure(self, test_file: str, slot: int) -> Iterator[None]:
+        copy, scratch = self._copy(slot), self._place / f"scratch_{slot}.{os.getpid()}"
+        around, environment = measuring(copy, scratch)
+        run = Run(
+            copy, [test_file], scratch, {}, is_faulty=False, around=around, environment=environment,
+            options=["-m", self._given.tests] if self._given.tests else [],
+        )  # fmt: skip
         begin = time.monotonic()
-        copy = self._free.get()
+        while not run.is_over():
+            yield
+        told = f"{time.monotonic() - begin:.0f} s"
+        if run.status in (0, 1, NONE_LEFT):
+            self.contexts.keep(test_file, copy, scratch)
+        else:
+            text = (scratch / "told").read_text(encoding="utf-8", errors="replace")
+            told = f"could not be measured: {run.failed}\n{text[-1000:]}"
+        print(f"{test_file}: {told}", flush=True)
+
+    def _in_parallel(self, works: Sequence, make) -> None:
+        """Do works in as many slots as there are jobs; what they start ends with them."""
+        waiting, slots = list(works), {}
+        while waiting or slots:
+            for slot in set(range(self._given.jobs)) - set(slots):
+                if waiting:
+                    slots[slot] = make(waiting.pop(0), slot)
+            for slot, work in list(slots.items()):
+                if next(work, slots) is slots:
+                    del slots[slot]
+            time.sleep(0.05)
+
+    def outcomes(self, numbers: Sequence[int]) -> list[Outcome]:
+        """Return what becomes of the faults of these numbers; those that are known are kept."""
+        kept = self._place / f"{digest(self._given.root)}.jsonl"
+        lines = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
+        known = [Outcome(**json.loads(line)) for line in lines]
+        key = self._given.seed, self._given.room
+        found = {o.number: o for o in known if (o.seed, o.only_room) == key and o.number in numbers}
+
+        def attempt(number: int, slot: int) -> Iterator[None]:
+            outcome = yield from self._try(number, slot)
+            found[number] = outcome
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(outcome)) + "\n")
+            show(outcome)
+
+        missing = [number for number in numbers if number not in found]
+        if missing:
+            self._compile()
+        self._in_parallel(missing, attempt)
+        return [found[number] for number in numbers]
+
+    def _compile(self) -> None:
+        """Run the quickest test without a fault: what it compiles is then there for all."""
+        passing = set(self.contexts.seconds) - self.contexts.failed
+        quickest = min(passing, key=lambda test: self.contexts.seconds[test])
+        scratch = self._place / f"scratch_0.{os.getpid()}"
+        run = Run(self._copy(0), [quickest], scratch, {}, is_faulty=False)
+        while not run.is_over():
+            time.sleep(0.05)
+        if run.failed:
+            raise RuntimeError(f"fails without a fault: {run.failed}")
+
+    def close(self) -> None:
+        """Remove the copies."""
+        for path in self._place.glob(f"*.{os.getpid()}*"):
+            shutil.rmtree(path, ignore_errors=True)
+            path.unlink(missing_ok=True)
+
+    def _try(self, number: int, slot: int) -> Iterator[None]:
+        """Try one fault in a copy; return its outcome."""
+        begin = time.monotonic()
+        seed, room = self._given.seed, self._given.room
+        fault = self._program.draw(seed, number, room)
+        tests = tests_of(fault, self._program, self.contexts)
+        unseen = reason(fault, self._program)
+        by, ran = "", 0
+        if not unseen:
+            copy, text = self._copy(slot), self._program.modules[fault.file].text
+            copy.write(fault.file, fault.apply(text))
+            try:
+                for wave in waves(tests, self.contexts.seconds, self._given.budget):
+                    by, begun = yield from self._run(copy, wave, slot)
+                    ran += begun
+                    if by:
+                        break
+            finally:
+                copy.write(fault.file, text)
+        line = text_before(fault, self._program).count("\n") + 1
+        return Outcome(
+            seed, number, room, fault.room, fault.file, line, fault.kind,
+            diff_of(fault, self._program), by, ran, len(tests), time.monotonic() - begin, unseen,
+        )  # fmt: skip
+
+    def _run(self, copy: Copy, tests: Sequence[str], slot: int) -> Iterator[None]:
+        scratch = self._place / f"scratch_{slot}.{os.getpid()}"
+        run = Run(copy, tests, scratch, self.contexts.seconds, options=["-x"])
         try:
-            fill(copy)
-            file = copy / mutant.file
-            changed = mutant.apply(file.read_text(encoding="utf-8"))
-            compile(changed, mutant.file, "exec")
-            file.write_text(changed, encoding="utf-8")
-            self._is_imported(copy, mutant.file)
-            found = self._run(copy, mutant.tests)
-            if not found and not self.named_only:
-                others = [name for name in every_test_file() if name not in mutant.tests]
-                found = self._run(copy, others)
+            while not run.is_over():
+                yield
         finally:
-            self._free.put(copy)
-        return Verdict(found, time.monotonic() - begin)
-
-    def _environment(self, copy: Path) -> dict[str, str]:
-        """The copy's package goes before one that is installed, and leaves no trace in it."""
-        more = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(self._place / "numba")}
-        return os.environ | more | {"PYTHONDONTWRITEBYTECODE": "1"}
-
-    def _is_imported(self, copy: Path, file: str) -> None:
-        """Make sure that the changed file is the one that tests import."""
-        module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-        ask = f"from importlib.util import find_spec; print(find_spec({module!r}).origin)"
-        command = [sys.executable, "-c", ask]
-        told = subprocess.run(
-            command, cwd=copy, env=self._environment(copy), capture_output=True, text=True
-        )
-        if told.stdout.strip() != str(copy / file):
-            raise RuntimeError(f"tests would import {told.stdout.strip() or told.stderr}")
-
-    def _run(self, copy: Path, files: Sequence[str]) -> str:
-        """The first test of ``files`` that fails, or "" where all pass.
-
-        Raises:
-            RuntimeError: pytest could not run.
-        """
-        options = ["-x", "-q", "--no-header", "--tb=no", "-rfE", "-p", "no:cacheprovider"]
-        paths = [f"tests/{name}" for name in files]
-        with tempfile.TemporaryDirectory(prefix="tmp.", dir=self._place) as base:
-            command = [sys.executable, "-m", "pytest", *options, f"--basetemp={base}/t", *paths]
-            status, told = run_in_a_group(command, copy, self._environment(copy))
-        if status is None:
-            return f"tests that did not end in {PATIENCE:.0f} s"
-        if status == 0:
-            return ""
-        failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", told, flags=re.MULTILINE)
-        if status not in NOTICED or failed is None:
-            raise RuntimeError(f"pytest ended with {status}:\n{told}")
-        return failed[1]
+            run.stop()
+        if run.status not in (0, NONE_LEFT) and not run.failed:
+            told = (scratch / "told").read_text(encoding="utf-8", errors="replace")
+            raise RuntimeError(f"pytest ended with {run.status}:\n{told[-2000:]}")
+        # Where a fault takes the chosen tests away, a file has other tests than before.
+        gone = "tests that are no longer there" if run.status == NONE_LEFT else ""
+        return run.failed or gone, run.begun
 
 
-def run_in_a_group(
-    command: Sequence[str], folder: Path, environment: dict[str, str]
-) -> tuple[int | None, str]:
-    """Exit status of a command, None where it took too long, and what it printed.
-
-    Whatever it has started ends with it: a changed program may forget its workers.
-    """
-    # To a file: a pipe would be held open by those that are left.
-    with tempfile.TemporaryFile("w+") as told:
-        process = subprocess.Popen(
-            command,
-            cwd=folder,
-            env=environment,
-            stdout=told,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        status: int | None = None
-        try:
-            with suppress(subprocess.TimeoutExpired):
-                status = process.wait(PATIENCE)
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-        told.seek(0)
-        return status, told.read()
+def waves(tests: Sequence[str], seconds: dict[str, float], budget: float) -> Iterator[list[str]]:
+    """Yield tests in their order: first a few of few files, then what the budget leaves."""
+    total, within = 0.0, []
+    for test in tests:
+        total += seconds[test]
+        if total > budget and within:
+            break
+        within.append(test)
+    files: set[str] = set()
+    first = 0
+    for test in within[: FIRST_WAVE[0]]:
+        files.add(test.partition("::")[0])
+        if len(files) > FIRST_WAVE[1]:
+            break
+        first += 1
+    yield from filter(None, (within[:first], within[first:]))
 
 
-def every_test_file() -> list[str]:
-    """Names of all test files of the checkout, but for the one of the list of changes itself.
-
-    That one would know each of them by its text.
-    """
-    names = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
-    return [name for name in names if name != "test_mutants.py"]
+def text_before(fault: Fault, program: Program) -> str:
+    """Return the text of the file up to the fault."""
+    return program.modules[fault.file].text[: fault.begin].decode()
 
 
-def files_of_checkout() -> list[str]:
-    """Files that belong to the checkout, below it: those that git knows, or would take."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return [name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
+def diff_of(fault: Fault, program: Program) -> str:
+    """Return a fault as a unified diff."""
+    old = program.modules[fault.file].text
+    new = fault.apply(old)
+    names = f"a/{fault.file}", f"b/{fault.file}  ({fault.scope or 'module'}: {fault.kind})"
+    before, after = (text.decode().splitlines() for text in (old, new))
+    return "\n".join(difflib.unified_diff(before, after, *names, n=0, lineterm=""))
 
 
-def fill(copy: Path) -> None:
-    """Copy the checkout to ``copy``, with the times of its files; what was there goes."""
-    shutil.rmtree(copy, ignore_errors=True)
-    for name in files_of_checkout():
-        target = copy / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(ROOT / name, target)
+def reason(fault: Fault, program: Program) -> str:
+    """Return why nobody can see a fault: what mutants.toml says of it, or ""."""
+    rows = tomllib.loads(UNSEEN.read_text(encoding="utf-8")).get("unseen", [])
+    old, new = diff_of(fault, program).splitlines()[3:]
+    for row in rows:
+        same = row["old"] == old[1:].strip() and row["new"] == new[1:].strip()
+        if row["file"] == fault.file and same:
+            return row["reason"]
+    return ""
 
 
-def digest() -> str:
-    """Of the program, its tests and the changes: verdicts hold for these."""
-    parts = ("omnitrack_sim/", "tests/", "benchmarks/mutations/", "scenarios/")
+def digest(root: Path) -> str:
+    """Return a digest of program, tests and scenarios: outcomes hold for these."""
+    parts = ("omnitrack_sim/", "tests/", "scenarios/")
     found = hashlib.sha256()
-    for name in sorted(files_of_checkout()):
+    for name in sorted(files_of_checkout(root)):
         if name.startswith(parts):
-            found.update(name.encode() + b"\0" + (ROOT / name).read_bytes())
+            found.update(name.encode() + b"\0" + (root / name).read_bytes())
     return found.hexdigest()[:16]
 
 
-def read_results(path: Path, key: str) -> dict[str, Verdict]:
-    """Verdicts of an earlier run of the same program and tests; none where there are no such."""
-    if not path.is_file():
-        return {}
-    data = json.loads(path.read_text(encoding="utf-8"))
-    return {name: Verdict(**row) for name, row in data.get(key, {}).items()}
+def show(outcome: Outcome) -> None:
+    """Print one outcome."""
+    told = f"{outcome.number}: {outcome.file}:{outcome.line} {outcome.kind}: "
+    told += outcome.unseen or outcome.noticed_by or "SURVIVES"
+    print(f"{told} ({outcome.tests_run} of {outcome.tests} tests, {outcome.seconds:.0f} s)")
+    sys.stdout.flush()
 
 
-def write_results(path: Path, key: str, verdicts: dict[str, Verdict]) -> None:
-    """Keep verdicts; those of another program are dropped."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = {name: vars(verdict) for name, verdict in verdicts.items()}
-    path.write_text(json.dumps({key: rows}, indent=2) + "\n", encoding="utf-8")
+def report(outcomes: Sequence[Outcome]) -> int:
+    """Print survivors and the score by room; return the exit status."""
+    # Only here: forked processes import the program of their copy.
+    from omnitrack_sim.record.statistics import rate_text
 
-
-def report(chosen: Sequence[Mutant], verdicts: dict[str, Verdict]) -> int:
-    """Print a row a change, and the exit status."""
-    missed = [mutant for mutant in chosen if not verdicts[mutant.name].by]
-    print("\n| change | what it breaks | caught by |\n|---|---|---|")
-    for mutant in chosen:
-        by = verdicts[mutant.name].by or f"not caught: {mutant.unnoticed or 'UNEXPLAINED'}"
-        print(f"| {mutant.name} | {mutant.breaks} | {by} |")
-    print(f"\n{len(chosen) - len(missed)} of {len(chosen)} caught")
-    unexplained = [mutant.name for mutant in missed if not mutant.unnoticed]
-    return 1 if len(missed) > MAX_MISSED or unexplained else 0
+    counted = [o for o in outcomes if not o.unseen]
+    survivors = [o for o in counted if not o.noticed_by]
+    for o in survivors:
+        print(f"\n{o.number}: survives {o.tests_run} of {o.tests} tests\n{o.diff}")
+    print("\n| room | faults | noticed |\n|---|---|---|")
+    for room in [*sorted({o.room for o in counted}), "all"]:
+        of_room = [o for o in counted if room in (o.room, "all")]
+        noticed = sum(bool(o.noticed_by) for o in of_room)
+        print(f"| {room} | {len(of_room)} | {rate_text(noticed, len(of_room))} |")
+    print(f"\n{len(outcomes) - len(counted)} faults that nobody can see are left out")
+    return 1 if survivors else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with suppress(KeyboardInterrupt):
+        sys.exit(main())
+    sys.exit(130)

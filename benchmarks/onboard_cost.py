@@ -16,15 +16,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from autonomy import SENSES
 from shape import Arguments, table
 
 from omnitrack_sim import Scenario, load_scenario, override, run_batch
 
-SENSING = {
-    "truth": {},
-    "depth": {"sensing.kind": "onboard", "sensing.camera": "depth"},
-    "headlight": {"sensing.kind": "onboard", "sensing.camera": "headlight"},
-}
 SPREAD, SEED = 60.0, 3
 """Orientations at the start, degrees to either side."""
 MOMENT, SPAN = 0.2, 7.5
@@ -35,7 +31,7 @@ ROUNDS = 3
 
 def jobs(name: str, count: int, time_limit: float) -> list[Scenario]:
     """Return the turns of one way to sense, as far as they are driven."""
-    base = override(load_scenario("tee_turn"), {**SENSING[name], "run.time_limit": time_limit})
+    base = override(load_scenario("tee_turn"), {**SENSES[name], "run.time_limit": time_limit})
     angles = np.random.default_rng(SEED).uniform(-SPREAD, SPREAD, count)
     return [override(base, {"start.theta5_deg": float(angle)}) for angle in angles]
 
@@ -52,10 +48,10 @@ def main() -> None:
     """Measure in turn and print the table."""
     given = Arguments(__doc__, trials=96, quick=16, of="robots").read()
     rounds = 1 if given.quick else ROUNDS
-    for name in SENSING:
+    for name in SENSES:
         run_batch(jobs(name, 1, MOMENT), threads=1)
     spent = np.array(
-        [[measured(jobs(name, given.robots, SPAN)) for name in SENSING] for _ in range(rounds)]
+        [[measured(jobs(name, given.robots, SPAN)) for name in SENSES] for _ in range(rounds)]
     )
     shares = spent / spent[:, :1]
     rows = (
@@ -65,7 +61,7 @@ def main() -> None:
             f"{np.median(share):.2f}",
             f"{share.min():.2f} to {share.max():.2f}",
         )
-        for name, times, share in zip(SENSING, spent.T, shares.T, strict=True)
+        for name, times, share in zip(SENSES, spent.T, shares.T, strict=True)
     )
     text = f"{given.robots} tee turns, processor time of a simulated second of a robot:"
     table("cost", ("sensing", "time, ms", "of truth", "least and greatest"), rows, text)

@@ -1,8 +1,8 @@
 """The shape of a benchmark: its arguments, what it draws, what it runs on all cores, its tables.
 
 Where the tables of trials say all that a benchmark shows, what it draws is a plan of trials
-(``Trials``), and what it shows is made of their rows; where it needs trajectories, it runs tasks of
-its own (``run_tasks``).
+(``Trials``), and what it shows is made of their rows; what else it needs of a run is measured there
+(``measure``). What is no run, or is timed, are tasks of its own (``run_tasks``).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,8 +19,8 @@ import numpy as np
 from omnitrack_sim import Conclusion, Plan, Round, Scenario, run_trials
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
-from omnitrack_sim.robots.robot import GRAVITY
-from omnitrack_sim.trials.batches import Trial, batched, sha256_of
+from omnitrack_sim.robots.size import GRAVITY
+from omnitrack_sim.trials.batches import Measure, Trial, batched, sha256_of
 from omnitrack_sim.trials.plan import Rounds
 
 Row = Mapping[str, Any]
@@ -79,6 +80,7 @@ class Trials(Plan):
         name: of the benchmark.
         groups: scenarios by what they are trials of, such as a variant or a cell of a table.
         columns: what of a scenario stands in its row as well, by name.
+        measure: what of a result stands in its row as well.
         batch: trials that run together, at most.
     """
 
@@ -89,6 +91,7 @@ class Trials(Plan):
         name: str,
         groups: Mapping[Hashable, Sequence[Scenario]],
         columns: Mapping[str, Callable[[Scenario], Any]] | None = None,
+        measure: Measure | None = None,
         batch: int = 32,
     ) -> None:
         self.name, self.groups = name, groups
@@ -97,7 +100,8 @@ class Trials(Plan):
         drawn = {name: [read(one) for one in scenarios] for name, read in (columns or {}).items()}
         self._columns = {"group": labels, **drawn}
         bases = {str(i): one.model_dump(mode="json") for i, one in enumerate(scenarios)}
-        self._batches = batched(bases, (Trial(i, str(i), {}) for i in range(len(bases))), batch)
+        trials = (Trial(i, str(i), {}) for i in range(len(bases)))
+        self._batches = batched(bases, trials, batch, measure)
 
     @property
     def hash(self) -> str:
@@ -113,9 +117,9 @@ class Trials(Plan):
         table = yield Round(self._batches, self._columns)
         return Conclusion({"trials": table.num_rows})
 
-    def run(self, workers: int = 1) -> dict[Any, list[Row]]:
-        """Run all trials, and return the rows of each group."""
-        rows = iter(run_trials(self, workers=workers).table.to_pylist())
+    def run(self, workers: int = 1, out: Path | None = None) -> dict[Any, list[Row]]:
+        """Run all trials, and return the rows of each group; the folder ``out`` keeps them."""
+        rows = iter(run_trials(self, out=out, workers=workers).table.to_pylist())
         return {key: [next(rows) for _ in group] for key, group in self.groups.items()}
 
 

@@ -30,15 +30,12 @@ class Turn(NamedTuple):
     """The tee turn of a scenario.
 
     Attributes:
-        entry: (3,) m, where the route begins. way_in, way_out: (3,) directions of run and branch.
-        axis_at: m along the run, where the branch's axis crosses it.
+        way_in, way_out: (3,) directions of run and branch.
         mouth: (3,) m, where the route's arc ends in the branch. radius: m, of the run.
     """
 
-    entry: Array
     way_in: Array
     way_out: Array
-    axis_at: float
     mouth: Array
     radius: float
 
@@ -49,22 +46,11 @@ class Turn(NamedTuple):
         line = scenario.route.centreline
         places, tangents, *_ = line.at(np.array([0.0, passage.s_bend_end]))
         return cls(
-            entry=places[0],
             way_in=tangents[0],
             way_out=tangents[1],
-            axis_at=float(np.mean(passage.opening)),
             mouth=places[1],
             radius=passage.radius,
         )
-
-    def before(self, position: Array) -> Array:
-        """How far robots at ``position`` (n, 3) m are before the branch's axis, m."""
-        return self.axis_at - (position - self.entry) @ self.way_in
-
-    def heading(self, rotation: Array) -> Array:
-        """Angle (n,) rad from the run towards the branch by which robots have turned."""
-        axis = rotation[:, :, 2]
-        return np.arctan2(axis @ self.way_out, axis @ self.way_in)
 
     def left(self, position: Array, rotation: Array) -> Array:
         """How far robots (n,) are from having turned: radii to the mouth plus right angles."""
@@ -183,14 +169,11 @@ class Trace(NamedTuple):
 
     Attributes:
         passed: (n,) bool. since: s since the turn began, not a number before.
-        before: m to the branch's axis. heading: rad, see ``Turn.heading``.
         wall_speed: (T, n, 3) m/s asked. belt_speed: the same, as it was asked of the belts.
     """
 
     passed: NDArray[np.bool_]
     since: Array
-    before: Array
-    heading: Array
     wall_speed: Array
     belt_speed: Array
 
@@ -198,7 +181,7 @@ class Trace(NamedTuple):
 def trace(scenarios: Sequence[Scenario], knots: Array, replace: NDArray[np.bool_]) -> Trace:
     """Run robots from the beginning to the end and keep what they did."""
     sim = ready(scenarios, 0.0)
-    controller, turn = steered(sim), Turn.of(scenarios[0])
+    controller = steered(sim)
     controller.knots, controller.replace = knots, replace
     rows = []
     while sim.active.any():
@@ -207,8 +190,7 @@ def trace(scenarios: Sequence[Scenario], knots: Array, replace: NDArray[np.bool_
         sim.step(command)
         speed = command.belt_speed
         wall_speed = speed * controller.aligner.rolls.belt_sign(seen.roll)
-        place = turn.before(seen.position), turn.heading(seen.rotation)
-        rows.append((seen.time - controller.begun, *place, wall_speed, speed))
+        rows.append((seen.time - controller.begun, wall_speed, speed))
     return Trace(passed(sim), *map(np.array, zip(*rows, strict=True)))
 
 

@@ -23,7 +23,7 @@ from steering_loop import SteeringLoop
 from tee_turns import random_tee_turns
 
 from omnitrack_sim import Scenario, load_scenario, override
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.show.plots.style import ALARM, GREY, new_figure, save_figure, style
 
 BANDWIDTHS = (1.7, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)

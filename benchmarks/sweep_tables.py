@@ -1,9 +1,9 @@
 """Runs a shipped sweep and prints its success rates as tables.
 
-python benchmarks/sweep_tables.py NAME --out DIR [--samples N] [--workers N] [--over AXIS FILE]
+python benchmarks/sweep_tables.py NAME --out DIR [--samples N] [--workers N]
 
 The folder is that of `omnitrack sweep NAME --out DIR`, and is gone on with. --samples draws so many
-of the random axes instead of the sweep's own number; --over draws the rates over one axis as well.
+of the random axes instead of the sweep's own number.
 """
 
 from __future__ import annotations
@@ -132,7 +132,6 @@ def main() -> None:
     parser.add_argument("name", choices=tuple(TABLES), metavar="NAME")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--samples", type=int)
-    parser.add_argument("--over", nargs=2, metavar=("AXIS", "FILE"))
     given = parser.read()
     sweep = ot.load_sweep(given.name)
     if given.samples:
@@ -141,8 +140,6 @@ def main() -> None:
     table("summary", ("passed", "at the first attempt", "others"), [summary(result)])
     for name, cuts in TABLES[given.name].items():
         table(name, *rows_of(result, cuts))
-    if given.over:
-        ot.plot_sweep(result, given.over[1], over=given.over[0])
 
 
 if __name__ == "__main__":

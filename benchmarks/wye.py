@@ -1,7 +1,6 @@
 """How often a robot gets through a wye or a cross: into a branch, out of it, straight over.
 
-python benchmarks/wye.py [--cross] [--quick] [--workers N] [--trials N] [--margin-deg A]
-                         [--figure FILE.svg]
+python benchmarks/wye.py [--cross] [--quick] [--workers N] [--trials N] [--figure FILE.svg]
 
 A wye's branch leans by an angle towards one end of its run. So there are two turns into the branch:
 the turn by that angle, and the sharp one, by 180 degrees less it, for a robot that comes from the
@@ -15,8 +14,7 @@ A cross has the same ways, and the one across its run from branch to branch.
 
 Prints how many passed with Wilson's 95 % interval, and how the others ended; then the same by the
 direction of gravity. Trial i has the same draw in every cell, so cells differ only by wye and way.
---margin-deg gives the controller another safe margin than that of a right-angled corner; with 60
-any orientation counts as safe. --figure draws the wye with its ways, and the sharp turns over
+--figure draws the wye with its ways, and the sharp turns over
 gravity, friction and angle.
 """
 
@@ -37,7 +35,7 @@ from omnitrack_sim import Scenario, override
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes.assembly import Part
 from omnitrack_sim.pipes.fittings.wye import Wye
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.style import new_figure, save_figure, style
 
@@ -248,13 +246,10 @@ def main() -> None:
     """Run all cells, and print and draw them."""
     arguments = Arguments(__doc__, trials=60, quick=12, workers=True)
     arguments.add_argument("--cross", action="store_true", help="crosses instead of wyes")
-    arguments.add_argument("--margin-deg", type=float, help="safe margin for the controller")
     arguments.add_argument("--figure", type=Path, help="file to draw, such as docs/figures/wye.svg")
     given = arguments.read()
-    margin = given.margin_deg
-    changes = {} if margin is None else {"control.safe_margin_deg": margin}
     asked = cells("cross" if given.cross else "wye")
-    drawn = {cell: [trial(cell, i, changes) for i in range(given.trials)] for cell in asked}
+    drawn = {cell: [trial(cell, i) for i in range(given.trials)] for cell in asked}
     found = Trials("wye", drawn, DRAWN).run(given.workers)
     walls = (f"{wall}, of {given.trials // len(WALLS)}" for wall in WALLS)
     table("ways", ["way", "branch, deg", *walls, *HEADS], (row(*one) for one in found.items()))

@@ -3,6 +3,7 @@
 from .autonomy.pilots import Decision as Decision
 from .autonomy.pilots import Pilot as Pilot
 from .autonomy.sight import Sighting as Sighting
+from .base.errors import ControllerError as ControllerError
 from .base.errors import GeometryError as GeometryError
 from .base.errors import InputError as InputError
 from .base.errors import NetworkError as NetworkError

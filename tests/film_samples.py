@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from samples import drive, sample_result
+from samples import JOINT_POSITIONS, drive, sample_result
 
 from omnitrack_sim.base.rotations import quaternion_from_matrix
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import Scenario
 
 SIZE = (320, 180)
@@ -36,7 +37,7 @@ def elbow_result() -> Result:
         [position, channels["quaternion"], np.zeros((len(time), JOINT_POSITIONS - 7))], axis=1
     )
     channels["gear"] = np.ones(len(time))
-    trajectory = Trajectory(time, channels, ("straight",), qpos)
+    trajectory = Trajectory(time, channels, ("straight",), qpos, RECORDED)
     return sample_result(trajectory, scenario=scenario)
 
 
@@ -63,5 +64,5 @@ def chain_result() -> Result:
         ],
         axis=1,
     )
-    trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos)
+    trajectory = Trajectory(0.1 * np.arange(len(distance)), channels, ("cruise",), qpos, RECORDED)
     return sample_result(trajectory, scenario=scenario)

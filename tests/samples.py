@@ -12,14 +12,17 @@ from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.record.events import Outcome, Remark
 from omnitrack_sim.record.metrics import summarise
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.scenario import validate
 
 LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
+JOINT_POSITIONS = Omnitrack().joint_count
 
 
 def sample_trajectory(samples: int = 201, end: float = 4.0, **changes: np.ndarray) -> Trajectory:
@@ -42,7 +45,7 @@ def sample_trajectory(samples: int = 201, end: float = 4.0, **changes: np.ndarra
     channels["contact_count"][:, :, 0] = 17
     channels["slide"] = 0.01 * wave[:, None] * factors
     qpos = np.outer(np.cos(time), np.arange(JOINT_POSITIONS))
-    return Trajectory(time, channels | changes, ("straight", "turn", "leave"), qpos)
+    return Trajectory(time, channels | changes, ("straight", "turn", "leave"), qpos, RECORDED)
 
 
 def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Result:
@@ -127,7 +130,7 @@ def legs_trajectory(
         [channels["position"], channels["quaternion"], np.zeros((len(time), JOINT_POSITIONS - 7))],
         axis=1,
     )
-    return Trajectory(time, channels, PHASES, qpos)
+    return Trajectory(time, channels, PHASES, qpos, RECORDED)
 
 
 def two_legs_result(**changes: object) -> LegsResult:

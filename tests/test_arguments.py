@@ -106,8 +106,10 @@ def test_what_a_controller_returns_is_told_as_its_own():
             return [0.1] * 3
 
     simulation = ot.Simulation([STRAIGHT], controller=Mine)
-    with pytest.raises(TypeError, match=r"what Mine.step returns: is \[0.1, 0.1, 0.1\]"):
+    told = r"Mine, step 1 \(0 s\): TypeError: what Mine.step returns: is \[0.1, 0.1, 0.1\]"
+    with pytest.raises(ot.ControllerError, match=told) as caught:
         simulation.step()
+    assert isinstance(caught.value.__cause__, TypeError)
 
 
 def test_every_picture_takes_a_result_or_its_folder(tmp_path):

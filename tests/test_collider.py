@@ -480,6 +480,7 @@ def test_records_have_their_size():
         assert wall_record(fitting, (True,) * len(fitting.ports)).shape == (RECORD_SIZE,)
 
 
+@pytest.mark.long
 def test_a_later_process_loads_the_collider_from_disk():
     """Once compiled, every function is loaded: a fresh process that runs a robot has no numba."""
     program = """

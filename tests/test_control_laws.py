@@ -11,14 +11,16 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, rotation_about
 from omnitrack_sim.pipes.route_map import RouteMap
-from omnitrack_sim.record.channels import CHANNELS
-from omnitrack_sim.record.events import BackedOff, Rolled
+from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import JacobianController
 from omnitrack_sim.robots.omnitrack.control.orientation import AIMS, orientation_error
-from omnitrack_sim.robots.omnitrack.control.tracking import Lean, Tracking
+from omnitrack_sim.robots.omnitrack.control.sway import Lean
+from omnitrack_sim.robots.omnitrack.control.tracking import Tracking
+from omnitrack_sim.robots.omnitrack.events import Rolled
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.scenario import validate

@@ -14,15 +14,17 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from samples import sample_result, sample_trajectory
+from samples import JOINT_POSITIONS, sample_result, sample_trajectory
 
 from omnitrack_sim import Result, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.channels import Channel
-from omnitrack_sim.record.events import NotAligned, Outcome
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS, RECORDED, Trajectory
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import load_result
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
+from omnitrack_sim.robots.omnitrack.events import NotAligned
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")
 
@@ -319,3 +321,15 @@ def test_a_users_own_channel_and_a_number_that_is_none_come_back(tmp_path):
     assert loaded.trajectory.schema["current"] == schema["current"]
     assert loaded.metrics == {"own": [[1, True], "a"]}
     assert str(loaded.events[0]) == str(event)
+
+
+def test_a_run_of_a_robot_whose_module_is_not_here_says_what_to_do(run):
+    """The folder of the module is not remembered, since its code is run: the message says to start
+    there, and does not call the run damaged for sure."""
+    file = run / "scenario.json"
+    scenario = json.loads(file.read_text(encoding="utf-8"))
+    scenario["robot"] = {"kind": "no_such_rover:Rover"}
+    file.write_text(json.dumps(scenario), encoding="utf-8")
+    told = "names what is not here: robot.kind: .*no_such_rover.* add that to PYTHONPATH"
+    with pytest.raises(OutputError, match=told):
+        load_result(run)

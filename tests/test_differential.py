@@ -6,7 +6,6 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OutputError, ScenarioError
-from omnitrack_sim.record.trajectory import JOINT_POSITIONS
 from omnitrack_sim.robots.omnitrack.body import add_belt_motors, belt_inertia
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.show.film.render import render_frame
@@ -142,7 +141,7 @@ def test_a_run_with_shafts_comes_back_and_is_drawn(name, tmp_path):
     folder = result.save(tmp_path / "run")
     loaded = ot.load_result(folder)
     qpos = result.trajectory.qpos
-    assert qpos.shape[1] == JOINT_POSITIONS + drive_of(name).motors
+    assert qpos.shape[1] == ot.Omnitrack().joint_count + drive_of(name).motors
     assert np.array_equal(loaded.trajectory.qpos, qpos)
     assert render_frame(folder, time=0.1, width=160, height=90).std() > 0
     time = result.trajectory.time

@@ -124,8 +124,17 @@ def test_the_interval_of_a_median_holds_it_and_repeats():
 
 def test_rows_count_what_passed_and_show_its_figures():
     """Failures stand by their outcome, and their figures do not enter."""
-    good = study.Ended(True, "reached_goal", (50.0, 3.0, 0.5, 8.0, 7.0))
-    bad = study.Ended(False, "stuck", (900.0, 9.0, 0.9, 50.0, 9.0))
+    good = {
+        "success": True,
+        "outcome": "reached_goal",
+        **{f"slip_distance_m_{i}": 0.05 / 3 for i in (1, 2, 3)},
+        **{f"traction_rms_n_{i}": float(i) for i in (1, 2, 3)},
+        "needed_friction": 0.5,
+        "tilt_max_deg": 8.0,
+        "energy_j": 7.0,
+    }
+    bad = good | {"success": False, "outcome": "stuck", "energy_j": 900.0}
+    assert study.figures(good) == pytest.approx((50.0, 3.0, 0.5, 8.0, 7.0))
     cell = study.Cell("240 mm elbow", study.ONE, 0.2)
     cells = study.row(cell, [good, good, bad])
     assert cells[1:4] == ["2 (21 to 94 %)", "50 (50 to 50)", "3.0 (3.0 to 3.0)"]

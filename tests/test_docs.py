@@ -20,8 +20,8 @@ from omnitrack_sim.cli.common import assignment
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
-from omnitrack_sim.record import channels
 from omnitrack_sim.robots.control import parameters_model
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
@@ -313,12 +313,12 @@ def test_tables_of_the_pages_are_those_of_the_code():
         "it stay in one plane. |",
     ):
         assert f"\n{row}\n" in text
-    count = channels.CHANNELS["contact_count"]
+    count = CHANNELS["contact_count"]
     row = f"| `contact_count` | 1 | 3 x 2 | - | swapped | yes | yes | {count.meaning} |"
     assert f"\n{row}\n" in page("channels")
     travel = next(one for one in METRICS if one.name == "spring_travel_max_m")
     assert f"\n| `{travel.name}` | m | 3 | {travel.meaning} |\n" in page("metrics")
-    named = {"channels": channels.CHANNELS, "metrics": [one.name for one in METRICS]}
+    named = {"channels": CHANNELS, "metrics": [one.name for one in METRICS]}
     for name, every in named.items():
         assert [one for one in every if f"\n| `{one}` |" not in page(name)] == []
 

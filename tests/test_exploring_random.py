@@ -28,7 +28,7 @@ from omnitrack_sim.record.events import (
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from driving.unknown import LOOPS, loop, tree
+from explorations import LOOPS, loop, tree
 
 REDUCERS = (66001, 66002, 66008, 66022, 66035)
 """Seeds of networks that have some."""

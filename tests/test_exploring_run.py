@@ -13,7 +13,9 @@ from network_samples import forked, tee
 from typer.testing import CliRunner
 
 from omnitrack_sim import (
+    Network,
     Outcome,
+    Result,
     ScenarioError,
     Simulation,
     load_network,
@@ -62,6 +64,26 @@ def test_a_robot_explores_and_comes_back(tmp_path):
     (folder / "map.toml").write_text('name = "map"\n[[fittings]]\nname = "a"\nkind = "tee"\n')
     with pytest.raises(Exception, match=r"legs.0.path"):
         load_result(folder)
+    check_that_a_part_missing_is_said(result)
+
+
+def check_that_a_part_missing_is_said(whole: Result) -> None:
+    """Outcome and advice say both where a robot is home and its map lacks a part; one that searches
+    for goals needs no whole map."""
+    assert (whole.ending, whole.missing) == ("reached goal", ())
+    assert whole.map is not None
+    table = whole.map.model_dump(mode="json")
+    last = table["fittings"].pop()["name"]
+    table["joints"] = [j for j in table["joints"] if not any(last in end for end in j["ports"])]
+    table["ports"] = {k: end for k, end in table["ports"].items() if not end.startswith(last)}
+    lacking = replace(whole, map=Network.model_validate(table))
+    (missing,) = lacking.missing
+    assert missing in ("on", "off")
+    assert lacking.ending == "reached goal, 1 part not mapped"
+    assert f"its map lacks {missing}" in lacking.advice == lacking.summary()["advice"]
+    assert lacking.ending in lacking._repr_html_()
+    searched = replace(lacking, scenario=fork(task="find", goals=["far"]))
+    assert (searched.missing, searched.ending) == ((), "reached goal")
 
 
 def test_a_wrong_map_is_no_goal_reached():

@@ -210,7 +210,9 @@ def test_overlay_names_fitting_and_gear():
     assert (named != long).any()
     assert (long[:, 360:] == 90).all()
     channels = dict(trajectory.channels) | {"gear": np.ones(last + 1)}
-    nose_first = Trajectory(trajectory.time, channels, trajectory.phases, trajectory.qpos)
+    nose_first = Trajectory(
+        trajectory.time, channels, trajectory.phases, trajectory.qpos, trajectory.schema
+    )
     assert (written(nose_first, "drop") != named).any()
 
 

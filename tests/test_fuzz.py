@@ -22,6 +22,8 @@ from fuzzing.arguments import command_of  # noqa: E402
 from fuzzing.files import odd_file  # noqa: E402
 from fuzzing.values import Raw, limits  # noqa: E402
 
+pytestmark = pytest.mark.long
+
 MISCHIEF = """
 import os, sys, time, warnings
 sys.path.insert(0, {place!r})

@@ -13,14 +13,14 @@ from omnitrack_sim import (
 )
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.rotations import Array, heading
-from omnitrack_sim.record.channels import CHANNELS
-from omnitrack_sim.record.events import Rolled
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.omnitrack.control.command import (
     SWAPPED,
     Command,
     mirror_command,
     mirror_readings,
 )
+from omnitrack_sim.robots.omnitrack.events import Rolled
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.scenario import Scenario, validate

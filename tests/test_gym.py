@@ -177,6 +177,7 @@ def test_residual_actions_of_nothing_are_the_feedback_controllers_own():
     assert info["time"] == pytest.approx(expected.duration_s)
 
 
+@pytest.mark.long
 def test_memory_does_not_grow():
     """Over many episodes."""
     env = vector(8, observation="truth", changes={"run.time_limit": 0.2})
@@ -220,6 +221,7 @@ def test_pictures_of_one_and_of_many(monkeypatch):
     env.close()
 
 
+@pytest.mark.long
 @needs_screen
 def test_a_window_shows_the_robot():
     """``human``: it opens, shows and closes."""

@@ -12,6 +12,8 @@ from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatist
 import omnitrack_sim as ot
 import omnitrack_sim.gym as environments
 
+pytestmark = pytest.mark.long
+
 BRIEF = {"observation": "truth", "changes": {"run.time_limit": 0.4}}
 ID = "omnitrack_sim/TeeTurn-v0"
 

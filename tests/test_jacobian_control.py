@@ -7,11 +7,11 @@ import pytest
 
 from omnitrack_sim import Scenario, Simulation, load_scenario, override, run_batch
 from omnitrack_sim.base.rotations import matrix_from_quaternion
-from omnitrack_sim.record.events import NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable
 from omnitrack_sim.robots.omnitrack.control.orientation import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.roll_plan import no_motion_distance
+from omnitrack_sim.robots.omnitrack.events import NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
 from omnitrack_sim.robots.plant import Plant, Start

@@ -237,6 +237,7 @@ def test_film_and_page_show_the_same_map(runs):
     assert drawn[0] < 0.6 * drawn[-1]
 
 
+@pytest.mark.long
 @needs_browser
 def test_the_map_of_the_page_is_painted_anew_as_it_grows(browser, runs, tmp_path):
     """Forward and back again, with the pieces of that time."""

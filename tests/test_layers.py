@@ -110,6 +110,7 @@ def _with(wheel, folder, *arguments):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_the_wheel_is_what_runs(wheel, tmp_path):
     """What the other tests of the wheel run is the installed package, not the checkout."""
     done = _with(wheel, tmp_path, "-c", "import omnitrack_sim; print(omnitrack_sim.__file__)")
@@ -117,6 +118,7 @@ def test_the_wheel_is_what_runs(wheel, tmp_path):
     assert str(wheel[1]) in done.stdout
 
 
+@pytest.mark.long
 def test_the_wheel_runs_a_scenario_by_name(wheel, tmp_path):
     """The scenarios and the scripts of replay pages are with it."""
     short = ("--no-video", "--set", "run.time_limit=0.1")
@@ -126,6 +128,7 @@ def test_the_wheel_runs_a_scenario_by_name(wheel, tmp_path):
     assert (tmp_path / "out" / "tee_turn" / "replay.html").is_file()
 
 
+@pytest.mark.long
 def test_the_wheel_says_that_the_models_are_not_with_it(wheel, tmp_path):
     """The published models live in a checkout."""
     done = _with(wheel, tmp_path, "-m", "omnitrack_sim.cli", "models", "--check")

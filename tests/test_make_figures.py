@@ -272,6 +272,7 @@ def options(root: Path) -> list[str]:
     return [word for name, path in names.items() for word in (name, str(root / path))]
 
 
+@pytest.mark.long
 def test_a_part_that_was_killed_goes_on_and_then_fills_its_page(toy):
     """Its first command is not run again; before all is made page and pictures stay as they are,
     then they have the new pieces, and the foot the commit; made once more, nothing is run."""

@@ -18,7 +18,7 @@ from omnitrack_sim.paper.claim_figures import (
     inner_module,
     rates_figure,
 )
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import Trajectory
@@ -39,7 +39,7 @@ def _result(theta5=0.0, codes=(0, 1, 3, 0), **changes):
         "phase": np.array(codes)[quarter],
         "theta5": np.full(len(full.time), theta5),
     }
-    return sample_result(Trajectory(full.time, channels, PHASES, full.qpos))
+    return sample_result(Trajectory(full.time, channels, PHASES, full.qpos, full.schema))
 
 
 def _elbow_runs(thetas, **changes):
@@ -363,6 +363,6 @@ def test_shortest_runs_can_be_drawn(tmp_path, figure, samples):
     full = _result().trajectory
     channels = {name: values[:samples] for name, values in full.channels.items()}
     channels["normal_force"] = np.full((samples, 3), np.nan)
-    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples], full.schema)
     save_figure(figure(sample_result(short)), tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 5_000

@@ -207,7 +207,7 @@ def test_any_run_can_be_drawn(tmp_path, samples):
         for values in channels.values():
             values[-2:] = np.nan
         channels["leg"][:], channels["phase"][:], channels["gear"][:] = 0, 0, 1
-    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples], full.schema)
     plot_mission(
         sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), path=tmp_path / "map.pdf"
     )

@@ -12,7 +12,7 @@ import pytest
 
 from omnitrack_sim.cli import main
 from omnitrack_sim.pipes import Elbow, Step, route
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack import published as export
 from omnitrack_sim.robots.omnitrack.body import add_robot

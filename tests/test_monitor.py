@@ -13,7 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.autonomy.pilots import Hindrance
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import CHANNELS
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.scenario.tables import MonitorTable
 from omnitrack_sim.sim.monitor import Monitor, Verdict
 

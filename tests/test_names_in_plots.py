@@ -40,7 +40,7 @@ def named_result(name: str = "$a$") -> Result:
     pipes = [{"kind": "straight", "name": part, "length": 0.4} for part in NAMES]
     scenario = validate({"name": name, "pipes": [*pipes, {"kind": "elbow", "name": "bend"}]})
     plain = sample_trajectory()
-    trajectory = Trajectory(plain.time, plain.channels, NAMES, plain.qpos)
+    trajectory = Trajectory(plain.time, plain.channels, NAMES, plain.qpos, plain.schema)
     return sample_result(trajectory, scenario=scenario)
 
 

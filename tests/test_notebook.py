@@ -18,6 +18,8 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.html import sketch
 from omnitrack_sim.scenario import validate
 
+pytestmark = pytest.mark.long
+
 DOCS = Path(__file__).parents[1] / "docs" / "tutorials"
 PICTURES = {"tutorial": 4, "learn-in-5-minutes": 1, "your-robot-in-10-minutes": 2}
 """Notebooks, and how many pictures each shows at least."""
@@ -120,7 +122,7 @@ def test_any_run_can_be_shown(samples):
     channels["tilt"][-1] = np.inf
     channels["normal_force"][:] = np.nan
     channels["phase"] = full["phase"][:samples]
-    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples], full.schema)
     metrics = dict(sample_result().metrics) | {"energy_j": None}
     drawn = ET.fromstring(sketch(short))
     assert len(drawn.findall(f"{SVG}polyline")) == 5

@@ -12,11 +12,12 @@ import pytest
 from documents import page
 
 import omnitrack_sim as ot
-from omnitrack_sim.autonomy.relocalisation import Search
+from omnitrack_sim.autonomy.relocalisation import PoseSearch
 from omnitrack_sim.base.rotations import rotation_about
 from omnitrack_sim.robots.odometry import rotation_by_sides
 from omnitrack_sim.robots.presser import BendSpeeds, Presser
 from omnitrack_sim.senses.settings import SearchTable
+from omnitrack_sim.sim.odometry_check import OdometryCheck
 
 MISSION = """
 network = "knee_and_tee"
@@ -60,6 +61,43 @@ def test_a_robot_of_another_folder_drives_by_its_own_sensors(tmp_path):
     assert result.metrics["localisation_error_max_m"] < 0.08
     assert result.metrics["localisation_error_mean_m"] < 0.02
     assert result.metrics["theta5_error_p95_deg"] < 4
+
+
+def test_encoders_of_the_wrong_sign_are_told_by_name(tmp_path, monkeypatch):
+    """The same robot whose wheels count backward: an event says once which method to look at; right
+    ones, and wheels that slip on the spot, are not suspected."""
+
+    class Backward(type(Presser().odometry())):
+        def surfaces(self, state):
+            return -super().surfaces(state)
+
+    changes = {"sensing.kind": "onboard", "run.time_limit": 8.0, "record.pictures": False}
+    scenario = ot.load_scenario("robots/presser_tee", changes)
+    plain = [str(event) for event in ot.run(scenario, no_load=False).events]
+    assert not [text for text in plain if "odometry" in text]
+    monkeypatch.setattr(Presser, "odometry", lambda self: Backward(self))
+    told = [str(event) for event in ot.run(scenario, no_load=False).events]
+    (one,) = [text for text in told if "odometry" in text]
+    assert "Backward.surfaces" in one
+    assert "wrong sign" in one
+
+
+def test_odometry_is_judged_by_the_correlation_with_the_true_travel():
+    """Opposite to the robot's motion along its axis in either gear, once a length has been driven;
+    drives that run on the spot, that slip by half and robots that stand are none."""
+    n, rng = 5, np.random.default_rng(0)
+    place = {"time": np.zeros(n), "rotation": np.tile(np.eye(3), (n, 1, 1))}
+    check = OdometryCheck("Wheels", 0.305, place | {"position": np.zeros((n, 3))})
+    position, told = np.zeros((n, 3)), []
+    for step in range(100):
+        moved = np.array([0.01, -0.01, 0.01, 1e-4 * rng.normal(), 0.01])
+        measured = np.array([-0.01, 0.01, 0.02, 0.01, -0.01])
+        position[:, 2] += moved
+        state = place | {"position": position, "time": np.full(n, 0.1 * (step + 1))}
+        told += check.compare(measured, state, np.array([True] * 4 + [False]))
+    assert [(event.robot, round(event.time, 1)) for event in told] == [(0, 3.1), (1, 3.1)]
+    check.reset(np.array([0]), place | {"position": np.zeros((n, 3))})
+    assert not check.compare(measured, place | {"position": np.zeros((n, 3))}, np.ones(n, bool))
 
 
 def test_the_controller_of_the_page_drives_in_the_gear_that_it_is_told():
@@ -195,7 +233,7 @@ def test_a_lost_robot_that_cannot_roll_steps_back_at_once(rolls):
     odometry = Blind(Presser(), 1.5 if rolls else 0.0)
     odometry.orders = []
     table = SearchTable(tries=2, look=0.5)
-    search = Search(table, odometry, 1)
+    search = PoseSearch(table, odometry, 1)
     search.reset(np.zeros(1, int), np.array([0.08]))
     command, given_up, step = ot.Actuation(np.zeros((1, 6))), np.zeros(1, bool), 0
     while not given_up[0]:

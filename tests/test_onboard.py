@@ -9,7 +9,8 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import wrap_angle
-from omnitrack_sim.record.events import LostItself, Rolled
+from omnitrack_sim.record.events import LostItself
+from omnitrack_sim.robots.omnitrack.events import Rolled
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.run_figures import draw_error
 from omnitrack_sim.show.plots.style import new_figure

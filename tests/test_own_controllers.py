@@ -16,6 +16,9 @@ from runs import same_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault
 from omnitrack_sim.base.workers import LocalPool
+from omnitrack_sim.cli import main
+from omnitrack_sim.robots.omnitrack.control import JacobianController
+from omnitrack_sim.sim.own_controller import own_errors
 from omnitrack_sim.trials.sweep_file import resolve
 
 MODULE = '''
@@ -64,6 +67,18 @@ class Tuned(Plain):
         return super().step(observation)._replace(phase=self.phase)
 
 
+class Broken(Plain):
+    """Drives, and then indexes what is not there."""
+
+    def step(self, observation):
+        if observation.time.max() > 0.045:
+            self.find(observation)
+        return super().step(observation)
+
+    def find(self, observation):
+        return np.take(observation.time, 7)
+
+
 class NoController:
     pass
 
@@ -104,6 +119,30 @@ def test_a_class_with_two_methods_drives(drivers: ModuleType) -> None:
     assert list(map(str, result.events)) == ["0.00 s, off we go"]
     assert result.scenario.control.kind == "drivers:Plain"
     assert np.isfinite(result.metrics["no_load_slip_m_s"])  # type: ignore[arg-type]
+
+
+def test_an_error_in_it_is_one_line_with_the_step_and_its_own_line(
+    drivers: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    """The command line ends with status 2 and names controller, step, error and the deepest line of
+    the user's module; in Python the error itself is the cause. Errors of the package's controllers
+    pass as they are, and what the user can mend is told as it is."""
+    line = ["omnitrack", "run", "straight", "--no-video", "--set", "control.kind=drivers:Broken"]
+    monkeypatch.setattr(sys, "argv", [*line, "--out", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    (told,) = capsys.readouterr().err.splitlines()
+    assert "drivers:Broken, step 6 (0.05 s): IndexError: index 7 is out of bounds" in told
+    assert told.endswith("in find: return np.take(observation.time, 7))")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(ot.ControllerError) as caught:
+        ot.run(straight(**{"control.kind": "drivers:Broken"}), no_load=False)
+    assert isinstance(caught.value.__cause__, IndexError)
+    with pytest.raises(KeyError), own_errors(JacobianController, lambda: ""):
+        raise KeyError("ours")
+    with pytest.raises(ot.InputError), own_errors(drivers.Broken, lambda: ""):
+        raise ot.InputError([])
 
 
 def test_its_parameters_are_its_own_model(drivers: ModuleType) -> None:

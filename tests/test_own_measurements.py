@@ -14,7 +14,8 @@ from runs import same_record, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.record.channels import CHANNELS, Vector
+from omnitrack_sim.record.channels import Vector
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.sensor import State
 from omnitrack_sim.trials.sweep_file import resolve
 

@@ -15,8 +15,8 @@ from samples import two_legs_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.writing import whole_folder
 from omnitrack_sim.record.metrics import ESTIMATES
-from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.show.film.overlay import (
     CAMERA_GAP,
     CAMERA_HEIGHT,
@@ -170,6 +170,7 @@ def test_the_temporary_file_goes_with_its_last_reader(tmp_path, monkeypatch):
     assert len(os.listdir("/proc/self/fd")) == before
 
 
+@pytest.mark.long
 def test_ten_minutes_of_pictures_take_little_memory(tmp_path):
     """6000 pictures are kept and written by parts: no array of all of them is ever there."""
     import tracemalloc

@@ -17,6 +17,11 @@ from omnitrack_sim.trials.plan import Rounds
 SPEEDS = (0.05, 0.1)
 
 
+def samples(result: ot.Result) -> dict[str, float]:
+    """Return the number of samples of a run."""
+    return {"samples": float(len(result.trajectory.time))}
+
+
 class Faster(ot.Plan):
     """Drives at two speeds, and then once more at the one that got farther."""
 
@@ -109,3 +114,28 @@ def test_a_plan_in_the_folder_of_another_kind_is_refused(done):
     """A sweep does not write into a race."""
     with pytest.raises(ot.OutputError, match=r"no sweep\.json, so it is no sweep"):
         ot.run_trials(ot.load_sweep("elbow_orientation"), out=done)
+
+
+def test_a_batch_measures_what_no_metric_says(tmp_path):
+    """Its function of results adds columns to the rows, the same from other processes and from the
+    folder; a trial that did not run has none, and another function makes another batch."""
+
+    class Measured(Faster):
+        names: ClassVar[tuple[str, ...]] = ()
+
+        def rounds(self) -> Rounds:
+            speeds = (*SPEEDS, -1.0)
+            changes = [{"control.cruise_speed": speed} for speed in speeds]
+            trials = (Trial(i, "straight", own) for i, own in enumerate(changes))
+            yield ot.Round(batched(self.bases, trials, 1, samples))
+            return ot.Conclusion({})
+
+    result = ot.run_trials(Measured(), out=tmp_path / "race", workers=2)
+    assert result.table["samples"].to_pylist() == [6.0, 6.0, None]
+    assert result.table["outcome"].to_pylist() == ["timed_out", "timed_out", "invalid"]
+    again = ot.run_trials(Measured(), out=tmp_path / "race")
+    assert again.status.found == 3
+    assert again.table.equals(result.table)
+    (plain,) = batched(Measured().bases, [Trial(0, "straight", {})], 1)
+    (measured,) = batched(Measured().bases, [Trial(0, "straight", {})], 1, samples)
+    assert plain.hash != measured.hash

@@ -22,9 +22,11 @@ from omnitrack_sim import plot_channel, plot_summary
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.pipes.random import random_network
-from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, Display
+from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.show.plots.run_figures import limits_of
 
 NETWORK = ot.load_network("fig14")
@@ -105,8 +107,8 @@ def test_every_panel_has_its_unit_and_none_has_one_without_a_name():
     bare = [label for label in labels if not label.endswith("]")]
     assert sorted(bare) == ["Contact points", "Slip ratio"]
     assert not any("[1]" in label for label in labels)
-    for channel, panel in ((name, DISPLAYS[name]) for name in DISPLAYS if name in RECORDED):
-        unit = RECORDED[channel].unit
+    for channel in RECORDED.values():
+        panel, unit = channel.display, channel.unit
         scale = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "mm/s": 1e3, "deg": 180 / np.pi}
         assert panel.scale == pytest.approx(scale.get(panel.unit, 1.0))
         assert panel.unit.removeprefix("m") == unit or (unit, panel.unit) in {
@@ -161,7 +163,7 @@ def test_noise_gets_no_axis_of_its_own():
     figure = plot_summary(sample_result(sample_trajectory(distance=distance)))
     FigureCanvasAgg(figure).draw()
     (axis,) = [a for a in figure.axes if a.get_ylabel() == "Distance along the centreline [m]"]
-    assert np.ptp(axis.get_ylim()) == pytest.approx(DISPLAYS["distance"].span)
+    assert np.ptp(axis.get_ylim()) == pytest.approx(RECORDED["distance"].display.span)
     assert not any(a.yaxis.get_offset_text().get_text() for a in figure.axes)
     low, high = limits_of(Display("own", "m"), np.array([5.0, 5.0 + 1e-12]))
     assert high - low == pytest.approx(5e-4)
@@ -215,7 +217,7 @@ def test_shortest_runs_can_be_drawn(tmp_path, samples):
     full = sample_trajectory()
     channels = {name: values[:samples] for name, values in full.channels.items()}
     channels["traction"] = np.full((samples, 3), np.nan)
-    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples])
+    short = Trajectory(full.time[:samples], channels, full.phases, full.qpos[:samples], full.schema)
     plot_summary(sample_result(short), path=tmp_path / "short.png")
     assert (tmp_path / "short.png").stat().st_size > 10_000
 

@@ -213,6 +213,7 @@ def test_films_and_strips_are_whole_files(rolling, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["1.gif", "2.gif", "strip.png"]
 
 
+@pytest.mark.long
 @needs_browser
 def test_pages_hold_the_true_positions(rolling, tmp_path):
     """Position and orientation of the body at samples and between them, the part that it is in, and

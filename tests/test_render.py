@@ -135,7 +135,7 @@ def test_a_run_that_diverged_stops_in_its_film(result, value, camera):
     qpos = np.array(plain.qpos)
     for values in (channels["position"], channels["distance"], channels["belt_speed"], qpos):
         values[-5:] = value
-    trajectory = Trajectory(plain.time, channels, plain.phases, qpos)
+    trajectory = Trajectory(plain.time, channels, plain.phases, qpos, plain.schema)
     broken = replace(result, trajectory=trajectory)
     end, sound = (
         render_frame(run, time=time, camera=camera, width=64, height=36).astype(int)
@@ -246,6 +246,7 @@ def test_films_longer_than_anybody_waits_for_are_refused(result, tmp_path):
         result.trajectory.channels,
         result.trajectory.phases,
         result.trajectory.qpos,
+        result.trajectory.schema,
     )
     with pytest.raises(
         InputError, match="frames: are 2160001 of 1280 x 720 pixels; at most 542534"

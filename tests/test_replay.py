@@ -20,8 +20,9 @@ from samples import sample_result, sample_trajectory, two_legs_result
 from omnitrack_sim import override, render_replay
 from omnitrack_sim.base.errors import InputError, OutputError, RenderError
 from omnitrack_sim.record.channels import Channel
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.replay.contents import STEPS, Pack
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data

@@ -14,7 +14,7 @@ from omnitrack_sim import Result, load_scenario, override, render_replay, run
 from omnitrack_sim.record.events import Remark
 from omnitrack_sim.scenario import validate
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.long]
 MARKUP = "<img src=x onerror='window.hacked=1'><!--<script>"
 
 

@@ -14,7 +14,7 @@ from pages import TOLERANCE, needs_browser, opened, picture
 from omnitrack_sim import Result, load_scenario, override, render_replay, run
 from omnitrack_sim.robots.omnitrack.looks import look_pitch
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,8 @@ from omnitrack_sim.show.replay.contents import PICTURE_PERIOD, TILES_ACROSS
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def result():

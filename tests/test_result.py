@@ -14,9 +14,9 @@ from samples import sample_result, sample_trajectory
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.record.trajectory import RECORDED
 from omnitrack_sim.results import files
 from omnitrack_sim.results.result import load_result
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import override
 
 FILES = {"scenario.json", "result.json", "timeline.csv", "trajectory.parquet", "replay.npz"}

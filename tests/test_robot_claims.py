@@ -18,6 +18,8 @@ from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
 from omnitrack_sim.scenario import override
 from omnitrack_sim.sim.run import run_batch
 
+pytestmark = pytest.mark.long
+
 MEASURED = sorted(kind for kind in set(ROBOTS) - {DEFAULT} if claims_of(robot_class(kind)))
 
 

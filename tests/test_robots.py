@@ -436,6 +436,7 @@ def test_figures_and_pages_show_what_the_robot_has(run):
     assert "chassis" in page.html
 
 
+@pytest.mark.long
 @needs_browser
 def test_titles_of_plots_stand_on_one_line(tmp_path):
     """Also of a robot with a curve for each of its thirteen bodies, whose values are not told."""

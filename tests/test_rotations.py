@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from omnitrack_sim.base import rotations
 from omnitrack_sim.base.rotations import (
     Pose,
     direction_of,
@@ -17,6 +18,7 @@ from omnitrack_sim.base.rotations import (
     unit,
     wrap_angle,
 )
+from omnitrack_sim.pipes import vectors
 
 RNG = np.random.default_rng(0)
 
@@ -102,3 +104,22 @@ def test_a_heading_looks_out_of_the_tail_of_a_robot_that_drives_backward():
     assert np.array_equal(ahead[1, :, 0], frames[1, :, 0])
     several = np.repeat(frames[:, None], 4, axis=1)
     assert np.array_equal(heading(several, np.array([[1], [-1], [1]]))[:, 2], ahead)
+
+
+def test_compiled_vectors_are_those_of_arrays():
+    """Sums, products, lengths and angles of compiled functions are those of arrays, to the bit."""
+    rng = np.random.default_rng(3)
+    for a, b in rng.normal(size=(20, 2, 3)):
+        pairs = (
+            (vectors.cross(a, b), rotations.cross(a, b)),
+            (vectors.dot(a, b), rotations.dot(a, b)),
+            (vectors.length(a), rotations.length(a)),
+            (vectors.unit(a), rotations.unit(a)),
+            (vectors.plus(a, vectors.scaled(b, 2.0)), a + 2.0 * b),
+            (vectors.over(vectors.minus(a, b), 3.0), (a - b) / 3.0),
+        )
+        for mine, array in pairs:
+            assert np.array_equal(mine, array)
+        a, b = rotations.unit(a), rotations.unit(b)
+        assert vectors.angle_between(a, b) == pytest.approx(np.arccos(a @ b))
+    assert vectors.unit((0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)

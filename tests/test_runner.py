@@ -18,7 +18,7 @@ from omnitrack_sim import (
     run_batch,
 )
 from omnitrack_sim.record import trajectory as recording
-from omnitrack_sim.record.trajectory import RECORDED
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.sim import run as running
 
 

@@ -12,7 +12,8 @@ import pytest
 from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
-from omnitrack_sim.record.events import GoalReached, Rolled
+from omnitrack_sim.record.events import GoalReached
+from omnitrack_sim.robots.omnitrack.events import Rolled
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

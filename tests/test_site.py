@@ -14,6 +14,8 @@ from pydantic import BaseModel
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PICTURE = re.compile(r"!\[[^\]]+\]\(([^)]+)\)")

@@ -81,6 +81,7 @@ def test_two_workers_give_the_same_bytes(calm, tmp_path):
     assert [status.done for status in told if not status.stage.startswith("check")][-1] == 38
 
 
+@pytest.mark.long
 def test_a_kill_changes_nothing(tmp_path):
     """Killed in the second generation, the workers die with their parent, and the next run ends
     with the files of a calm one."""

@@ -9,7 +9,7 @@ from test_control_laws import PERIOD, Bench, scenario_of
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import cross, rotation_about
 from omnitrack_sim.record.events import BackedOff
-from omnitrack_sim.robots.omnitrack.control.tracking import SWAY, Sway
+from omnitrack_sim.robots.omnitrack.control.sway import SWAY, Sway
 from omnitrack_sim.robots.omnitrack.kinematics import module_speeds
 
 RATE = 1.5

@@ -12,7 +12,7 @@ from sweep_samples import small_sweep
 
 from omnitrack_sim import OutputError, run_trials
 from omnitrack_sim.show.plots.style import PictureWarning
-from omnitrack_sim.trials import dispatch, sweep_plot
+from omnitrack_sim.trials import dispatch, sweep_figure
 
 FILES = ("trials.parquet", "trials.csv", "summary.json", "success_map.png", "sweep.json")
 
@@ -68,7 +68,7 @@ def test_damaged_tables_are_made_anew(place, done, monkeypatch):
     draw, data = random.Random(1), (place / "trials.parquet").read_bytes()
     figure = (place / "success_map.png").read_bytes()
     monkeypatch.setattr(dispatch, "run_rows", None)
-    monkeypatch.setattr(sweep_plot, "draw_map", lambda *_: figure)  # drawing takes a second
+    monkeypatch.setattr(sweep_figure, "draw_map", lambda *_: figure)  # drawing takes a second
     for size in (0, 10, len(data) // 2, len(data) - 1):
         (place / "trials.parquet").write_bytes(data[:size])
         run_trials(tiny_sweep(), out=place)
@@ -97,13 +97,13 @@ def test_a_figure_that_fails_costs_no_trial(tmp_path, done, monkeypatch):
     def fails(*_):
         raise ValueError("no such colour")
 
-    draw_map = sweep_plot.draw_map
-    monkeypatch.setattr(sweep_plot, "draw_map", fails)
+    draw_map = sweep_figure.draw_map
+    monkeypatch.setattr(sweep_figure, "draw_map", fails)
     with pytest.warns(PictureWarning, match=r"no success_map\.png: no such colour"):
         table = run_trials(tiny_sweep(), out=tmp_path / "sweep").table
     assert table.num_rows == 4
     names = {path.name for path in (tmp_path / "sweep").iterdir()}
     assert names == {*FILES, "parts"} - {"success_map.png"}
-    monkeypatch.setattr(sweep_plot, "draw_map", draw_map)
+    monkeypatch.setattr(sweep_figure, "draw_map", draw_map)
     run_trials(tiny_sweep(), out=tmp_path / "sweep")
     assert contents(tmp_path / "sweep") == contents(done)

@@ -15,8 +15,8 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
 from omnitrack_sim.trials.run import Status, TrialsResult
+from omnitrack_sim.trials.sweep_figure import CLASSES, draw_map, singular_range, spreads
 from omnitrack_sim.trials.sweep_file import load_sweep, resolve
-from omnitrack_sim.trials.sweep_plot import CLASSES, draw_map, singular_range, spreads
 
 RNG = np.random.default_rng(0)
 N = 400

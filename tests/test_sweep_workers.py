@@ -31,6 +31,8 @@ from omnitrack_sim.base import workers
 from omnitrack_sim.base.workers import DaskPool, LocalPool, WorkersLost
 from omnitrack_sim.trials import dispatch
 
+pytestmark = pytest.mark.long
+
 
 def started(*arguments: object, **more: object) -> subprocess.Popen:
     command = [sys.executable, "-m", "omnitrack_sim.cli", *map(str, arguments)]

@@ -26,6 +26,7 @@ from omnitrack_sim.record.timeline import PassageRecord, passage_indices, timeli
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.omnitrack.drive import DRIVES
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.scenario import validate
@@ -44,9 +45,8 @@ def record(
     way: Route, distance: np.ndarray = WAY, phases: tuple[str, ...] = PHASES, **changes
 ) -> Trajectory:
     channels = drive(way, distance) | changes
-    return Trajectory(
-        0.02 * np.arange(len(distance)), channels, phases, np.zeros((len(distance), 22))
-    )
+    qpos = np.zeros((len(distance), 22))
+    return Trajectory(0.02 * np.arange(len(distance)), channels, phases, qpos, RECORDED)
 
 
 def visits(trajectory: Trajectory, *ways: Route) -> list[PassageRecord]:

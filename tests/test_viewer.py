@@ -22,6 +22,8 @@ from omnitrack_sim.show.viewer.pace import FRAME, LATE_FRAME, MAX_OVERDUE, Pace
 from omnitrack_sim.show.viewer.player import LiveRun, SavedRun
 from omnitrack_sim.show.viewer.window import covers_robot, window_spec
 
+pytestmark = pytest.mark.long
+
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
 
 

@@ -1,10 +1,5 @@
 """The same robot in PyBullet, in a pipe whose wall is one concave triangle mesh.
 
-python benchmarks/compare/bullet.py [--job NAME]... [--setting NAME]... [--probes N]
-
-Drives the jobs at each setting with the package's own controller and prints outcome, speed and wall
-error.
-
 What differs from the robot in MuJoCo, because Bullet has no armature, no tied joints and no soft
 contacts of that kind:
 
@@ -20,8 +15,6 @@ contacts of that kind:
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import math
 import sys
 import time
@@ -30,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 from bullet_plant import BulletPlant, contacts_per_lug, make_bullet_plant
-from bullet_walls import SETTINGS, BulletSettings, bullet_wall_error
+from bullet_walls import BulletSettings
 
-from omnitrack_sim import Scenario, load_scenario, override
+from omnitrack_sim import Scenario
 from omnitrack_sim.sim.simulation import Simulation
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -93,32 +86,3 @@ def drive(scenario: Scenario, settings: BulletSettings) -> Drive:
     )
     plant.close()
     return result
-
-
-def main() -> None:
-    """Drive the jobs at the settings."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--job", action="append", choices=JOBS)
-    parser.add_argument("--setting", action="append", choices=sorted(SETTINGS))
-    parser.add_argument("--probes", type=int, default=2000)
-    given = parser.parse_args()
-    for name in given.setting or SETTINGS:
-        for job in given.job or JOBS:
-            scenario = override(load_scenario(job), {"physics.collider": "primitives"})
-            result = drive(scenario, SETTINGS[name])
-            largest, most = bullet_wall_error(scenario, SETTINGS[name], given.probes)
-            values = "  ".join(
-                f"{k} {v:.3g}"
-                for k, v in dataclasses.asdict(result).items()
-                if isinstance(v, float)
-            )
-            print(
-                f"{name:16} {job:12} {result.outcome}  wall {largest:.3f}/{most:.3f} mm  {values}  "
-                f"{result.reason}"
-            )
-
-
-if __name__ == "__main__":
-    main()

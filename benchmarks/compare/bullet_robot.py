@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import lug_places
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.track_plant import NUMBERS
 
 SLIDER_MASS = 1e-3

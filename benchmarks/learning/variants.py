@@ -8,7 +8,7 @@ from typing import Any
 
 from batches import Batch
 
-from omnitrack_sim.robots.omnitrack import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 
 HALF = 32
 """Robots on each of two cores. More of them together learn less from as many decisions."""

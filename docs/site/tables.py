@@ -31,6 +31,8 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.kinds import default_robot
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
@@ -94,7 +96,7 @@ def table(head: Row, rows: Iterable[Row]) -> str:
 
 def rows_of_channels() -> Iterator[Row]:
     """Yield a row for each channel of the omnidirectional robot."""
-    for one in channels.CHANNELS.values():
+    for one in CHANNELS.values():
         shape = " x ".join(map(str, one.shape)) or "-"
         seen, kept = ("yes" if it else "-" for it in (one.source == "plant", one.recorded))
         cells = (f"`{one.name}`", one.unit, shape, one.frame or "-")
@@ -201,7 +203,8 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "plots": lambda: table(("function", "draws", "takes `ax`"), rows_of_plots()),
     "outcomes": lambda: table(
-        ("outcome", "what it says"), ((f"`{one.value}`", one.advice) for one in Outcome)
+        ("outcome", "what it says"),
+        ((f"`{one.value}`", default_robot().advice(one)) for one in Outcome),
     ),
     "channels": lambda: table(
         ("channel", "unit", "shape", "frame", "tail first", "seen", "recorded", "meaning"),
@@ -211,7 +214,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "metrics": lambda: table(
         ("metric", "unit", "modules", "meaning"),
         (
-            (f"`{one.name}`", one.unit, "3" if one.per_module else "", one.meaning)
+            (f"`{one.name}`", one.unit, str(MODULES) if one.per_module else "", one.meaning)
             for one in METRICS
         ),
     ),

@@ -116,6 +116,7 @@ class Localiser:
 
     Attributes:
         filter: the estimate; set by ``reset``, as all that is kept for a robot.
+        travel: (n,) m, of the last control period, by odometry along the robots' axes.
         misfit: (n,) median residual of the last picture's pixels, in their standard deviations.
         unknown: (n,) bool, robots of unknown rotation about their axis.
         shot: the last picture that has arrived, with the pose before its gradients corrected it:
@@ -136,7 +137,7 @@ class Localiser:
         self._table, self._odometry, self._walls, self._which = table, odometry, walls, which
         self._period, self._rate = period, mount.camera.optics.rate
         n = len(which)
-        self._gravity = np.zeros((n, 3))
+        self._gravity, self.travel = np.zeros((n, 3)), np.zeros(n)
         self._radius = odometry.robot.nominal_bore / 2
         self.filter = PoseFilter(n, table.filter, table.imu, self._radius)
         self._candidates = Candidates(table.filter, mount, walls, which, self._gravity)
@@ -184,6 +185,7 @@ class Localiser:
             readings: of one control period.
         """
         motion = self._odometry.motion(readings.body)
+        self.travel = motion.travel
         # Only what the drives' own doubt does not explain is slip.
         differ = np.abs(motion.rotation - readings.rotation) - motion.rotation_std
         skid = np.sqrt(((np.maximum(differ, 0.0) * self._radius) ** 2).sum(axis=-1))

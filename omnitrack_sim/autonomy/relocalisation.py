@@ -23,7 +23,7 @@ from omnitrack_sim.senses.settings import SearchTable
 Readings = Mapping[str, Array]
 
 
-class Search:
+class PoseSearch:
     """Search of n robots for their pose: rounds of looking, stepping back, looking and rolling.
 
     Args:

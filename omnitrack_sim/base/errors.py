@@ -177,6 +177,21 @@ class OutputError(OmnitrackError):
     """
 
 
+class ControllerError(OmnitrackError):
+    """A user's own controller raised an error, or returned no command; that error is its cause.
+
+    Example:
+        >>> class Broken:
+        ...     def __init__(self, setup): pass
+        ...     def step(self, observation): return None
+        >>> try:
+        ...     ot.run(ot.load_scenario("straight"), controller=Broken, no_load=False)
+        ... except ot.ControllerError as error:
+        ...     print(str(error).partition(": ")[2])
+        TypeError: what Broken.step returns: is None...
+    """
+
+
 class RenderError(OmnitrackError):
     """No OpenGL context could be made for offscreen rendering.
 

@@ -102,9 +102,9 @@ def _files(incomplete: str, endings: tuple[str, ...] = (".toml", ".json")) -> li
 def _paths() -> Iterator[tuple[str, str]]:
     """Dotted path, and unit and meaning, of every value of a scenario."""
     from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
-    from omnitrack_sim.robots.control import controller_of, parameters_model
-    from omnitrack_sim.robots.kinds import DEFAULT, default_robot, robot_class
-    from omnitrack_sim.scenario.tables import ControlTable, Pipe
+    from omnitrack_sim.robots.control import parameters_model
+    from omnitrack_sim.robots.kinds import default_robot
+    from omnitrack_sim.scenario.tables import Pipe
 
     # Without validation, which would ask for pipes.
     scenario = ot.Scenario.model_construct()
@@ -113,9 +113,8 @@ def _paths() -> Iterator[tuple[str, str]]:
             yield from ((f"robot.{row.name}", row.source) for row in default_robot().parameters())
         else:
             yield from _below(name, table)
-    controllers = robot_class(DEFAULT).controllers()
-    controller = parameters_model(controller_of(ControlTable().kind, controllers))
-    yield from _below("control.parameters", controller())
+    controller = next(iter(default_robot().controllers().values()))
+    yield from _below("control.parameters", parameters_model(controller)())
     # Keys that several fittings have are offered once.
     keys = {
         key: meaning

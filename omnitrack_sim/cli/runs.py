@@ -109,8 +109,7 @@ def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> No
 def print_result(result: ot.Result, target: Path) -> None:
     """Print outcome, events and figures of a run, and where it was saved."""
     colour = "green" if result.success else "yellow"
-    advice = result.scenario.robot.advice(result.outcome)
-    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(advice)}")
+    out.say(f"[bold {colour}]{result.outcome.value}[/] {plain(result.advice)}")
     out.say(f"  {plain(result.reason)}")
     for event in result.events:
         out.say(f"  {plain(str(event))}")
@@ -121,7 +120,7 @@ def print_result(result: ot.Result, target: Path) -> None:
         passages = result.timeline()
         out.print(_passage_table(result, passages))
         slip = "slip: mean ratio; " if _has_slip(passages) else ""
-        part = "module" if result.scenario.robot.slips else "body"
+        part = "module" if result.scenario.robot.modules else "body"
         out.say(f"  tilt: largest; {slip}force: least normal force of a {part}, 0.1 s mean")
     out.print(_figure_table(result))
     metrics = result.metrics
@@ -221,7 +220,7 @@ def _passage_table(result: ot.Result, passages: Sequence[ot.PassageRecord]) -> T
 def _slip(result: ot.Result) -> str:
     """Words on the slip of a robot that has a slip without load."""
     metrics = result.metrics
-    if not result.scenario.robot.slips:
+    if "no_load_slip_m_s" not in metrics:
         return ""
     excess = f"{metrics['slip_excess']:.0%}".replace("%", " %")
     without_load = f"{metrics['no_load_slip_m_s']:.1e} m/s without load"
@@ -230,9 +229,10 @@ def _slip(result: ot.Result) -> str:
 
 def _figure_table(result: ot.Result) -> Table:
     """Figures of each module, or of a robot whose metrics have one value each."""
-    metrics = result.scenario.robot.metrics
+    robot = result.scenario.robot
+    metrics = robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
-    heads = [f"module {i}" for i in (1, 2, 3)] if of_modules else ["value"]
+    heads = [f"module {i + 1}" for i in range(robot.modules)] if of_modules else ["value"]
     table = plain_table("figure", "unit", *heads)
     for metric in of_modules or metrics:
         value = result.metrics[metric.name]

@@ -15,7 +15,7 @@ from omnitrack_sim.gym.options import EnvOptions, Tally, check_for
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.feature import bounds, entry_slices, steps_of_decision
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import Scenario, load_scenario, override, validate
 from omnitrack_sim.senses.settings import camera_of
 from omnitrack_sim.sim.onboard import Onboard

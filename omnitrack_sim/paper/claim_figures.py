@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import wrap_angle
-from omnitrack_sim.record.channels import DISPLAYS, MODULE_COLOURS, MODULE_COUNT
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.record.trajectory import spans
-from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
+from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.show.plots.run_figures import LINES, display_values, limits_of
 from omnitrack_sim.show.plots.style import ALARM, GREY, INK, new_figure, style
 from omnitrack_sim.show.plots.success import PASSED_COLOUR
@@ -67,7 +68,7 @@ def angular_velocity_figure(result: Result) -> Figure:
     speed, roll = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
     for axis, name, scale in (
         (speed, "belt_speed", 1 / radius),
-        (roll, "roll", DISPLAYS["roll"].scale),
+        (roll, "roll", CHANNELS["roll"].display.scale),
     ):
         _lines(axis, trajectory, trajectory.time, scale * trajectory[name])
         for i, command in enumerate((scale * trajectory[f"{name}_command"]).T):
@@ -77,7 +78,7 @@ def angular_velocity_figure(result: Result) -> Figure:
     speed.set_ylabel("angular velocity [rad/s]")
     roll.set_ylabel("module roll [deg]")
     roll.set_xlabel("time [s]")
-    limits = limits_of(DISPLAYS["roll"], display_values(trajectory, "roll"))
+    limits = limits_of(CHANNELS["roll"].display, display_values(trajectory, "roll"))
     roll.set_ylim(*(limits or (None, None)))
     _legend(figure)
     return figure
@@ -98,7 +99,7 @@ def along_figure(result: Result) -> Figure:
     for axis, name in zip(axes, ("traction", "normal_force", "slip_velocity"), strict=True):
         _lines(axis, trajectory, trajectory["distance"], display_values(trajectory, name))
         _shade(axis, trajectory, trajectory["distance"])
-        axis.set_ylabel(DISPLAYS[name].label())
+        axis.set_ylabel(CHANNELS[name].display.label())
     axes[-1].set_xlabel("arc length of the robot's centre [m]")
     _legend(figure)
     return figure
@@ -162,7 +163,7 @@ def contact_map_figure(result: Result) -> Figure:
 
 def _contacts(axis: Axes, trajectory: Trajectory) -> None:
     """Draw the marks of the contact map, its colour bar and its shades."""
-    distance = np.repeat(trajectory["distance"], MODULE_COUNT)
+    distance = np.repeat(trajectory["distance"], MODULES)
     angle = np.degrees(wrap_angle(trajectory["theta5"][:, None] + np.array(MODULE_ANGLES)))
     for i, start in enumerate(angle[0]):  # (3,)
         style: dict[str, Any] = {"color": MODULE_COLOURS[i], "weight": "bold", "size": 8}

@@ -14,13 +14,14 @@ from omnitrack_sim.paper.claim import Claim, ClaimVerdict, Measurement, Sample, 
 from omnitrack_sim.paper.experiments import FRICTIONS, PRELOAD_FACTORS, Runs, min_preload
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import GRAVITY, Omnitrack, as_omnitrack
+from omnitrack_sim.robots.omnitrack import Omnitrack, as_omnitrack
 from omnitrack_sim.robots.omnitrack.kinematics import (
     angular_velocity,
     cross_velocity,
     mean_velocity,
 )
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.robots.size import GRAVITY
 
 _WINDOW = 10
 """Samples over which rotation and speeds are averaged, because single lugs shake the robot."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.omnitrack import GRAVITY, Omnitrack, as_omnitrack
+from omnitrack_sim.robots.omnitrack import Omnitrack, as_omnitrack
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.sim.simulation import Progress

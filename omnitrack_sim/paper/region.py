@@ -15,7 +15,7 @@ import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.robots.omnitrack.singularity import (
     DEFINITIONS,
     TurnCase,

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from omnitrack_sim.base.rotations import Array, dot, frame_of
+from omnitrack_sim.base.rotations import Array, frame_of
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBERS,
+    WORD,
+    WORDS,
+    at,
+    c_function,
+    compiled,
+    pointers,
+)
+from omnitrack_sim.pipes.vectors import dot, minus, over, plus, put_vector, scaled, vector
 
 SEARCH = 0.15
 """Distance from the last known arc length that ``locate`` searches, m: routes may come close to
 themselves."""
+FAR = 1e6
+"""Penalty of points beyond that, m²: far above any squared distance."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +57,24 @@ class Centreline:
     def __init__(self, segments: Sequence[Segment], side: Array):
         """``side`` (3,) is the x axis of the frame at the start, across the first tangent."""
         start = np.cumsum([0.0, *(s.length for s in segments[:-1])])  # (S,) m
-        rows = np.empty((len(segments), _COLUMNS))
+        rows = np.empty((len(segments), COLUMNS))
         for i, (segment, begin) in enumerate(zip(segments, start, strict=True)):
             k = segment.curvature
-            rows[i, _START], rows[i, _LENGTH], rows[i, _CURVATURE] = begin, segment.length, k
-            # Both branches of np.where are evaluated: on lines the arc's formulas divide by this 1
-            # unused.
-            rows[i, _SAFE_CURVATURE] = 1.0 if k == 0 else k
-            rows[i, _POINT], rows[i, _TANGENT] = segment.point, segment.tangent
-            rows[i, _NORMAL], rows[i, _SIDE] = segment.normal, side
-            angle = np.array([segment.length * k])
-            side = _carried(side[None], segment.tangent[None], segment.normal[None], angle)[0]
+            rows[i, START], rows[i, LENGTH], rows[i, CURVATURE] = begin, segment.length, k
+            for column, values in (
+                (POINT, segment.point),
+                (TANGENT, segment.tangent),
+                (NORMAL, segment.normal),
+                (SIDE, side),
+            ):
+                rows[i, column : column + 3] = values
+            side = np.array(carried(side, segment.tangent, segment.normal, segment.length * k))
         # Lines at the ends go on; arcs there are not continued round: the pipe is.
-        rows[:, _LOWEST], rows[:, _HIGHEST] = 0.0, rows[:, _LENGTH]
+        rows[:, LOWEST], rows[:, HIGHEST] = 0.0, rows[:, LENGTH]
         if segments[0].curvature == 0:
-            rows[0, _LOWEST] = -np.inf
+            rows[0, LOWEST] = -np.inf
         if segments[-1].curvature == 0:
-            rows[-1, _HIGHEST] = np.inf
+            rows[-1, HIGHEST] = np.inf
         self._index(rows, [len(segments)])
 
     @classmethod
@@ -72,23 +89,13 @@ class Centreline:
         """Build the look-up tables of lines of ``counts`` segments each."""
         self._rows = rows
         self._count = np.array(counts)
-        self._first = np.cumsum(self._count) - self._count  # (W,) first segment of each line
-        self._last = self._first + self._count - 1
-        self._begins = np.full((len(counts), max(counts)), np.inf)  # (W, most segments) m
-        self.lengths = np.empty(len(counts))  # (W,) m
-        self._within_search = 1
-        for line, (first, count) in enumerate(zip(self._first, counts, strict=True)):
-            start = rows[first : first + count, _START]
-            self._begins[line, :count] = start
-            # Added in order, as `Route.length` does: NumPy's pairwise sum may differ in the last
-            # bit.
-            self.lengths[line] = sum(rows[first : first + count, _LENGTH].tolist())
-            # Most segments that a stretch of twice SEARCH touches: the last of them begins at its
-            # end.
-            lowest = np.searchsorted(start, start - 2 * SEARCH, side="right").clip(1) - 1
-            touched = int((np.arange(count) - lowest).max()) + 1
-            self._within_search = max(self._within_search, touched)
-        self._offsets = np.arange(self._within_search)
+        first = np.cumsum(self._count) - self._count
+        # (W, 2) first and last segment of each line
+        self._spans = np.stack([first, first + self._count - 1], axis=1).astype(np.int64)
+        # Added in order, as `Route.length` does: NumPy's pairwise sum may differ in the last bit.
+        self.lengths = np.array(
+            [sum(rows[a : b + 1, LENGTH].tolist()) for a, b in self._spans]
+        )  # (W,) m
 
     @property
     def length(self) -> float:
@@ -98,10 +105,10 @@ class Centreline:
     @property
     def is_straight(self) -> bool:
         """True if the line has no arc."""
-        return not np.count_nonzero(self._rows[:, _CURVATURE])
+        return not np.count_nonzero(self._rows[:, CURVATURE])
 
     def at(
-        self, s: Array, line: NDArray[np.intp] | None = None
+        self, s: ArrayLike, line: NDArray[np.intp] | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Return point, tangent, normal (n, 3) and curvature (n,) 1/m at arc length (n,) m.
 
@@ -110,36 +117,7 @@ class Centreline:
         On a straight the normal is the side of the frame. ``line`` (n,): which of several lines;
         None: the first.
         """
-        s = np.asarray(s, float)
-        rows = self._rows.take(self._segment(s, line), axis=0)
-        return _along(rows, s - rows[:, _START])
-
-    def tangents(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
-        """Tangents (n, 3) at arc length (n,) m, as ``at`` gives them."""
-        rows = self._rows.take(self._segment(s, line), axis=0)
-        t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
-        if not np.count_nonzero(curvature):
-            return t + n * 0.0
-        u = s - rows[:, _START]
-        inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
-        angle = (inside * curvature)[:, None]
-        return t * np.cos(angle) + n * np.sin(angle)
-
-    def straight(
-        self, start: Array, end: Array, line: NDArray[np.intp] | None = None
-    ) -> Array | None:
-        """Return tangents (n, 3) of stretches from ``start`` to ``end`` (n,) m if all are straight.
-
-        None where one does not lie on a straight.
-        """
-        first, last = self._segment(start, line), self._segment(end, line)
-        # Compared as bytes, which is faster than element by element for the few robots of a batch.
-        if first.tobytes() != last.tobytes():
-            return None
-        rows = self._rows.take(first, axis=0)
-        if np.count_nonzero(rows[:, _CURVATURE]):
-            return None
-        return rows[:, _TANGENT] + rows[:, _NORMAL] * 0.0
+        return self.at_with_frame(s, line)[0]
 
     def frame(self, s: Array, line: NDArray[np.intp] | None = None) -> Array:
         """Return the route's frames (n, 3, 3) at arc length (n,) m.
@@ -149,16 +127,16 @@ class Centreline:
         return self.at_with_frame(s, line)[1]
 
     def at_with_frame(
-        self, s: Array, line: NDArray[np.intp] | None = None
+        self, s: ArrayLike, line: NDArray[np.intp] | None = None
     ) -> tuple[tuple[Array, Array, Array, Array], Array]:
         """What ``at`` and ``frame`` give, which look up the same segments."""
-        s = np.asarray(s, float)
-        rows = self._rows.take(self._segment(s, line), axis=0)
-        u = s - rows[:, _START]
-        angle = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH]) * rows[:, _CURVATURE]
-        x = _carried(rows[:, _SIDE], rows[:, _TANGENT], rows[:, _NORMAL], angle)
-        place = _along(rows, u)
-        return place, frame_of(x, place[1])
+        s = np.ascontiguousarray(s, float)
+        places = np.empty((len(s), PLACE))
+        c_function(_places, _PLACES).ctypes(
+            len(s), *self.tables, *pointers(self._line(line, len(s)), s, places)
+        )
+        point, tangent, normal, x = (places[:, i : i + 3] for i in range(0, 12, 3))
+        return (point, tangent, normal, places[:, PLACE - 1]), frame_of(x, tangent)
 
     def locate(
         self, points: Array, near: Array | None = None, line: NDArray[np.intp] | None = None
@@ -168,112 +146,155 @@ class Centreline:
         With ``near`` (n,) m only arc lengths within ``SEARCH`` of it are looked at. ``line`` (n,):
         see ``at``.
         """
-        rows = self._rows.take(self._candidates(len(points), near, line), axis=0)
-        tangent, normal = rows[..., _TANGENT], rows[..., _NORMAL]  # (n, S, 3)
-        low, high, k = rows[..., _LOWEST], rows[..., _HIGHEST], rows[..., _SAFE_CURVATURE]
-        offset = points[:, None] - rows[..., _POINT]
-        along = dot(offset, tangent)
-        # Most robots are on straights most of the time: no sines then.
-        if not np.count_nonzero(rows[..., _CURVATURE]):
-            u = np.minimum(np.maximum(along, low), high)
-            miss = offset - u[..., None] * tangent
-        else:
-            straight, across = rows[..., _CURVATURE] == 0, dot(offset, normal)
-            # The angle about the arc's centre, which lies 1/k along the normal.
-            u = np.where(straight, along, np.arctan2(along * k, 1 - across * k) / k)
-            u = np.minimum(np.maximum(u, low), high)
-            angle = u * k
-            reach = np.where(straight, u, np.sin(angle) / k)
-            bend = np.where(straight, 0.0, (1 - np.cos(angle)) / k)
-            miss = offset - reach[..., None] * tangent - bend[..., None] * normal
-        s = u + rows[..., _START]
-        if s.shape[1] == 1:
-            return s[:, 0]
-        squared = dot(miss, miss)
-        if near is not None:
-            # A penalty far above any squared distance, m², instead of a masked search.
-            squared = squared + 1e6 * (np.abs(s - near[:, None]) > SEARCH)
-        return s[np.arange(len(s)), squared.argmin(axis=1)]
+        count = len(points)
+        points, found = np.ascontiguousarray(points, float), np.empty(count)
+        near = np.full(count, np.nan) if near is None else np.ascontiguousarray(near, float)
+        c_function(_distances, _DISTANCES).ctypes(
+            count, *self.tables, *pointers(self._line(line, count), points, near, found)
+        )
+        return found
 
-    def nearest(
-        self, points: Array, near: Array, line: NDArray[np.intp] | None = None
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """Arc length (n,) m of the nearest point, and what ``at`` gives there.
+    @property
+    def tables(self) -> list[Any]:
+        """Pointers to the segments, and to the first and last one of each line."""
+        return pointers(self._rows, self._spans)
 
-        Where the foot of every point lies within the segment that ``near`` (n,) m is on, no other
-        one is looked at; otherwise as ``locate``. Arguments as there.
-        """
-        rows = self._rows.take(self._segment(near, line), axis=0)
-        offset = points - rows[:, _POINT]
-        u = dot(offset, rows[:, _TANGENT])
-        if np.count_nonzero(rows[:, _CURVATURE]):
-            k, across = rows[:, _SAFE_CURVATURE], dot(offset, rows[:, _NORMAL])
-            u = np.where(rows[:, _CURVATURE] == 0, u, np.arctan2(u * k, 1 - across * k) / k)
-        # A foot at an end of its segment may really lie on the neighbour: that takes the full
-        # search.
-        within = (u > rows[:, _LOWEST]) & (u < rows[:, _HIGHEST])
-        if np.count_nonzero(within) == len(u):
-            s = u + rows[:, _START]
-            return (s, *_along(rows, s - rows[:, _START]))
-        s = self.locate(points, near, line)
-        return (s, *self.at(s, line))
-
-    def _candidates(
-        self, count: int, near: Array | None, line: NDArray[np.intp] | None
-    ) -> NDArray[np.intp]:
-        """Return segments (n, S) on which the nearest point may lie; the last one fills up rows."""
-        # Only the segments within reach are looked at, so that a long route costs no more than a
-        # short one.
-        if near is None:
-            line = np.zeros(count, np.intp) if line is None else line
-            every = self._first[line][:, None] + np.arange(self._count.max())
-            return np.minimum(every, self._last[line][:, None])
-        last = len(self._rows) - 1 if line is None else self._last[line][:, None]
-        return np.minimum(self._segment(near - SEARCH, line)[:, None] + self._offsets, last)
-
-    def _segment(self, s: Array, line: NDArray[np.intp] | None) -> NDArray[np.intp]:
-        """Segment (n,) that arc length (n,) m lies on."""
-        if line is None:
-            begins = self._begins[0, : self._count[0]]
-            return np.maximum(begins.searchsorted(s, side="right") - 1, 0)
-        # Counting the begins behind s serves lines of different lengths at once; padding is
-        # infinite.
-        passed = np.add.reduce(self._begins[line] <= s[:, None], axis=1, dtype=np.intp)
-        return self._first[line] + np.maximum(passed - 1, 0)
+    def _line(self, line: NDArray[np.intp] | None, count: int) -> NDArray[np.int64]:
+        """Return the number of the line (n,) of each of ``count`` points."""
+        return np.zeros(count, np.int64) if line is None else np.ascontiguousarray(line, np.int64)
 
 
 # Columns of the table of segments.
-_START, _LENGTH, _CURVATURE, _SAFE_CURVATURE, _LOWEST, _HIGHEST = range(6)
-_POINT, _TANGENT, _NORMAL, _SIDE = (slice(i, i + 3) for i in range(6, 18, 3))
-_COLUMNS = 18
+START, LENGTH, CURVATURE, LOWEST, HIGHEST, POINT, TANGENT, NORMAL, SIDE = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    8,
+    11,
+    14,
+)
+COLUMNS = 17
+PLACE = 13
+"""Numbers of a place on a line: point, tangent, normal, x axis of the frame, curvature."""
 
 
-def _along(rows: Array, u: Array) -> tuple[Array, Array, Array, Array]:
-    """Result of ``Centreline.at``, ``u`` (n,) m into segments (n, columns)."""
-    inside = np.minimum(np.maximum(u, 0.0), rows[:, _LENGTH])
-    t, n, curvature = rows[:, _TANGENT], rows[:, _NORMAL], rows[:, _CURVATURE]
-    along = inside[:, None]
-    if not np.count_nonzero(curvature):
-        # As below with an angle of zero, to the bit.
-        tangent, normal = t + n * 0.0, rows[:, _SIDE]
-        way_in = along * t
+@compiled
+def segment_at(segments, first, last, s):
+    """Return which segment, of first to last, arc length ``s`` m lies on."""
+    while first < last:
+        middle = (first + last + 1) // 2
+        if segments[middle * COLUMNS + START] <= s:
+            first = middle
+        else:
+            last = middle - 1
+    return first
+
+
+@compiled
+def place_on(segment, s):
+    """Return point, tangent, normal and curvature of a segment's line at arc length ``s`` m.
+
+    Beyond the segment's ends the line goes on along its tangents there, without curvature.
+    """
+    u, k = s - segment[START], segment[CURVATURE]
+    inside = min(max(u, 0.0), segment[LENGTH])
+    t, n = vector(segment, TANGENT), vector(segment, NORMAL)
+    if k == 0.0:
+        # A product with zero is added as in a bend: there is no negative zero.
+        tangent, normal, way = plus(t, scaled(n, 0.0)), vector(segment, SIDE), scaled(t, inside)
     else:
-        straight = (curvature == 0)[:, None]
-        angle = (inside * curvature)[:, None]
-        sin, cos = np.sin(angle), np.cos(angle)
-        tangent = t * cos + n * sin
-        normal = np.where(straight, rows[:, _SIDE], n * cos - t * sin)
-        arc = (t * sin + n * (1 - cos)) / rows[:, _SAFE_CURVATURE, None]
-        way_in = np.where(straight, along * t, arc)
-    # Beyond the segment's end the line goes on along its last tangent, without curvature.
-    point = rows[:, _POINT] + way_in + (u - inside)[:, None] * tangent
-    return point, tangent, normal, curvature * (u == inside)
+        sin, cos = math.sin(inside * k), math.cos(inside * k)
+        tangent = plus(scaled(t, cos), scaled(n, sin))
+        normal = minus(scaled(n, cos), scaled(t, sin))
+        way = over(plus(scaled(t, sin), scaled(n, 1.0 - cos)), k)
+    point = plus(plus(vector(segment, POINT), way), scaled(tangent, u - inside))
+    return point, tangent, normal, k if u == inside else 0.0
 
 
-def _carried(side: Array, tangent: Array, normal: Array, angle: Array) -> Array:
-    """Carry vectors (n, 3) without twist through a bend by ``angle`` (n,) rad to the normal."""
-    angle = angle[:, None]
-    along_n = dot(side, normal)[:, None]
+@compiled
+def carried(side, tangent, normal, angle):
+    """Carry a vector without twist through a bend by ``angle`` rad to the normal."""
+    along = dot(side, normal)
     # Only the part of the vector in the plane of the bend turns; what is square to it stays.
-    across = side - along_n * normal
-    return across + along_n * (normal * np.cos(angle) - tangent * np.sin(angle))
+    across = minus(side, scaled(normal, along))
+    turned = minus(scaled(normal, math.cos(angle)), scaled(tangent, math.sin(angle)))
+    return plus(across, scaled(turned, along))
+
+
+@compiled
+def foot_on(segment, place):
+    """Return how far, m, the point nearest to ``place`` lies into a segment's endless line."""
+    offset, k = minus(place, vector(segment, POINT)), segment[CURVATURE]
+    along = dot(offset, vector(segment, TANGENT))
+    if k == 0.0:
+        return along
+    # The angle about the arc's centre, which lies 1/k along the normal.
+    return math.atan2(along * k, 1.0 - dot(offset, vector(segment, NORMAL)) * k) / k
+
+
+@compiled
+def nearest(segments, first, last, place, near):
+    """Return the arc length, m, of a line's point nearest to ``place``, and its segment.
+
+    Args:
+        segments: table of them.
+        first: segment of the line.
+        last: segment of the line.
+        place: m.
+        near: m, arc length within ``SEARCH`` of which it is searched; not a number: everywhere.
+    """
+    here = segment_at(segments, first, last, near)
+    segment = at(segments, here * COLUMNS)
+    u = foot_on(segment, place)
+    # A foot at an end of its segment may really lie on the neighbour: that takes the search.
+    if not math.isnan(near) and segment[LOWEST] < u < segment[HIGHEST]:
+        return u + segment[START], here
+    begin, reach = first, math.inf
+    if not math.isnan(near):
+        begin, reach = segment_at(segments, first, last, near - SEARCH), SEARCH
+    least, found, here = math.inf, math.nan, begin
+    for i in range(begin, last + 1):
+        segment = at(segments, i * COLUMNS)
+        if segment[START] > near + reach:
+            break
+        u = min(max(foot_on(segment, place), segment[LOWEST]), segment[HIGHEST])
+        s = u + segment[START]
+        miss = minus(place, place_on(segment, s)[0])
+        # A penalty far above any squared distance, m², beyond the reach of the search.
+        squared = dot(miss, miss) + (FAR if abs(s - near) > reach else 0.0)
+        if squared < least:
+            least, found, here = squared, s, i
+    return found, here
+
+
+def _places(count, segments, spans, line, s, places):
+    """Write what each arc length is at to ``places`` (count, PLACE)."""
+    for i in range(count):
+        first, last = spans[2 * line[i]], spans[2 * line[i] + 1]
+        segment = at(segments, segment_at(segments, first, last, s[i]) * COLUMNS)
+        point, tangent, normal, curvature = place_on(segment, s[i])
+        k, inside = segment[CURVATURE], min(max(s[i] - segment[START], 0.0), segment[LENGTH])
+        sides = vector(segment, SIDE), vector(segment, TANGENT), vector(segment, NORMAL)
+        put_vector(places, PLACE * i, point)
+        put_vector(places, PLACE * i + 3, tangent)
+        put_vector(places, PLACE * i + 6, normal)
+        put_vector(places, PLACE * i + 9, carried(sides[0], sides[1], sides[2], inside * k))
+        places[PLACE * i + 12] = curvature
+    return 0
+
+
+_PLACES = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, WORDS, NUMBERS, NUMBERS)
+
+
+def _distances(count, segments, spans, line, points, near, found):
+    """Write the arc length nearest to each of ``points`` (count, 3) to ``found`` (count,)."""
+    for i in range(count):
+        first, last = spans[2 * line[i]], spans[2 * line[i] + 1]
+        found[i] = nearest(segments, first, last, vector(points, 3 * i), near[i])[0]
+    return 0
+
+
+_DISTANCES = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, WORDS, *[NUMBERS] * 3)

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length
+from omnitrack_sim.base import rotations
+from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Centreline, Passage, Route
+from omnitrack_sim.pipes.centreline import COLUMNS, nearest, place_on, segment_at
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBERS,
+    WORD,
+    WORDS,
+    at,
+    c_function,
+    compiled,
+    pointers,
+)
+from omnitrack_sim.pipes.vectors import angle_between, cross, dot, length, minus, put_vector, vector
 
 BEFORE_END = 1e-9
 """Distance before the end of a fitting where its centreline is still that of the fitting, m."""
@@ -31,6 +45,8 @@ class Location:
             the end of the route after its last one.
         turning: (n, 3) unit vectors, world frame, of its turning direction.
         frame: (n, 3, 3) of the robots that drive nose first, in the world.
+        tilt: (n,) rad, robot axis against the centreline's tangent.
+        theta5: (n,) rad, in [-pi, pi): module 1 from the turning direction of the passage.
         distance_std, theta5_std: (n,) m and rad, standard deviations, where the location is an
             estimate; None where it is the truth.
         sure: (n,) bool, robots that know their theta5 well enough to plan by it; None: all.
@@ -46,22 +62,14 @@ class Location:
     passage: NDArray[np.intp]
     turning: Array
     frame: Array
+    tilt: Array
+    theta5: Array
     distance_std: Array | None = None
     theta5_std: Array | None = None
     sure: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         return f"Location({len(self.route)} robots)"
-
-    @cached_property
-    def tilt(self) -> Array:
-        """Robot axis against the centreline's tangent (n,), rad."""
-        return angle_between(self.frame[:, :, 2], self.tangent)
-
-    @cached_property
-    def theta5(self) -> Array:
-        """theta5 (n,) rad, in [-pi, pi): module 1 from the turning direction of the passage."""
-        return angle_about(self.frame[:, :, 2], self.turning, self.frame[:, :, 0])
 
 
 class RouteMap:
@@ -140,9 +148,15 @@ class RouteMap:
         # The end entries begin at infinity, where no tangent can be looked up.
         entries = np.where(np.isinf(self.start), 0.0, self.start)
         self.ahead = self.tangents(entries[:, None], self.route_of)[:, 0]
-        self._ends = np.full((len(first), int(self.count.max())), np.inf)  # (W, most passages) m
-        for route, (begin, count) in enumerate(zip(self.first, self.count, strict=True)):
-            self._ends[route, :count] = self.end[begin : begin + count]
+        # What compiled functions look up of the passages, and (W, 2) first and last of each route.
+        self._passages = np.empty((len(passages), PASSAGE))
+        self._passages[:, END] = self.end
+        self._passages[:, TURN_BEGIN] = np.where(self.is_turn, self.start, np.inf)
+        self._passages[:, OUT_OF_BRANCH] = self.out_of_branch
+        self._passages[:, RADIUS], self._passages[:, TURN] = self.radius, self.turn
+        self._passages[:, DIRECTION : DIRECTION + 3] = self.directions
+        self._passages[:, AHEAD : AHEAD + 3] = self.ahead
+        self._spans = np.stack([self.first, self.last], axis=1).astype(np.int64)
 
     def locate(
         self, position: Array, rotation: Array, route: NDArray[np.intp], near: Array
@@ -156,23 +170,36 @@ class RouteMap:
             near: (n,) m, arc length where each robot was a moment ago: routes may come close to
                 themselves.
         """
-        distance, point, tangent, normal, curvature = self.centreline.nearest(
-            position, near, self._route(route)
+        count = len(route)
+        passage, rows = np.empty(count, np.int64), np.empty((count, PLACE))
+        given = (np.ascontiguousarray(each, float) for each in (position, rotation, near))
+        c_function(_locate, _LOCATE).ctypes(
+            count,
+            *self.tables,
+            *pointers(self._spans, route, *given, passage, rows),
         )
-        aside = position - point
-        passage = self._passage(distance, route)
         return Location(
             route=route,
-            distance=distance,
-            aside=aside,
-            offset=length(aside),
-            tangent=tangent,
-            normal=normal,
-            curvature=curvature,
+            distance=rows[:, DISTANCE],
+            aside=rows[:, ASIDE : ASIDE + 3],
+            offset=rows[:, OFFSET],
+            tangent=rows[:, TANGENT : TANGENT + 3],
+            normal=rows[:, NORMAL : NORMAL + 3],
+            curvature=rows[:, CURVATURE],
             passage=passage,
-            turning=self._turning_direction(distance, passage, normal),
+            turning=rows[:, TURNING : TURNING + 3],
             frame=rotation,
+            tilt=rows[:, TILT],
+            theta5=rows[:, THETA5],
         )
+
+    @property
+    def tables(self) -> list[Any]:
+        """Pointers to segments, first and last segment of each route, and passages.
+
+        See ``centreline.COLUMNS`` and ``PASSAGE``.
+        """
+        return [*self.centreline.tables, *pointers(self._passages)]
 
     def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
         """Return theta5 (n,) rad, in [-pi, pi), of located robots for ``passage`` (n,).
@@ -180,10 +207,13 @@ class RouteMap:
         The passage may be the one before or after that of their location.
         """
         # Beyond a bend, its turning direction is that at its end.
-        at = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
-        normal = self.centreline.at(at, self._route(location.route))[2]
-        turning = self._turning_direction(at, passage, normal)
-        return angle_about(location.frame[:, :, 2], turning, location.frame[:, :, 0])
+        before_end = np.minimum(location.distance, self.end.take(passage) - BEFORE_END)
+        theta5 = np.empty(len(passage))
+        turning = self._turning(before_end, location.route, passage)
+        c_function(_angles, _ANGLES).ctypes(
+            len(theta5), *pointers(np.ascontiguousarray(location.frame), turning, theta5)
+        )
+        return theta5
 
     def nose_room(self, location: Location, length: float) -> Array:
         """Return the room (n,) m from noses of robots ``length`` m long to the next fitting.
@@ -199,24 +229,17 @@ class RouteMap:
             passage: (n,) that robots are in.
             rotation: (n, 3, 3) robot frame in the world.
         """
-        axis = rotation[:, :, 2]
-        towards = dot(axis, self.directions.take(passage, axis=0))
-        along = dot(axis, self.ahead.take(passage, axis=0))
-        return np.arctan2(towards, along) / self.turn.take(passage)
-
-    def straight(self, start: Array, end: Array, route: NDArray[np.intp]) -> Array | None:
-        """Tangents (n, 3) where the stretches from ``start`` to ``end`` (n,) m are all straight."""
-        return self.centreline.straight(start, end, self._route(route))
+        share = np.empty(len(passage))
+        c_function(_progress, _PROGRESS).ctypes(
+            len(share),
+            *pointers(self._passages, passage, np.ascontiguousarray(rotation), share),
+        )
+        return share
 
     def tangents(self, distance: Array, route: NDArray[np.intp]) -> Array:
         """Unit vectors (n, k, 3) along each robot's centreline at arc lengths (n, k) m."""
-        which = self._route(route)
-        repeated = None if which is None else np.repeat(which, distance.shape[1])
-        return self.centreline.tangents(distance.ravel(), repeated).reshape(*distance.shape, 3)
-
-    def _route(self, route: NDArray[np.intp]) -> NDArray[np.intp] | None:
-        """Route numbers as ``Centreline`` takes them; None where there is one route only."""
-        return route if len(self.routes) > 1 else None
+        repeated = np.repeat(route, distance.shape[1])
+        return self.centreline.at(distance.ravel(), repeated)[1].reshape(*distance.shape, 3)
 
     def name_of(self, passage: int) -> str:
         """Name of a passage's fitting in the network."""
@@ -231,8 +254,8 @@ class RouteMap:
 
         ``distance`` (n,) m, arc length. ``theta5`` (n,) rad.
         """
-        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
-        turning = self._turning_direction(distance, self._passage(distance, route), normal)
+        position, tangent, _, _ = self.centreline.at(distance, route)
+        turning = self._turning(distance, route, np.full(len(route), -1))
         return position, _turned(tangent, turning, theta5)
 
     def poses(self, route: NDArray[np.intp], distance: Array, turn: Array) -> tuple[Array, Array]:
@@ -241,43 +264,137 @@ class RouteMap:
         ``distance`` (k,) m, arc length. ``turn`` (k,) rad, of module 1 from the centreline's
         normal.
         """
-        position, tangent, normal, _ = self.centreline.at(distance, self._route(route))
+        position, tangent, normal, _ = self.centreline.at(distance, route)
         return position, _turned(tangent, normal, turn)
 
-    def _passage(self, distance: Array, route: NDArray[np.intp]) -> NDArray[np.intp]:
-        if len(self.routes) == 1:
-            return np.minimum(self._ends[0].searchsorted(distance, side="right"), self.last)
-        # Ends of passages ascend along a route: their number behind the robot is the index.
-        passed = np.add.reduce(
-            self._ends.take(route, axis=0) <= distance[:, None], axis=1, dtype=np.intp
-        )
-        return np.minimum(self.first.take(route) + passed, self.last.take(route))
-
-    def _turning_direction(
-        self, distance: Array, passage: NDArray[np.intp], normal: Array
+    def _turning(
+        self, distance: Array, route: NDArray[np.intp], passage: NDArray[np.intp]
     ) -> Array:
-        # Within a bend the turning direction follows the arc's normal; before it, it is that at the
-        # entry.
-        bending = self.is_turn.take(passage) & (distance > self.start.take(passage))
-        directions = self.directions.take(passage, axis=0)
-        if not np.count_nonzero(bending):
-            return directions
-        return np.where(bending[:, None], normal, directions)
+        """Turning directions (n, 3) at arc lengths (n,) m for ``passage`` (n,).
+
+        A passage of -1 is that of the arc length.
+        """
+        turning = np.empty((len(route), 3))
+        c_function(_turnings, _TURNINGS).ctypes(
+            len(route),
+            *self.tables,
+            *pointers(self._spans, route, passage, distance, turning),
+        )
+        return turning
+
+
+# Columns of the table of passages; a turn's begin is infinite where there is none.
+END, TURN_BEGIN, OUT_OF_BRANCH, RADIUS, TURN, DIRECTION, AHEAD = 0, 1, 2, 3, 4, 5, 8
+PASSAGE = 11
+# Columns of what a robot's place is.
+DISTANCE, OFFSET, CURVATURE, TILT, THETA5 = range(5)
+ASIDE, TANGENT, NORMAL, TURNING = range(5, 17, 3)
+PLACE = 17
+
+
+@compiled
+def passage_at(passages, first, last, s):
+    """Return which passage, of first to last, arc length ``s`` m lies in or before."""
+    # Their ends ascend along a route.
+    while first < last:
+        middle = (first + last) // 2
+        if passages[middle * PASSAGE + END] <= s:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@compiled
+def turning_at(passages, passage, s, normal):
+    """Return the turning direction of a passage at arc length ``s`` m.
+
+    Within a bend it follows the arc's normal; before it, it is that at the entry.
+    """
+    start = passage * PASSAGE
+    return normal if s > passages[start + TURN_BEGIN] else vector(passages, start + DIRECTION)
+
+
+@compiled
+def theta5_of(frame, turning):
+    """Return the angle, rad, of a frame's x axis about its z axis from ``turning``."""
+    x, z = (frame[0], frame[3], frame[6]), (frame[2], frame[5], frame[8])
+    # The subtraction takes away what lies along the axis: only the part across makes the angle.
+    return math.atan2(dot(cross(z, turning), x), dot(turning, x) - dot(z, turning) * dot(z, x))
+
+
+def _angles(count, frames, turning, theta5):
+    """Write theta5 (count,) of frames from turning directions (count, 3)."""
+    for i in range(count):
+        theta5[i] = theta5_of(at(frames, 9 * i), vector(turning, 3 * i))
+    return 0
+
+
+_ANGLES = CFUNCTYPE(INTEGER, WORD, *[NUMBERS] * 3)
+
+
+def _locate(
+    count, segments, lines, passages, spans, route, position, rotation, near, passage, places
+):
+    """Write passages (count,) and places (count, PLACE) of robots on their routes."""
+    for i in range(count):
+        way, place, frame = route[i], at(places, PLACE * i), at(rotation, 9 * i)
+        robot = vector(position, 3 * i)
+        s, here = nearest(segments, lines[2 * way], lines[2 * way + 1], robot, near[i])
+        point, tangent, normal, curvature = place_on(at(segments, here * COLUMNS), s)
+        aside = minus(robot, point)
+        passage[i] = passage_at(passages, spans[2 * way], spans[2 * way + 1], s)
+        turning = turning_at(passages, passage[i], s, normal)
+        place[DISTANCE], place[OFFSET], place[CURVATURE] = s, length(aside), curvature
+        place[TILT] = angle_between((frame[2], frame[5], frame[8]), tangent)
+        place[THETA5] = theta5_of(frame, turning)
+        put_vector(place, ASIDE, aside)
+        put_vector(place, TANGENT, tangent)
+        put_vector(place, NORMAL, normal)
+        put_vector(place, TURNING, turning)
+    return 0
+
+
+_LOCATE = CFUNCTYPE(
+    INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, *[NUMBERS] * 3, WORDS, NUMBERS
+)
+
+
+def _turnings(count, segments, lines, passages, spans, route, passage, s, turning):
+    """Write turning directions (count, 3) at arc lengths; see ``RouteMap._turning``."""
+    for i in range(count):
+        way, q = route[i], passage[i]
+        here = segment_at(segments, lines[2 * way], lines[2 * way + 1], s[i])
+        normal = place_on(at(segments, here * COLUMNS), s[i])[2]
+        if q < 0:
+            q = passage_at(passages, spans[2 * way], spans[2 * way + 1], s[i])
+        put_vector(turning, 3 * i, turning_at(passages, q, s[i], normal))
+    return 0
+
+
+_TURNINGS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, WORDS, WORDS, WORDS, NUMBERS, NUMBERS)
+
+
+@compiled
+def progress_of(passage, frame):
+    """Return by which share a robot has turned into a passage; see ``RouteMap.progress``."""
+    axis = (frame[2], frame[5], frame[8])
+    towards, along = dot(axis, vector(passage, DIRECTION)), dot(axis, vector(passage, AHEAD))
+    return math.atan2(towards, along) / passage[TURN]
+
+
+def _progress(count, passages, passage, rotation, share):
+    """Write the shares (count,) of turns; see ``RouteMap.progress``."""
+    for i in range(count):
+        share[i] = progress_of(at(passages, PASSAGE * passage[i]), at(rotation, 9 * i))
+    return 0
+
+
+_PROGRESS = CFUNCTYPE(INTEGER, WORD, NUMBERS, WORDS, NUMBERS, NUMBERS)
 
 
 def _turned(tangent: Array, normal: Array, turn: Array) -> Array:
     """Frames (n, 3, 3) along ``tangent``, their x axes turned by ``turn`` (n,) from ``normal``."""
-    side = cross(tangent, normal)
+    side = rotations.cross(tangent, normal)
     x = np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
-    return np.stack([x, cross(tangent, x), tangent], axis=-1)
-
-
-def angle_about(axis: Array, start: Array, end: Array) -> Array:
-    """Return the angle (n,) rad about ``axis`` (n, 3) from ``start`` to ``end`` (n, 3).
-
-    Both are projected across the axis.
-    """
-    # The subtraction takes away what lies along the axis: only the parts across it make the angle.
-    return np.arctan2(
-        dot(cross(axis, start), end), dot(start, end) - dot(axis, start) * dot(axis, end)
-    )
+    return np.stack([x, rotations.cross(tangent, x), tangent], axis=-1)

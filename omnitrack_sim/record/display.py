@@ -12,6 +12,9 @@ from omnitrack_sim.record.channels import Display
 
 Colour = tuple[float, float, float]
 """Red, green and blue, each from 0 to 1."""
+MODULE_COLOURS: tuple[Colour, ...] = ((0.95, 0.55, 0.05), (0.10, 0.45, 0.80), (0.05, 0.62, 0.42))
+"""Colours of modules 1, 2, 3 on a robot and in every curve: told apart with any colour vision
+(after Okabe and Ito)."""
 
 
 class Bar(NamedTuple):
@@ -145,6 +148,19 @@ class Track(NamedTuple):
     joint: str
     column: int
     side: int
+
+
+class SingularRange(NamedTuple):
+    """Range of orientations in which a robot cannot turn.
+
+    Attributes:
+        sector_deg: its width by the theory, degrees.
+        margin_deg: from the best orientation to the range with the real length of the contact,
+            degrees; None where that leaves none.
+    """
+
+    sector_deg: float
+    margin_deg: float | None
 
 
 StateValue = tuple[str, str, float, int, str]

@@ -31,7 +31,7 @@ class Touch(NamedTuple):
         slip_speed: (T, k) m/s.
         slip_ratio: (T, k) slip velocity over the larger of drive's and part's speed; None for parts
             that are not driven.
-        power: (T, m) W, of each motor's shaft.
+        power: (T, m) W, of each motor's rotor where it drives.
     """
 
     touching: NDArray[np.bool_]

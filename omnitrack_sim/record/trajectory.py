@@ -6,7 +6,7 @@ Each array is described by its entry in ``channels``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,21 +14,10 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed, no_such
-from omnitrack_sim.record.channels import CHANNELS, MODULE_COUNT, Channel, recorded
+from omnitrack_sim.record.channels import COMMON, Channel
 
 if TYPE_CHECKING:
     import pandas
-
-RECORDED = recorded(CHANNELS.values())
-"""The channels of every trajectory, by name, in the order of the file."""
-JOINTS_OF_A_MODULE = (
-    *("slide", "pitch", "roll", "belt_upper", "belt_lower"),
-    *("sprocket_front", "sprocket_rear"),
-)
-"""Names of a module's joints in the model, before an underscore and the module's number."""
-JOINT_POSITIONS = 7 + len(JOINTS_OF_A_MODULE) * MODULE_COUNT
-"""Number of joint positions of a robot with a motor for each belt: the chassis' pose, and those of
-the modules. Shafts of a drive come after them."""
 
 BLOCK = 1024
 """Number of samples that are stacked into one array: an array for each sample takes seven times the
@@ -46,9 +35,8 @@ class Trajectory(Mapping[str, NDArray]):
         time: (T,) s, strictly increasing.
         channels: one array for each name in ``schema``: T, then the channel's shape.
         phases: names that the codes of ``phase`` index.
-        qpos: (T, ``JOINT_POSITIONS`` and ``Drive.shafts`` more), MuJoCo's joint positions, for the
-            replay.
-        schema: what the channels hold: ``RECORDED``, and those of a user's own sensors.
+        qpos: (T, nq) MuJoCo's joint positions, for the replay.
+        schema: what the channels hold, by name: those of the robot and of a user's own sensors.
 
     Example:
         >>> trajectory = ot.run(ot.load_scenario("straight", {"run.time_limit": 0.1})).trajectory
@@ -62,7 +50,7 @@ class Trajectory(Mapping[str, NDArray]):
     channels: Mapping[str, NDArray]
     phases: tuple[str, ...]
     qpos: NDArray[np.float64]
-    schema: Mapping[str, Channel] = field(default_factory=lambda: RECORDED)
+    schema: Mapping[str, Channel]
 
     def __post_init__(self) -> None:
         if set(self.channels) != set(self.schema):
@@ -104,7 +92,7 @@ class Trajectory(Mapping[str, NDArray]):
         """Message for a name that no recorded channel has."""
         if name == "time":
             return "the times of the samples are trajectory.time, no channel"
-        if name in CHANNELS:
+        if name in COMMON:
             kept = f"(choose from: {listed(list(self.schema))})"
             return f"{name!r} is observed, but not recorded {kept}"
         return no_such(name, list(self.schema), "channel ")
@@ -134,7 +122,7 @@ class Trajectory(Mapping[str, NDArray]):
             import pandas
         except ImportError as error:
             raise ImportError("to_pandas needs pandas: pip install pandas") from error
-        columns, units = {"time": self.time}, {"time": CHANNELS["time"].unit}
+        columns, units = {"time": self.time}, {"time": COMMON["time"].unit}
         for name, channel, values in self.columns():
             columns[name], units[name] = values, channel.unit
         frame = pandas.DataFrame(columns)

@@ -136,7 +136,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         head = "".join(
-            f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.outcome.value)} after "
+            f"<p><b>{side}</b> {safe(run.scenario.name)}: {safe(run.ending)} after "
             f"{run.duration_s:.2f} s</p>"
             for side, run in (("A", self.a), ("B", self.b))
         )

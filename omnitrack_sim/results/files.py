@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.base.writing import npz_of
-from omnitrack_sim.record.channels import CHANNELS, Channel, Vector, recorded
+from omnitrack_sim.record.channels import Channel, Vector, recorded
 from omnitrack_sim.record.timeline import PassageRecord
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.robot import Robot
@@ -47,9 +47,9 @@ def write_timeline(records: list[PassageRecord], path: Path) -> None:
         rows.writerows(dataclasses.astuple(record) for record in records)
 
 
-def write_trajectory(trajectory: Trajectory, folder: Path) -> None:
-    """Write a trajectory's channels and its joint positions, a file each."""
-    _write_parquet(trajectory, folder / TRAJECTORY_FILE)
+def write_trajectory(trajectory: Trajectory, folder: Path, robot: Robot) -> None:
+    """Write the channels and joint positions of a trajectory of a robot, a file each."""
+    _write_parquet(trajectory, folder / TRAJECTORY_FILE, robot)
     arrays = {"time": trajectory.time, "qpos": trajectory.qpos}
     (folder / REPLAY_FILE).write_bytes(npz_of(arrays))
 
@@ -61,8 +61,8 @@ def read_trajectory(folder: Path, robot: Robot) -> Trajectory:
         OutputError: a file is missing or damaged, or the two do not belong together.
     """
     with reading(folder / TRAJECTORY_FILE) as path:
-        shipped = recorded(CHANNELS[name] for name in robot.channels if name in CHANNELS)
-        time, channels, phases, schema = _read_parquet(path, shipped)
+        known = recorded(robot.channels.values())
+        time, channels, phases, schema = _read_parquet(path, known)
     with reading(folder / REPLAY_FILE) as path:
         # Shafts of a drive add joints, so the scenario decides how many positions a sample has.
         replayed, qpos = _read_npz(path, len(time), robot.joint_count)
@@ -99,6 +99,9 @@ def reading(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except _OtherRun as error:
         raise OutputError(f"{path}: {error}") from error
+    except InputError as error:
+        cause = "; ".join(str(error).splitlines())
+        raise OutputError(f"{path}: is damaged, or names what is not here: {cause}") from error
     except Exception as error:
         cause = str(error) or type(error).__name__
         raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
@@ -121,12 +124,12 @@ def require(holds: bool | np.bool_, fault: str) -> None:
         raise ValueError(fault)
 
 
-def _write_parquet(trajectory: Trajectory, path: Path) -> None:
+def _write_parquet(trajectory: Trajectory, path: Path, robot: Robot) -> None:
     """Write one row a sample; metadata hold units and meanings of columns, and phase names."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = _schema(trajectory)
+    schema = _schema(trajectory, robot)
     # Buffers have no strides; the times of one robot of a batch are a column of all.
     time = np.ascontiguousarray(trajectory.time)
     arrays = [time, *(values for _, _, values in trajectory.columns())]
@@ -139,19 +142,24 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     pq.write_table(table, path, compression="zstd", write_page_checksum=True)
 
 
-def _schema(trajectory: Trajectory) -> pa.Schema:
+def _schema(trajectory: Trajectory, robot: Robot) -> pa.Schema:
     """Columns of the table of a trajectory, with its phases and its own channels."""
     import pyarrow as pa
 
-    # Shipped channels are known to every reader; those of other robots and of a user's own
-    # sensors are described in the file itself.
-    own = [
-        {**dataclasses.asdict(channel), "vector": isinstance(channel, Vector)}
-        for name, channel in trajectory.schema.items()
-        if name not in CHANNELS
-    ]
+    # The scenario tells the robot, and that its channels; a user's own sensors need not be there
+    # when the file is read, so their channels are described in it.
+    known = robot.channels
+    own = [_described(one) for name, one in trajectory.schema.items() if name not in known]
     about = {"phases": json.dumps(trajectory.phases), "own_channels": json.dumps(own)}
     return pa.schema(_fields(trajectory.schema), metadata=about)
+
+
+def _described(channel: Channel) -> dict[str, Any]:
+    """Return a user's own channel as plain data; its appearance is of the robot's alone."""
+    return {
+        **{key: value for key, value in dataclasses.asdict(channel).items() if key != "shown"},
+        "vector": isinstance(channel, Vector),
+    }
 
 
 def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
@@ -169,14 +177,14 @@ def _fields(schema: Mapping[str, Channel]) -> list[pa.Field]:
 _Table = tuple[NDArray[np.float64], dict[str, NDArray], tuple[str, ...], dict[str, Channel]]
 
 
-def _read_parquet(path: Path, shipped: Mapping[str, Channel]) -> _Table:
-    """Read time, channels, names of the phases, and the schema of the channels."""
+def _read_parquet(path: Path, known: Mapping[str, Channel]) -> _Table:
+    """Read time, channels, names of the phases, and their schema; ``known`` is of the robot."""
     import pyarrow as pa
 
     with opened(path) as file:
         table = file.read(use_threads=False)
     about = table.schema.metadata
-    schema = {**shipped}
+    schema = {**known}
     for data in json.loads(about[b"own_channels"]):
         channel = _own_channel(data, table.num_columns)
         require(channel.name not in schema, f"there are two channels {channel.name!r}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.text import clipped, printable
-from omnitrack_sim.record.channels import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.trajectory import Trajectory, spans
 
 LONGEST = 200

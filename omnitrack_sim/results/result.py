@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,13 +22,12 @@ from omnitrack_sim.base.errors import Fault, InputError, NetworkError, OutputErr
 from omnitrack_sim.base.naming import ByName
 from omnitrack_sim.base.reading import table_of
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import shown, strict_json
+from omnitrack_sim.base.text import counted, shown, strict_json
 from omnitrack_sim.base.writing import whole, whole_folder
 from omnitrack_sim.pipes import Assembly, Route, route_through
 from omnitrack_sim.pipes.map_difference import MapDifference
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import Leg
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Event, Outcome, event_of
 from omnitrack_sim.record.metrics import Metric, Metrics
 from omnitrack_sim.record.timeline import PassageRecord, timeline
@@ -45,6 +45,7 @@ from omnitrack_sim.results.files import (
 )
 from omnitrack_sim.results.html import safe, sketch, table_html
 from omnitrack_sim.results.pictures import PICTURES_FILE, Pictures, read_pictures
+from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario, read_back
 
 
@@ -101,9 +102,9 @@ class Result:
     def _repr_html_(self) -> str:
         """Return the outcome, headline figures, a small picture and the events, for a notebook."""
         colour = "#1a7f4b" if self.success else "#c8322b"
-        outcome = safe(self.outcome.value.replace("_", " "))
         head = (
-            f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>{outcome}</b> after "
+            f"<p><b>{safe(self.scenario.name)}</b>: <b style='color:{colour}'>"
+            f"{safe(self.ending)}</b> after "
             f"{self.duration_s:.2f} s<br>{safe(self.reason)}</p>"
         )
         known = [metric for metric in self.scenario.robot.metrics if metric.name in _HEADLINE]
@@ -122,6 +123,36 @@ class Result:
     def success(self) -> bool:
         """True if the robot reached the goal."""
         return self.outcome is Outcome.REACHED_GOAL
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """Parts of the network that are not on the map of a robot that is back from exploring.
+
+        Who searches for goals has no need of a whole map.
+        """
+        mission = self.scenario.mission
+        if not self.success or mission is None or mission.task == "find":
+            return ()
+        difference = self.map_difference()
+        return () if difference is None else difference.missing
+
+    @property
+    def ending(self) -> str:
+        """The outcome in words, and how many parts are missing from the map where some are."""
+        words = self.outcome.value.replace("_", " ")
+        return (
+            f"{words}, {counted(len(self.missing), 'part')} not mapped" if self.missing else words
+        )
+
+    @property
+    def advice(self) -> str:
+        """What happened and what to try."""
+        if not self.missing:
+            return self.scenario.robot.advice(self.outcome)
+        return (
+            f"The robot is back at the start, but its map lacks {', '.join(self.missing)}, and it "
+            "says so: the reason has what it left unexplored, and why."
+        )
 
     @property
     def as_expected(self) -> bool | None:
@@ -215,7 +246,7 @@ class Result:
         return {
             "name": self.scenario.name,
             "outcome": self.outcome.value,
-            "advice": self.scenario.robot.advice(self.outcome),
+            "advice": self.advice,
             "reason": self.reason,
             "success": self.success,
             "as_expected": self.as_expected,
@@ -241,7 +272,7 @@ class Result:
             summary = strict_json(self.summary())
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
-            write_trajectory(self.trajectory, folder)
+            write_trajectory(self.trajectory, folder, self.scenario.robot)
             if self.map is not None:
                 (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
             if self.album is not None:
@@ -301,16 +332,17 @@ def load_result(directory: str | Path) -> Result:
     folder = whole(directory)
     with reading(folder / RESULT_FILE) as path:
         summary = _summary(path.read_bytes())
-        events = [event_of(table) for table in summary.events]
-        # The fields of a damaged file may be of any type, which shows when the text is made.
-        _ = [str(event) for event in events]
     with reading(folder / SCENARIO_FILE) as path:
         scenario = read_back(json.loads(path.read_bytes()))
         # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
         if scenario.hash != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
     with reading(folder / RESULT_FILE):
-        _check_metrics(summary.metrics, scenario.robot.metrics)
+        # Only now: kinds of events of the robot are known once its class is.
+        events = [event_of(table) for table in summary.events]
+        # The fields of a damaged file may be of any type, which shows when the text is made.
+        _ = [str(event) for event in events]
+        _check_metrics(summary.metrics, scenario.robot)
     explored = None
     if scenario.exploration is not None:
         with _advised(folder), reading(folder / MAP_FILE) as path:
@@ -374,14 +406,14 @@ def _summary(text: bytes) -> _Summary:
         raise ValueError(f"{where}: {first['msg']}".lstrip(": ")) from error
 
 
-def _check_metrics(metrics: Metrics, known: Sequence[Metric]) -> None:
-    """Refuse shipped metrics of another kind; those of a user's own may be anything."""
-    for metric in known:
+def _check_metrics(metrics: Metrics, robot: Robot) -> None:
+    """Refuse metrics of the robot of another kind; those of a user's own may be anything."""
+    for metric in robot.metrics:
         if metric.name not in metrics:
             continue
         value: Any = metrics[metric.name]
         if metric.per_module:
-            right = isinstance(value, list) and len(value) == MODULE_COUNT
+            right = isinstance(value, list) and len(value) == robot.modules
             numbers = value if right else ()
         else:
             right = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -23,7 +23,9 @@ from omnitrack_sim.robots.feature import (
     steps_of_decision,
 )
 from omnitrack_sim.robots.plant import compiled
-from omnitrack_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot
 
 FASTEST = 20.0
 """Joint speed that counts as largest, rad/s or m/s, where a learner observes it."""

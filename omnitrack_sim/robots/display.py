@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -25,9 +25,11 @@ from omnitrack_sim.record.display import (
 )
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.plant import initial_state
-from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot
 
 HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""
@@ -53,6 +55,7 @@ class RobotDisplay:
         compared: channels with a value for each module in the figure of two runs compared.
         plots: channels that have a plot on pages.
         first_plots: those of them that are shown before the reader chooses.
+        unplotted: further channels of the robot, which have none.
         page_channels: further channels that pages need.
         columns: name and colour of each column of channels with so many columns.
         badges: bodies that a number in the colour of its column stands on.
@@ -82,6 +85,7 @@ class RobotDisplay:
         *first_plots,
         *("ctrl", "actuator_force", "actuator_velocity", "theta5", "distance", "offset"),
     )
+    unplotted: ClassVar[tuple[str, ...]] = ()
     page_channels: ClassVar[tuple[str, ...]] = ("gear",)
     columns: ClassVar[tuple[tuple[str, Colour], ...]] = ()
     badges: ClassVar[tuple[str, ...]] = ()

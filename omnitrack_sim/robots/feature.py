@@ -17,7 +17,7 @@ from omnitrack_sim.base.naming import named
 from omnitrack_sim.base.rotations import Array, dot
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.robots.control import ControlSetup, Observation
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 
 XYZ, XY = ("x", "y", "z"), ("x", "y")
 MAX_DISTANCE = 4.0

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -29,13 +29,15 @@ from omnitrack_sim.base.rotations import (
 )
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.record.channels import COMMON, Channel, Display
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
-from omnitrack_sim.robots.robot import Robot, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot, SceneOptions
 
 WALLS = "wall_"
 """Names of the geoms of pipes begin like this."""
@@ -554,7 +556,8 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
     They are of actuators, of contacts of bodies, and of the named sensors of the model.
     """
     meaning = "control inputs, by actuator"
-    own = {"source": "command", "names": _actuator_names(model)}
+    shown = Display("Control inputs", "1", span=0.02, each="actuator")
+    own = {"source": "command", "names": _actuator_names(model), "shown": shown}
     ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
@@ -588,7 +591,9 @@ def _actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
     def each(name: str, unit: str, meaning: str) -> Channel:
-        return Channel(name, (model.nu,), unit, meaning, names=names)
+        title = name.replace("_", " ").capitalize()
+        shown = Display(title, unit, span=0.02, each="actuator")
+        return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
 
     names, order = _actuator_names(model), "in the model's own order"
     force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
@@ -628,6 +633,7 @@ def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor
         "N",
         f"normal forces between the wall and each body, added up; bodies in order: {bodies}",
         names=touched,
+        shown=Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body"),
     )
     speed = Channel(
         "contact_speed",
@@ -636,6 +642,7 @@ def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor
         "speed of each body's surface over the wall where it touches, mean by force; 0 without "
         f"contact; bodies in order: {bodies}",
         names=touched,
+        shown=Display("Slip speed at contacts", "mm/s", 1e3, low=0.0, span=1.0, each="body"),
     )
     return [Sensor(force, total_force), Sensor(speed, mean_speed)]
 

@@ -20,14 +20,15 @@ from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly, Passage, Port
-from omnitrack_sim.record.channels import COMMON, Channel, SingularRange
+from omnitrack_sim.record.channels import COMMON, Channel
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller, OwnController
 from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity
-from omnitrack_sim.robots.size import Sized
+from omnitrack_sim.robots.size import GRAVITY, Sized
 from omnitrack_sim.robots.tail import Tether
 
 if TYPE_CHECKING:
@@ -36,9 +37,6 @@ if TYPE_CHECKING:
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.odometry import Odometry
     from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-
-GRAVITY = 9.81
-"""Weight of a mass, N/kg, where a figure of a robot asks for it."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,8 @@ class Robot(Sized, ABC):
         rolls: it has modules that roll, which ``start.roll_deg`` is for.
         nose, tail: names of sites at its ends, where ``length`` or ``ends`` go by them.
         tether: that it drags along; None: it has none.
-        slips: its metrics have the slip without load, which takes a short run of its own.
+        modules: number of its alike parts, numbered from 1, that its metrics ``per_module`` have a
+            value of each of; 0: it has none.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
 
@@ -107,7 +106,7 @@ class Robot(Sized, ABC):
     rolls: ClassVar[bool] = False
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
-    slips: ClassVar[bool] = False
+    modules: ClassVar[int] = 0
     own_values: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -252,17 +251,9 @@ class Robot(Sized, ABC):
         return math.inf
 
     @property
-    def drive_words(self) -> str:
-        """Subject of a sentence on ``top_speed``."""
+    def drive_name(self) -> str:
+        """What holds ``top_speed``, as messages name it."""
         return "the robot's drive"
-
-    def slip_excess(self, steps: float) -> float:
-        """Return the share by which slip reads too large at a time step; NaN if not measured.
-
-        Args:
-            steps: of the time step, in default ones of a robot of this size.
-        """
-        return math.nan
 
     # Control
 
@@ -345,13 +336,13 @@ class Robot(Sized, ABC):
         """Metrics of each run."""
         return COMMON_METRICS
 
-    def run_record(self, trajectory: Trajectory, no_load_slip: float, slip_excess: float) -> Run:
+    def run_record(self, trajectory: Trajectory, no_load_slip: float, timestep: float) -> Run:
         """Return what the metrics of a run are computed from.
 
         Args:
             trajectory: the record.
             no_load_slip: m/s, see ``run.no_load_slips``.
-            slip_excess: share by which slip reads too large at the run's time step.
+            timestep: s, of the physics.
         """
         return Run(trajectory, self.mass * GRAVITY)
 
@@ -366,11 +357,6 @@ class Robot(Sized, ABC):
 
     def advice(self, outcome: Outcome) -> str:
         """Return what an outcome means for a robot of this kind, and what to try."""
-        if outcome is Outcome.STUCK:
-            return (
-                "The robot made no headway: look at tilt, wall force and actuator force in the "
-                "summary plot."
-            )
         return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
@@ -386,8 +372,8 @@ class Robot(Sized, ABC):
         """
         return None
 
-    def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
-        """Yield remarks on a run through bores (m) before it begins."""
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
+        """Yield remarks on a run through bores (m), with a time step (s), before it begins."""
         return iter(())
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.record.channels import Channel
-from omnitrack_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from omnitrack_sim.robots.quantity import (
     similar,
 )
 
+GRAVITY = 9.81
+"""Weight of a mass, N/kg, where a figure of a robot asks for it."""
 REFERENCE_BORE = 0.16
 """Bore of the paper's pipe, m, for which parameters of control and monitor with a unit are
 stated."""

@@ -24,7 +24,7 @@ from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.scenario.tables import ControlTable, RecordTable
+from omnitrack_sim.scenario.tables import RecordTable
 
 OPEN_TABLE = ("control", "parameters")
 """Below this path the controller decides which keys there are."""
@@ -41,7 +41,7 @@ def set_value(data: Any, path: str, value: Any) -> Fault | None:
     # Parameters of one controller mean nothing to another.
     if path == "control.kind":
         control = data.get("control") if isinstance(data, dict) else None
-        if isinstance(control, dict) and control.get("kind", ControlTable().kind) != value:
+        if isinstance(control, dict) and _control_kind(data) != value:
             data["control"] = {**control, "parameters": {}}
     # Parameters of one robot mean nothing to another, and neither does its controller.
     if path == "robot.kind" and isinstance(data, dict) and _robot_kind(data) != value:
@@ -89,9 +89,8 @@ def _parameters_of(data: Any) -> Any:
 
 
 def _control_kind(data: Any) -> str:
-    """``control.kind`` of a scenario's data."""
-    kind = value_at(data, "control.kind")
-    return str(ControlTable().kind if kind is None else kind)
+    """``control.kind`` of a scenario's data, by default the first of the robot."""
+    return str(value_at(data, "control.kind") or next(iter(_controllers_of(data))))
 
 
 def _forget_digest(data: Any, path: str) -> None:
@@ -267,10 +266,7 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
-    """Return the data with the robot as a table and its controller, and the faults of its kind.
-
-    Files go by absolute paths; the controller is the robot's own where none is named.
-    """
+    """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
         is_file_name = Path(robot).suffix in (".xml", ".mjcf")
@@ -283,25 +279,25 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
         model = robot_class(kind)
     except InputError as error:
         return {key: value for key, value in data.items() if key != "robot"}, list(error.faults)
-    control = data.get("control", {})
-    if isinstance(control, Mapping) and "kind" not in control:
-        control = {**control, "kind": next(iter(model.controllers()))}
-    files = _absolute_files(robot, model, folder)
-    return {**data, "robot": {**robot, **files}, "control": control}, []
+    return {**data, "robot": {**robot, **_absolute_files(robot, model, folder)}}, []
 
 
 def _with_parameters(
     data: Mapping[str, Any], folder: Path
 ) -> tuple[Mapping[str, Any], list[Fault]]:
-    """Scenario data with all keys of ``[control.parameters]``, and the faults in that table."""
+    """Return the data with the controller and all its parameters, and the faults of both.
+
+    The controller is the robot's first where none is named.
+    """
     control = data.get("control", {})
-    kind = control.get("kind", ControlTable().kind) if isinstance(control, Mapping) else None
-    if not isinstance(kind, str):
+    if not isinstance(control, Mapping) or not isinstance(control.get("kind", ""), str):
         return data, []  # reported with the table
+    control, controllers = {**control, "kind": _control_kind(data)}, _controllers_of(data)
+    data = {**data, "control": control}
     try:
-        model = parameters_model(controller_of(kind, _controllers_of(data)))
+        model = parameters_model(controller_of(control["kind"], controllers))
     except InputError as error:
-        return {**data, "control": {**control, "kind": ControlTable().kind}}, list(error.faults)
+        return {**data, "control": {**control, "kind": next(iter(controllers))}}, list(error.faults)
     table, where = control.get("parameters", {}), "control.parameters"
     if not isinstance(table, Mapping):
         return data, []

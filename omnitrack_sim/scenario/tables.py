@@ -113,11 +113,9 @@ Radius = Annotated[float, Field(ge=1e-3, le=1000)]
 class ControlTable(Table):
     """The controller, and what every controller is asked for."""
 
-    kind: str = "jacobian"
-    """The controller: "jacobian" tracks the centreline; "paper" sets speeds as written (Eq. 20, and
-    inner module backward in a tee), open loop; "eq20" by Eq. 20 in every turn; "equal" runs all
-    modules at cruise speed; "driven" obeys a driver's orders; "policy" is a trained policy of a
-    file; `module:Class` names a class of your own, and an installed package may give it a word."""
+    kind: str = ""
+    """The controller: one of the robot's by its name; `module:Class` names a class of your own, and
+    an installed package may give it a word. Left out: the robot's first, as "jacobian"."""
     cruise_speed: Annotated[float, Field(ge=1e-6, le=1), Unit("m/s")] = 0.1
     """Speed of the robot's centre, in turns as well."""
     align: bool = True
@@ -126,7 +124,7 @@ class ControlTable(Table):
     """Back off, align and try again where a turn makes no progress; at most
     `control.parameters.recovery.retries` times."""
     speed_limit: Annotated[float, Field(ge=1e-6, le=100), Unit("m/s")] = 0.2
-    """Cap on a belt's speed."""
+    """Cap on the speed of the robot's fastest part, such as a belt."""
     tee_turn_radius: Annotated[Radius, Unit("m")] = ARCS.turn
     """Radius of the centreline's arc from run to branch; a short tee gets what fits it."""
     tee_merge_radius: Annotated[Radius, Unit("m")] = ARCS.merge

@@ -56,9 +56,8 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
     # A saved scenario.json writes every key, also those that nothing was given for.
     data = {**_without_none(data), "name": name}
     has_pipes = bool(data.get("pipes"))
-    if scenario.robot.kind != DEFAULT:
-        # The default of a controller is the robot's.
-        data = data | {"control": {**data.get("control", {}), "kind": scenario.control.kind}}
+    # Which controller is the default, the robot decides.
+    data = data | {"control": {**data.get("control", {}), "kind": scenario.control.kind}}
     meanings = meanings_of(Scenario)
     lines = [*_comment(title), "#", *_comment(_HEAD), ""]
     for key in ("name", "seed", *(() if has_pipes else ("network",))):

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.base.text import finite
+from omnitrack_sim.record.channels import COMMON
 from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, Moment, StatusText
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.metrics import Metric
-from omnitrack_sim.record.trajectory import RECORDED, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans
@@ -29,7 +30,7 @@ from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 CAMERAS = (*STANDARD, "onboard")
 """Cameras of every run: ``onboard`` looks ahead."""
 MAX_COLUMNS = 6
-"""A channel of a user's own sensor with more numbers than this has no plot: its lines could not be
+"""A channel of a further sensor with more numbers than this has no plot: its lines could not be
 told apart."""
 PROVENANCE = ("seed", "scenario_sha256", "git_commit", "platform")
 """Entries of a run's provenance that pages show."""
@@ -215,12 +216,12 @@ class RunPlayback(Playback):
 
     @cached_property
     def plots(self) -> Sequence[str]:
-        """The robot's own choice of channels, and those of a user's own sensors."""
-        plots = self.display.plots
+        """The robot's own choice of channels, and those of sensors that it knows nothing of."""
+        plots, known = self.display.plots, {*COMMON, *self.display.plots, *self.display.unplotted}
         own = [
             name
             for name, channel in self._run.trajectory.schema.items()
-            if name not in {*RECORDED, *plots} and len(channel.columns) <= MAX_COLUMNS
+            if name not in known and len(channel.columns) <= MAX_COLUMNS
         ]
         return (*plots, *own)
 
@@ -238,9 +239,9 @@ class RunPlayback(Playback):
         return finite(
             {
                 "name": self.name,
-                "outcome": run.outcome.value.replace("_", " "),
+                "outcome": run.ending,
                 "success": run.success,
-                "advice": run.scenario.robot.advice(run.outcome),
+                "advice": run.advice,
                 "reason": run.reason,
                 "duration": run.duration_s,
                 "figures": _figure_rows(run),
@@ -255,7 +256,8 @@ class RunPlayback(Playback):
     def headline(self) -> Mapping[str, str]:
         """See ``Playback``."""
         metrics = _metrics(self._run)
-        return {name: _title(metrics[name]) for name in self.display.headline}
+        modules = self.display.robot.modules
+        return {name: _title(metrics[name], modules) for name in self.display.headline}
 
     @cached_property
     def arrows(self) -> list[ForceArrow]:
@@ -293,6 +295,7 @@ def _metrics(result: Result) -> dict[str, Metric]:
     return {metric.name: metric for metric in result.scenario.robot.metrics}
 
 
-def _title(metric: Metric) -> str:
+def _title(metric: Metric, modules: int) -> str:
     """Return the title of a metric, with the modules where it has a value for each."""
-    return metric.title + (", modules 1, 2, 3" if metric.per_module else "")
+    numbers = ", ".join(str(i + 1) for i in range(modules))
+    return metric.title + (f", modules {numbers}" if metric.per_module else "")

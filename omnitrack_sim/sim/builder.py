@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -22,7 +21,6 @@ from omnitrack_sim.robots.plant import Start
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.tables import PhysicsTable
-from omnitrack_sim.walls.geoms import TIMESTEP
 
 EACH: Mapping[str, str] = {
     "distance": "start.distance",
@@ -129,10 +127,10 @@ def settings_of(
         # The outer module's way is longer than the centre's by this factor.
         factor = 1 + _sharpest_bend(scenario, routes.routes[w])
         cruise.append(min(scenario.control.cruise_speed, most / factor))
-        speed, step = _speed_note(scenario, most, factor), _step_note(scenario)
         bores = [2 * radius for radius in scenario.bores.values()]
-        own = scenario.robot.bore_notes(bores)
-        notes.append([*speed, *step, *own, *_idle_note(scenario.physics), *_still_note(scenario)])
+        own = scenario.robot.notes(bores, scenario.physics.timestep)
+        speed, idle = _speed_note(scenario, most, factor), _idle_note(scenario.physics)
+        notes.append([*speed, *own, *idle, *_still_note(scenario)])
     settings = Settings(
         cruise_speed=np.array(cruise),
         align=each(scenarios, "align"),
@@ -143,33 +141,13 @@ def settings_of(
     return settings, notes
 
 
-def _step_note(scenario: Scenario) -> Iterator[str]:
-    """Warning of a time step whose slip is not that of small steps."""
-    step, longest = scenario.physics.timestep, TIMESTEP * scenario.robot.time_scale
-    excess = slip_excess(scenario)
-    if step > longest * (1 + 1e-9) and not math.isnan(excess):
-        yield (
-            f"physics.timestep is {step:.4g} s: above {longest:.4g} s slip comes out too large, "
-            f"here by about {100 * excess:.0f} %"
-        )
-
-
-def slip_excess(scenario: Scenario) -> float:
-    """Return the share by which slip reads too large at a scenario's time step.
-
-    That of a typical run; not a number where it has not been measured.
-    """
-    steps = scenario.physics.timestep / (TIMESTEP * scenario.robot.time_scale)
-    return scenario.robot.slip_excess(steps)
-
-
 def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
     """Cause that keeps a robot from its cruise speed, and the key that would raise it."""
     wanted, limit = scenario.control.cruise_speed, scenario.control.speed_limit
     if wanted <= min(limit, most / factor):
         return
     motor = (
-        f"{scenario.robot.drive_words} holds {most:.4g} m/s and the outer side of the robot needs "
+        f"{scenario.robot.drive_name} holds {most:.4g} m/s and the outer side of the robot needs "
         f"{factor:.2f} times its speed"
     )
     if most / factor <= limit:
@@ -177,7 +155,7 @@ def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]
         return
     note = (
         f"cruise speed lowered from {wanted:.4g} to {limit:.4g} m/s: control.speed_limit caps the "
-        "belts there"
+        "drive there"
     )
     if wanted * factor > most:
         note += f"; without it {most / factor:.4g} m/s are possible: {motor}"

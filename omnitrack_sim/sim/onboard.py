@@ -14,7 +14,7 @@ from omnitrack_sim.autonomy.camera_sight import CameraSight, behind_lens
 from omnitrack_sim.autonomy.localiser import Localiser
 from omnitrack_sim.autonomy.own_maps import OwnMaps, bends_otherwise, shift_of_part
 from omnitrack_sim.autonomy.pose_filter import PLACE, TURN
-from omnitrack_sim.autonomy.relocalisation import Relocaliser, Search
+from omnitrack_sim.autonomy.relocalisation import PoseSearch, Relocaliser
 from omnitrack_sim.autonomy.sight import Look, Sighting, is_right
 from omnitrack_sim.base.rotations import (
     Array,
@@ -27,6 +27,7 @@ from omnitrack_sim.base.rotations import (
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.events import Event
 from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.robots.odometry import BodyReadings, check_shapes, odometry_of
@@ -38,6 +39,7 @@ from omnitrack_sim.senses.proprioception import Proprioception, ProprioceptiveRe
 from omnitrack_sim.senses.settings import BeginTable, SensingTable, camera_of
 from omnitrack_sim.sim.builder import each
 from omnitrack_sim.sim.legs import Legs
+from omnitrack_sim.sim.odometry_check import OdometryCheck
 from omnitrack_sim.sim.picture_taking import PictureTaking
 from omnitrack_sim.sim.sensing import frame_ahead
 from omnitrack_sim.walls.rays import RayWalls
@@ -72,8 +74,10 @@ class Onboard:
             table, self._odometry, mount, self._maps.walls, self._maps.which, period
         )
         self._relocaliser = Relocaliser(legs.routes, first.robot, self.localiser)
-        self._search = Search(table.search, self._odometry, n)
+        self._search = PoseSearch(table.search, self._odometry, n)
         self._proprioception = Proprioception(table, self._odometry, period, state)
+        self._check = OdometryCheck(type(self._odometry).__name__, first.robot.length / 4, state)
+        self._remarks: list[Event] = []
         exploration, pipes = first.exploration, (network.parts, first.plates)
         parts, plates = pipes if exploration is None else exploration.in_sight()
         eyes = Eyes(mount, RayWalls([parts], [plates], dirty=True), n)
@@ -93,6 +97,7 @@ class Onboard:
         gravity = each(scenarios, "gravity").astype(float)
         position, rotation = self._first_pose(rows, scenarios, key)
         self._proprioception.reset(rows, key, gravity, [s.robot for s in scenarios], state)
+        self._check.reset(rows, state)
         self._search.reset(rows, each(scenarios, "cruise_speed"))
         self._relocaliser.reset(rows)
         for row in rows.tolist():
@@ -153,6 +158,7 @@ class Onboard:
         pose = self.localiser.filter
         before = pose.position, pose.rotation
         self.localiser.predict(measured)
+        self._remarks = self._check.compare(self.localiser.travel, state, active)
         # The estimate of a robot whose run is over stays as it was, however long the others run.
         pose.position = np.where(active[:, None], pose.position, before[0])
         pose.rotation = np.where(active[:, None, None], pose.rotation, before[1])
@@ -196,7 +202,10 @@ class Onboard:
         gear = self._legs.gear
         readings = self._odometry.to_controller(self.readings, gear, self.channels)
         self._relocaliser.update_lost(self.location)
-        return self._search.step(command, self._relocaliser.lost, readings, gear)
+        command, lost = self._search.step(command, self._relocaliser.lost, readings, gear)
+        if self._remarks:
+            command = command._replace(events=[*command.events, *self._remarks])
+        return command, lost
 
     def look(self, robot: int, back: bool) -> Look:
         """See ``Senses``: by a picture of each end."""

@@ -89,7 +89,7 @@ class PictureTaking:
         robots = np.flatnonzero(due & active)
         numbers = self._taken[robots]
         # One number for all robots is drawn faster, with the same result.
-        number = int(numbers[0]) if np.ptp(self._taken) == 0 else numbers
+        number = int(self._taken[0]) if np.ptp(self._taken) == 0 else numbers
         position, rotation = state["position"][robots], state["rotation"][robots]
         taken = self.eyes.take(
             robots, position, rotation, facing[robots], number, self._pixels, self._metered

@@ -23,6 +23,8 @@ from omnitrack_sim.sim.simulation import MakePilot, Progress, Simulation
 
 BASELINE_TIME, BASELINE_SETTLED = 1.2, 0.8
 """Length of the run that measures the no-load slip, and from when on it counts, s."""
+SLIP = "slip_velocity"
+"""Channel that it is measured by; robots without it have no such run."""
 
 
 def run(
@@ -134,11 +136,11 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
     """Measure the mean slip speed, m/s, of robots in a straight pipe without gravity.
 
     Regularised friction creeps: this is what slip reads when nothing pulls. Measured by a short
-    run, one for each robot, physics, friction and speed; not a number where that run ends early, as
-    that of a robot that diverges does. ``sensors`` are there for controllers that
-    look at them.
+    run, one for each robot, physics, friction and speed; not a number of a robot without a channel
+    ``slip_velocity``, and where that run ends early, as that of a robot that diverges does.
+    ``sensors`` are there for controllers that look at them.
     """
-    loaded = [i for i, scenario in enumerate(scenarios) if scenario.robot.slips]
+    loaded = [i for i, scenario in enumerate(scenarios) if SLIP in scenario.robot.channels]
     # Robots that are alike in friction, speed and physics share one measurement.
     data = [_unloaded(scenarios[i]) for i in loaded]
     texts = [repr(each) for each in data]
@@ -151,7 +153,7 @@ def no_load_slips(scenarios: Sequence[Scenario], sensors: Sequence[Sensor] = ())
         simulation.advance()
         trajectories = simulation.recorder.trajectories(simulation.end_time)
         for index, trajectory in zip(indices, trajectories, strict=True):
-            slip = np.abs(trajectory["slip_velocity"][trajectory.time >= BASELINE_SETTLED])
+            slip = np.abs(trajectory[SLIP][trajectory.time >= BASELINE_SETTLED])
             slips[names[index]] = float(slip.mean()) if len(slip) else math.nan
             if not sensors and _says_all(runs[index]):
                 _known[names[index]] = slips[names[index]]

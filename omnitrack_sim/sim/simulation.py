@@ -34,10 +34,11 @@ from omnitrack_sim.robots.control import (
 from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.scenario import Scenario
-from omnitrack_sim.sim.builder import each, settings_of, slip_excess, start_of
+from omnitrack_sim.sim.builder import each, settings_of, start_of
 from omnitrack_sim.sim.ending import Ending
 from omnitrack_sim.sim.legs import Legs
 from omnitrack_sim.sim.monitor import Monitor
+from omnitrack_sim.sim.own_controller import own_errors
 from omnitrack_sim.sim.runs import Runs
 from omnitrack_sim.sim.sensing import MakeSenses, Senses, Truth
 from omnitrack_sim.sim.tail_load import TailLoad
@@ -158,7 +159,9 @@ class Simulation:
             gravity=start.gravity,
             robots=start.robots,
         )
-        self.controller: Controller = first.controller_class(self.setup)
+        kind = first.controller_class
+        with own_errors(kind, lambda: "as it is made"):
+            self.controller: Controller = kind(self.setup)
         self.phases: tuple[str, ...] = getattr(self.controller, "phases", ("drive",))
         own = [*robot.channels.values(), *(sensor.channel for sensor in sensors)]
         pull = self._tail.channels if self._tail else ()
@@ -290,14 +293,11 @@ class Simulation:
         Raises:
             TypeError: it is no command of this kind of robot.
             ValueError: an array of the command has the wrong shape.
+            ControllerError: a user's own controller raised an error, or one of these holds for what
+                it returned.
         """
-        start, whose = self.plant.command, "command"
-        if command is None:
-            command = self.controller.step(self.observation)
-            whose = self._returned
-        if type(command) is not type(start):
-            check_is(type(start), whose, command)
-        command, lost = self.senses.guard(checked(command, start))
+        command = self._own_command() if command is None else self._checked(command, "command")
+        command, lost = self.senses.guard(command)
         active, given = self.active, self.plant.from_controller(command, self.legs.gear)
         self._command = held_command(given, self._command, active)
         self.runs.add_events(given.events)
@@ -311,6 +311,21 @@ class Simulation:
         self._judge(active, lost)
         if self._recording:
             self._record()
+
+    def _own_command(self) -> Any:
+        """Return the command of the robots' controller."""
+        with own_errors(type(self.controller), self._step_at_hand):
+            return self._checked(self.controller.step(self.observation), self._returned)
+
+    def _step_at_hand(self) -> str:
+        return f"step {self._tick + 1} ({self.time.max():.6g} s)"
+
+    def _checked(self, command: Any, whose: str) -> Any:
+        """Return a command that fits the robots; see ``step`` for what is raised."""
+        start = self.plant.command
+        if type(command) is not type(start):
+            check_is(type(start), whose, command)
+        return checked(command, start)
 
     def advance(self, progress: Progress | None = None) -> None:
         """Run all robots to their ends under their controller."""
@@ -410,7 +425,7 @@ class Simulation:
         """The result of a robot that slips by ``slip`` m/s without load."""
         scenario, ending = self.scenarios[robot], self.endings[robot]
         assert ending is not None
-        run = scenario.robot.run_record(trajectory, slip, slip_excess(scenario))
+        run = scenario.robot.run_record(trajectory, slip, scenario.physics.timestep)
         values = summarise(run, (*scenario.all_metrics, *metrics))
         network = self.legs.map(robot)
         return Result(

@@ -13,7 +13,7 @@ from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.plant import Plant
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import TAIL_CHANNELS, TETHER_CHANNELS, Tether, rest
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.sim.builder import each

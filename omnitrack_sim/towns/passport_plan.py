@@ -12,7 +12,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.towns.features import (
     FEATURES,

@@ -25,7 +25,7 @@ from omnitrack_sim.pipes.centreline import Segment
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
 from omnitrack_sim.towns.passport import Passport
@@ -225,7 +225,7 @@ class _Label:
             fittings together, and of the worst straight, as all straights pass or fail alike.
         spread: by kind, of the logarithm there.
         costs: (2, 2, frictions) s and J, there and back.
-        variances: (2, frictions) of what differs from pass to pass, there.
+        variances: (2, 2, frictions) of the costs: what differs from pass to pass.
         errors: (frictions,) s, by kind, of the means, alike in all passes of a kind.
         drag, slack: N, of the tether. out: m of it.
         worst: largest loss of one way on the path, and what it was.
@@ -477,7 +477,7 @@ class _Planner:
             straights=np.zeros((2, count)),
             spread={},
             costs=np.zeros((2, 2, count)),
-            variances=np.zeros((2, count)),
+            variances=np.zeros((2, 2, count)),
             errors={},
             drag=pull,
             slack=pull,
@@ -548,7 +548,7 @@ class _Planner:
             straights=np.minimum(label.straights, logs) if straight else label.straights,
             spread=spreads,
             costs=label.costs + amount * both[2:4].swapaxes(0, 1),
-            variances=label.variances + amount * there[4:6] ** 2,
+            variances=label.variances + amount * both[4:6].swapaxes(0, 1) ** 2,
             errors={**label.errors, way.kind: error},
             drag=drag,
             slack=slack,
@@ -605,9 +605,11 @@ class _Planner:
         """The reach of a part by the label at its far end."""
         supply = self.supply
         energy, back = (supply.energy(*costs) for costs in label.costs)
-        spread = np.sqrt(supply.energy(*np.sqrt(label.variances)) ** 2 + (0.01 * energy) ** 2)
-        enough = ndtr((supply.battery_wh - energy) / spread)
-        enough_back = ndtr((supply.battery_wh - energy - back) / (math.sqrt(2) * spread))
+        own, own_back = (supply.energy(*costs) for costs in np.sqrt(label.variances))
+        variance = own**2 + (0.01 * energy) ** 2
+        variance_back = variance + own_back**2 + (0.01 * back) ** 2
+        enough = _chance(supply.battery_wh - energy, variance)
+        enough_back = _chance(supply.battery_wh - energy - back, variance_back)
         there = np.exp(label.logs)
         probability = float(np.mean(there * enough))
         returned = there * np.exp(label.fittings[1] + label.straights[1]) * enough_back
@@ -628,7 +630,7 @@ class _Planner:
             high=min(probability * math.exp(deviation), 1.0),
             back=float(np.mean(returned)),
             seconds=float(seconds),
-            seconds_std=math.sqrt(float(weights @ label.variances[0] + between + shared)),
+            seconds_std=math.sqrt(float(weights @ label.variances[0, 0] + between + shared)),
             energy_wh=float(weights @ energy),
             tether_n=label.drag if self.tether else math.nan,
             tether_out_m=label.out if self.tether else math.nan,
@@ -644,6 +646,12 @@ def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:
         path, edge = path
         edges.append(edge)
     return tuple(reversed(edges))
+
+
+def _chance(left: Array, variance: Array) -> Array:
+    """Chance that what is left of a battery, Wh, is more than nothing, by its variance, Wh²."""
+    # A way that costs nothing, or of which nothing is known, does not vary.
+    return ndtr(left / np.sqrt(np.maximum(variance, 1e-24)))
 
 
 def _log_mean(logs: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -25,6 +25,9 @@ INVALID, ERROR = "invalid", "error"
 """Outcomes of trials without a run: values that do not fit, a fault of program or worker."""
 Row = dict[str, Any]
 """Result columns of a trial by name; a missing column is null."""
+Measure = Callable[[Result], Mapping[str, float]]
+"""Further columns of a trial, by name, from its result: a function of a module, since workers
+import it, for what no metric of the scenario says."""
 
 
 @dataclass(frozen=True)
@@ -50,17 +53,20 @@ class Batch:
         model: short hash of the batch key.
         bases: JSON of the base scenarios, by name.
         trials: in the order of their indices.
+        measure: adds columns to the rows of those that ran; none: it adds none.
     """
 
     model: str
     bases: dict[str, str]
     trials: tuple[Trial, ...]
+    measure: Measure | None = None
 
     @cached_property
     def hash(self) -> str:
         """SHA-256 of everything that the rows depend on, hexadecimal, 16 digits."""
         trials = [[trial.base, trial.changes] for trial in self.trials]
-        return sha256_of([FORMAT, self.bases, trials])[:16]
+        own = [] if self.measure is None else [self.measure.__module__, self.measure.__qualname__]
+        return sha256_of([FORMAT, self.bases, trials, *own])[:16]
 
 
 class Rows(NamedTuple):
@@ -68,7 +74,8 @@ class Rows(NamedTuple):
 
     Attributes:
         rows: in the order of the trials.
-        units: units of the metrics that these hold, by the names of their columns.
+        units: units of the metrics and measures that these hold, by the names of their columns;
+            empty where there is none.
         made_by: versions and commit.
     """
 
@@ -103,7 +110,10 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def batched(
-    bases: Mapping[str, Mapping[str, Any]], trials: Iterable[Trial], size: int
+    bases: Mapping[str, Mapping[str, Any]],
+    trials: Iterable[Trial],
+    size: int,
+    measure: Measure | None = None,
 ) -> list[Batch]:
     """Group trials into batches of at most ``size``; those of a batch share a model.
 
@@ -111,6 +121,7 @@ def batched(
         bases: plain base scenarios by name.
         trials: all trials of a base change the same paths.
         size: of a batch, at most.
+        measure: see ``Batch``.
     """
     # Workers get text: it is quick to send, and what the hash of a batch is made of.
     texts = {name: json.dumps(data) for name, data in bases.items()}
@@ -135,7 +146,7 @@ def batched(
         for start in range(0, len(members), size):
             chosen = tuple(members[start : start + size])
             used = {name: texts[name] for name in sorted({one.base for one in chosen})}
-            batches.append(Batch(sha256_of(key)[:12], used, chosen))
+            batches.append(Batch(sha256_of(key)[:12], used, chosen, measure))
     return batches
 
 
@@ -155,7 +166,7 @@ def run_rows(batch: Batch) -> Rows:
         except ScenarioError as error:
             rows[place] = failed_row(INVALID, "; ".join(str(error).splitlines()))
     units: dict[str, str] = {}
-    rows |= _rows_of(scenarios, units)
+    rows |= _rows_of(scenarios, units, batch.measure)
     return Rows([rows[place] for place in range(len(batch.trials))], units, environment())
 
 
@@ -164,14 +175,17 @@ def failed_row(outcome: str, reason: str) -> Row:
     return {"outcome": outcome, "success": False, "reason": reason}
 
 
-def _rows_of(scenarios: dict[int, Scenario], units: dict[str, str]) -> dict[int, Row]:
+def _rows_of(
+    scenarios: dict[int, Scenario], units: dict[str, str], measure: Measure | None
+) -> dict[int, Row]:
     """Rows of scenarios by their places; the units of their metrics are added to ``units``."""
     try:
         # One thread, for there are as many workers as cores; the slip without load needs a run of
         # its own for each friction, and is left out.
         results = run_batch(list(scenarios.values()), threads=1, no_load=False)
         return {
-            place: _row(result, units) for place, result in zip(scenarios, results, strict=True)
+            place: _row(result, units, measure)
+            for place, result in zip(scenarios, results, strict=True)
         }
     except Exception as error:
         # A fault of one trial would otherwise cost all those that share its batch.
@@ -183,11 +197,11 @@ def _rows_of(scenarios: dict[int, Scenario], units: dict[str, str]) -> dict[int,
             return {place: failed_row(ERROR, f"{type(error).__name__}: {error}")}
         rows: dict[int, Row] = {}
         for place, scenario in scenarios.items():
-            rows |= _rows_of({place: scenario}, units)
+            rows |= _rows_of({place: scenario}, units, measure)
         return rows
 
 
-def _row(result: Result, units: dict[str, str]) -> Row:
+def _row(result: Result, units: dict[str, str], measure: Measure | None) -> Row:
     row: Row = {
         "scenario_sha256": result.scenario.hash,
         "outcome": result.outcome.value,
@@ -208,5 +222,9 @@ def _row(result: Result, units: dict[str, str]) -> Row:
             columns = {f"{metric.name}_{i}": item for i, item in enumerate(value, start=1)}
         row |= columns
         units |= dict.fromkeys(columns, metric.unit)
+    if measure is not None:
+        own = measure(result)
+        row |= own
+        units |= dict.fromkeys(own, "")
     # A diverged run has left figures that are not finite.
     return finite(row)

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import Fault, StudyError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.trials.batches import ERROR, INVALID
 from omnitrack_sim.trials.search import Measured
 from omnitrack_sim.trials.search_plan import SUCCESS_RATE, Objective, SearchPlan
 from omnitrack_sim.trials.sweep import Sweep
-from omnitrack_sim.trials.table import numbers_of
+from omnitrack_sim.trials.table import metric_columns, numbers_of
 
 _OF_MODULES = {"mean": np.mean, "max": np.max, "min": np.min, "sum": np.sum}
 LEAVE_OUT = "leave_out"
@@ -127,7 +126,7 @@ def metric_values(objective: Objective, table: pa.Table) -> Array:
     name, module = objective.metric, objective.module
     if module is None or isinstance(module, int):
         return numbers_of(table, name if module is None else f"{name}_{module}")
-    each = [numbers_of(table, f"{name}_{i}") for i in range(1, MODULE_COUNT + 1)]
+    each = [numbers_of(table, column) for column in metric_columns(table, name)]
     return _OF_MODULES[module](each, axis=0)
 
 

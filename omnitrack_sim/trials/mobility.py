@@ -18,8 +18,8 @@ from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.random import random_network
 from omnitrack_sim.record.metrics import Metric, Run
-from omnitrack_sim.robots.robot import GRAVITY, Robot
-from omnitrack_sim.robots.size import REFERENCE_BORE
+from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.size import GRAVITY, REFERENCE_BORE
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.tables import Pipe
 from omnitrack_sim.trials.axes import Axis, DirectionAxis, ListAxis, UniformAxis
@@ -263,7 +263,7 @@ def _contact_force(run: Run) -> float:
     # Bodies of other robots, modules of the package's own.
     name = "wall_force" if "wall_force" in run.trajectory else "normal_force"
     # The first sample is of the seat, in which the chassis is held where a nominal bore has it.
-    return float(np.nan_to_num(run.trajectory[name][1:]).max(initial=0.0))
+    return float(np.fmax.reduce(run.trajectory[name][1:], axis=None, initial=0.0))
 
 
 CONTACT_FORCE = Metric(

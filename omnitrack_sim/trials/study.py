@@ -22,7 +22,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario.model import unit_of
-from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, TriedCandidates, study_figure
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.trials.batches import (
     FORMAT,
@@ -382,5 +382,5 @@ def draw_front(study: Study, history: History, checked: History | None, best: Ca
     places = [one.number for one, _ in checked or ()]
     feasible = violations_of(study, values) == 0
     on_front = front(study, history)
-    tried = Tried(values[:, weighed], feasible, on_front, best.number, again, places)
+    tried = TriedCandidates(values[:, weighed], feasible, on_front, best.number, again, places)
     return figure_bytes(study_figure(scales, tried))

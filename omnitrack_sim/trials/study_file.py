@@ -299,7 +299,8 @@ def _metric_faults(where: str, objective: Objective, sweeps: Sequence[Sweep]) ->
             yield Fault(f"{where}.metric", problem)
     per_module = metric is not None and metric.per_module
     if per_module and objective.module is None:
-        modules = ("1", "2", "3", "mean", "max", "min", "sum")
+        count = max(base.robot.modules for base in bases)
+        modules = (*(str(i + 1) for i in range(count)), "mean", "max", "min", "sum")
         yield Fault(f"{where}.module", "is missing: the metric has a value each module", modules)
     if objective.module is not None and not per_module:
         yield Fault(f"{where}.module", f"{name!r} has one value for all modules")

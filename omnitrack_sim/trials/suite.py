@@ -22,12 +22,11 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.reading import NAME_PATTERN, SUITE, beside, checked, read_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
-from omnitrack_sim.record.channels import MODULE_COUNT
 from omnitrack_sim.trials.entries import Changes, Entry, controller_entry, robot_entry
 from omnitrack_sim.trials.mobility import BATCH, load_course, mission_sweep
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_file import resolve
-from omnitrack_sim.trials.table import numbers_of, passed_of
+from omnitrack_sim.trials.table import metric_columns, numbers_of, passed_of
 
 Count = Annotated[int, Field(ge=1, le=MAX_TRIALS)]
 
@@ -54,10 +53,9 @@ class BenchMeasure(Table):
 
     def of(self, table: pa.Table) -> Array:
         """Return the figure of each trial of a table; not a number where there is none."""
-        own, there = self.column or self.name, table.column_names
-        columns = [own] if own in there else [f"{own}_{i + 1}" for i in range(MODULE_COUNT)]
+        columns = metric_columns(table, self.column or self.name)
         # Robots differ in their metrics: what one of them does not have is no fault.
-        if not {*columns, *filter(None, [self.over])} <= {*there}:
+        if not columns or (self.over and self.over not in table.column_names):
             return np.full(len(table), np.nan)
         mean = np.mean([numbers_of(table, name) for name in columns], axis=0)
         return mean / numbers_of(table, self.over) if self.over else mean

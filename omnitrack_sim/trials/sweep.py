@@ -168,7 +168,7 @@ class Sweep(SweepTable, Plan):
 
     def draw_map(self, table: pa.Table) -> bytes:
         """Draw the figure of all trials: success over what was varied."""
-        from omnitrack_sim.trials.sweep_plot import draw_map
+        from omnitrack_sim.trials.sweep_figure import draw_map
 
         return draw_map(self, table)
 

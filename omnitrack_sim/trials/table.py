@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -58,7 +59,7 @@ BEHIND = (
 
 def part_table(batch: Batch, results: Rows) -> pa.Table:
     """Return the rows of a batch, with its hash and provenance in the metadata."""
-    metrics = [column(name, pa.float64(), unit) for name, unit in results.units.items()]
+    metrics = [column(name, pa.float64(), unit or None) for name, unit in results.units.items()]
     # The hash makes sure that a part file is not of a batch with other values under the same name.
     metadata = {"part": batch.hash, "made_by": json.dumps(results.made_by, sort_keys=True)}
     rows = [{"model": batch.model, **row} for row in results.rows]
@@ -159,6 +160,14 @@ def to_json(data: Any) -> bytes:
 def numbers_of(table: pa.Table, name: str) -> Array:
     """Return the numbers in a column of a table; NaN where it has none."""
     return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)
+
+
+def metric_columns(table: pa.Table, name: str) -> list[str]:
+    """Return the column of a metric, or those of the modules that it has a value of each of."""
+    if name in table.column_names:
+        return [name]
+    own = (f"{name}_{i}" for i in itertools.count(1))
+    return list(itertools.takewhile(set(table.column_names).__contains__, own))
 
 
 def passed_of(table: pa.Table) -> Array:

@@ -24,7 +24,7 @@ from omnitrack_sim.paper.claim import (
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.presser import ARMS, Presser
-from omnitrack_sim.robots.robot import GRAVITY
+from omnitrack_sim.robots.size import GRAVITY
 
 T_RO = "Roh and Choi, IEEE T-RO 21(1), 2005"
 ELBOW = "robots/presser_elbow"

@@ -21,8 +21,8 @@ from omnitrack_sim.paper.claim import (
 )
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.robot import GRAVITY
 from omnitrack_sim.robots.screw import ARMS, Screw
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.around import add_pipes
 
 KINEMATICS, STATICS = "kinematics of a screw", "balance of passive wheels"

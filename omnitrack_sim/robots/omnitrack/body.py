@@ -22,8 +22,8 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import quaternion_from_matrix, rotation_about
-from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Omnitrack
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.drive import Drive, drive_of
 from omnitrack_sim.robots.omnitrack.track import install_lines, line_record, sprocket_record
 from omnitrack_sim.robots.quantity import similar

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
 from omnitrack_sim.base.rotations import Array, ordered_sum, set_rows
-from omnitrack_sim.record.channels import MODULE_COUNT
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBER,
+    NUMBERS,
+    WORD,
+    c_function,
+    compiled,
+    pointers,
+)
+from omnitrack_sim.robots.omnitrack.channels import MODULES
 from omnitrack_sim.robots.omnitrack.motors import Motor
 
 _NOTHING = 1e-9
@@ -54,8 +64,8 @@ class Drive:
 
     def __post_init__(self) -> None:
         matrix = self.matrix
-        if matrix.ndim != 2 or matrix.shape[1] != MODULE_COUNT or not np.isfinite(matrix).all():
-            raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULE_COUNT} numbers")
+        if matrix.ndim != 2 or matrix.shape[1] != MODULES or not np.isfinite(matrix).all():
+            raise ValueError(f"gears of drive {self.name!r} are no rows of {MODULES} numbers")
         # Motors of the same motion would leave it undecided which of them gives how much force.
         if np.linalg.matrix_rank(matrix) < len(matrix):
             raise ValueError(f"gears of drive {self.name!r}: its motors are not independent")
@@ -75,12 +85,12 @@ class Drive:
     @property
     def steers(self) -> bool:
         """True if the belts can be given three independent speeds."""
-        return self.motors == MODULE_COUNT
+        return self.motors == MODULES
 
     @cached_property
     def direct(self) -> bool:
         """True if motor i drives belt i and nothing else."""
-        return np.array_equal(self.matrix, np.eye(MODULE_COUNT))
+        return np.array_equal(self.matrix, np.eye(MODULES))
 
     @property
     def strength(self) -> Array:
@@ -100,7 +110,7 @@ class Drive:
         """Projection (3, 3) of the belts' speeds onto those with all motors at rest."""
         # pinv(B) B projects onto the motions that turn a motor; the rest is what the gears leave
         # free.
-        free = np.eye(MODULE_COUNT) - np.linalg.pinv(self.matrix) @ self.matrix
+        free = np.eye(MODULES) - np.linalg.pinv(self.matrix) @ self.matrix
         return np.where(np.abs(free) > _NOTHING, free, 0.0)
 
     @cached_property
@@ -152,6 +162,17 @@ class SpeedLoop:
         self.torque_limit = np.zeros((n, 1))
         self.saturated: NDArray[np.bool_] = np.zeros((n, 3), bool)
         self._correction = np.zeros((n, drive.motors))  # m/s, integral part
+        self._constants = np.array(
+            [
+                lug_radius,
+                drive.size,
+                motor.stall_torque,
+                motor.no_load_speed,
+                motor.efficiency,
+                motor.speed_droop,
+                motor.speed_integral_time,
+            ]
+        )
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
         self.reset(np.arange(n), np.broadcast_to(np.asarray(torque_limit, float), (n,)))
 
@@ -175,54 +196,81 @@ class SpeedLoop:
             Set points of the m speed servos (n, m) m/s, and the least and largest force (n, m) N
             that each may give, all at the belts.
         """
-        drive, size = self.drive, self.drive.size
-        wanted, speed = drive.motor_values(command), drive.motor_values(belt_speed)
-        moment = drive.motor_forces(torque) / size  # N m, of one robot.motor
-        lowest, highest = self._torque_range(speed / self.lug_radius)
-        # A thousandth below the limit counts as at it: forces come back through gears, rounded.
-        saturated = (moment <= 0.999 * lowest) | (moment >= 0.999 * highest)
-        # The integral grows only where the motor can follow (no wind-up in a stall).
-        excess = moment - ordered_sum(moment)[:, None] / drive.motors
-        # Only what differs from the mean gives way: belts that work against each other relax, and a
-        # climb keeps its speed.
-        droop = self.motor.speed_droop * self.lug_radius * excess
-        error = wanted - droop - speed
-        self._correction = np.where(
-            saturated,
-            self._correction,
-            self._correction + error * dt / self.motor.speed_integral_time,
-        )
+        drive, wanted = self.drive, self.drive.motor_values(command)
+        speed, force = drive.motor_values(belt_speed), drive.motor_forces(torque)
+        asked = np.empty((4, *wanted.shape))
+        given = (np.ascontiguousarray(each, float) for each in (wanted, speed, force))
+        arrays = self._constants, self.torque_limit, *given, self._correction, asked
+        c_function(_advance, _ADVANCE).ctypes(*wanted.shape, dt, *pointers(*arrays))
+        saturated = asked[3] > 0
         self.saturated = saturated if drive.direct else self._of_modules(saturated)
-        force = size / self.lug_radius
-        return wanted + self._correction, lowest * force, highest * force
+        return asked[0], asked[1], asked[2]
 
     def _of_modules(self, motors: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Modules (n, 3) that one of the ``motors`` (n, m) drives."""
         return np.any(motors[:, :, None] & self._driven, axis=1)
 
-    def _torque_range(self, speed: Array) -> tuple[Array, Array]:
-        """Least and largest torque (n, m) N m at the shaft at ``speed`` rad/s.
 
-        Driving, the torque-speed line and the limit hold as the maker states them, at the output
-        shaft. Against its direction of turning the gears' losses help the motor twice: once for
-        what it does not lose on the way out, and once for what it does lose on the way in.
-        """
-        motor = self.motor
-        line = motor.stall_torque / motor.no_load_speed
-        highest = _within(motor.stall_torque - line * speed, self.torque_limit)
-        lowest = -_within(motor.stall_torque + line * speed, self.torque_limit)
-        if motor.efficiency == 1:
-            return lowest, highest
-        braking = 1 / motor.efficiency**2
-        return (
-            np.where(speed > 0, lowest * braking, lowest),
-            np.where(speed < 0, highest * braking, highest),
-        )
+# Constants of a speed loop.
+LUG_RADIUS, SIZE, STALL_TORQUE, NO_LOAD_SPEED, EFFICIENCY, DROOP, INTEGRAL_TIME = range(7)
+AT_LIMIT = 0.999
+"""Part of the limit from which a motor counts as at it: forces come back through gears, rounded."""
 
 
-def _within(torque: Array, limit: Array) -> Array:
-    """``torque`` cut to the range from 0 to ``limit``."""
-    return np.minimum(np.maximum(torque, 0.0), limit)
+@compiled
+def within(torque, limit):
+    """Return ``torque`` cut to the range from 0 to ``limit``."""
+    return min(max(torque, 0.0), limit)
+
+
+@compiled
+def torque_range(motor, limit, speed):
+    """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s.
+
+    Driving, the torque-speed line and the limit hold as the maker states them, at the output
+    shaft. Against its direction of turning the gears' losses help the motor twice: once for
+    what it does not lose on the way out, and once for what it does lose on the way in.
+    """
+    line = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED]
+    highest = within(motor[STALL_TORQUE] - line * speed, limit)
+    lowest = -within(motor[STALL_TORQUE] + line * speed, limit)
+    braking = 1.0 / (motor[EFFICIENCY] * motor[EFFICIENCY])
+    if speed > 0.0:
+        lowest *= braking
+    elif speed < 0.0:
+        highest *= braking
+    return lowest, highest
+
+
+def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, corrections, asked):
+    """Write set points, least and largest forces and saturation to ``asked`` (4, count, motors).
+
+    See ``SpeedLoop.advance``.
+    """
+    per_force, plane = motor[SIZE] / motor[LUG_RADIUS], count * motors
+    for i in range(count):
+        mean = 0.0
+        for k in range(i * motors, (i + 1) * motors):
+            mean += forces[k] / motor[SIZE]
+        mean /= motors
+        for k in range(i * motors, (i + 1) * motors):
+            moment = forces[k] / motor[SIZE]  # N m, of one robot.motor
+            lowest, highest = torque_range(motor, limits[i], speeds[k] / motor[LUG_RADIUS])
+            saturated = moment <= AT_LIMIT * lowest or moment >= AT_LIMIT * highest
+            # The integral grows only where the motor can follow (no wind-up in a stall).
+            if not saturated:
+                # Only what differs from the mean gives way: belts that work against each other
+                # relax, and a climb keeps its speed.
+                droop = motor[DROOP] * motor[LUG_RADIUS] * (moment - mean)
+                error = wanted[k] - droop - speeds[k]
+                corrections[k] += error * dt / motor[INTEGRAL_TIME]
+            asked[k] = wanted[k] + corrections[k]
+            asked[plane + k], asked[2 * plane + k] = lowest * per_force, highest * per_force
+            asked[3 * plane + k] = 1.0 if saturated else 0.0
+    return 0
+
+
+_ADVANCE = CFUNCTYPE(INTEGER, WORD, WORD, NUMBER, *[NUMBERS] * 7)
 
 
 DRIVES: ByName[Drive] = ByName(

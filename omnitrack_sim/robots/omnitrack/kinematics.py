@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnitrack_sim.base.rotations import Array, cross
+from omnitrack_sim.pipes.native import compiled
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 
 _COS, _SIN = np.cos(MODULE_ANGLES), np.sin(MODULE_ANGLES)  # (3,)
+MODULE_AXES = np.stack([_COS, _SIN], axis=1)
+"""Cosine and sine (3, 2) of the modules' angles."""
 _ROOT3 = np.sqrt(3.0)
 # (3, 3) unit vectors from the robot axis to the modules, and k x these
 _OUTWARD = np.stack([_COS, _SIN, np.zeros(3)], axis=-1)
@@ -90,8 +93,17 @@ def rotation_by_module(speeds: ArrayLike, lever: ArrayLike) -> Array:
         speeds: V_i (..., 3), m/s.
         lever: l (...,), m, the same for all modules.
     """
-    speeds, lever = np.asarray(speeds, float), np.asarray(lever, float)
-    return -(speeds / (1.5 * lever[..., None]))[..., None] * _TANGENT
+    speeds, lever = np.asarray(speeds, float)[..., None], np.asarray(lever, float)[..., None, None]
+    return rotation_part(speeds, lever, _TANGENT)
+
+
+@compiled
+def rotation_part(speed, lever, tangent):
+    """Component of the rotation by one module; see ``rotation_by_module``.
+
+    ``tangent``: the same component of k x e, where e points from the axis to the module.
+    """
+    return -(speed / (1.5 * lever)) * tangent
 
 
 def angular_velocity(speeds: ArrayLike, theta4_dot: ArrayLike, lever: ArrayLike) -> Array:
@@ -144,7 +156,13 @@ def module_speeds(
     """
     v, arm = np.asarray(forward_speed, float)[..., None], np.asarray(lever, float)[..., None]
     wx, wy = np.asarray(omega_x, float)[..., None], np.asarray(omega_y, float)[..., None]
-    return v - arm * (wy * _COS - wx * _SIN)
+    return module_speed(v, wx, wy, arm, _COS, _SIN)
+
+
+@compiled
+def module_speed(forward_speed, omega_x, omega_y, lever, cosine, sine):
+    """Wall speed of the module at an angle of that cosine and sine; see ``module_speeds``."""
+    return forward_speed - lever * (omega_y * cosine - omega_x * sine)
 
 
 def elbow_radii(theta5: ArrayLike, mean_radius: ArrayLike, module_distance: ArrayLike) -> Array:

@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import MODULE_ENDS
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.walls.meshes import TriangleMesh, loft, triangles_of
 from omnitrack_sim.walls.pipe_looks import PIPE_LOOK, ROBOT_GROUP, add_look, add_material, add_mesh
 

@@ -15,14 +15,17 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from omnitrack_sim.record.channels import CHANNELS, Channel, SingularRange
-from omnitrack_sim.record.events import BeyondStop, Event, Outcome, Overloaded
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.display import SingularRange
+from omnitrack_sim.record.events import Event, Outcome
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
-from omnitrack_sim.record.trajectory import JOINTS_OF_A_MODULE, Trajectory
+from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop, Overloaded
 from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.quantity import (
@@ -32,7 +35,8 @@ from omnitrack_sim.robots.quantity import (
     quantity_of,
     similar,
 )
-from omnitrack_sim.robots.robot import GRAVITY, Robot, SceneOptions
+from omnitrack_sim.robots.robot import Robot, SceneOptions
+from omnitrack_sim.robots.size import GRAVITY
 
 if TYPE_CHECKING:
     import mujoco
@@ -42,7 +46,11 @@ if TYPE_CHECKING:
     from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
     from omnitrack_sim.robots.plant import Start
 
-MODULES = 3
+JOINTS_OF_A_MODULE = (
+    *("slide", "pitch", "roll", "belt_upper", "belt_lower"),
+    *("sprocket_front", "sprocket_rear"),
+)
+"""Names of a module's joints in the model, before an underscore and the module's number."""
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
 
@@ -54,6 +62,9 @@ STOP_ROOM = 0.001
 MAX_PRESS = 1.0
 """By how much the springs may be pressed together in the nominal pipe, m, in a robot of scale 1: a
 force that hardly changes with the bore asks for long springs, but hardly for longer ones."""
+SLIP_STEP, SLIP_EXCESS = 0.002, 0.1
+"""Time step, s, for a robot of scale 1, and the share by which slip reads too large at it. Beyond
+it the share grows so fast that a run carries a note."""
 
 
 class Omnitrack(Robot):
@@ -81,7 +92,7 @@ class Omnitrack(Robot):
     kind: ClassVar[str] = "omnitrack"
     colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
     rolls: ClassVar[bool] = True
-    slips: ClassVar[bool] = True
+    modules: ClassVar[int] = MODULES
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
@@ -435,19 +446,17 @@ class Omnitrack(Robot):
         return self.feasible_belt_speed
 
     @property
-    def drive_words(self) -> str:
+    def drive_name(self) -> str:
         """See ``Robot``."""
         return f"motor {self.motor.name} (robot.motor)"
 
-    def slip_excess(self, steps: float) -> float:
-        """Return the share by which a typical turn's slip reads too large; see ``Robot``.
-
-        ``steps`` are of 2 ms at scale 1.
+    def slip_excess(self, timestep: float) -> float:
+        """Return the share by which a typical turn's slip reads too large at a time step, s.
 
         Medians of 64 pairs of turns at 1, 2, 2.5 and 5 ms: 1, 10, 11 and 112 %
         (``benchmarks/tee_turns.py steps``).
         """
-        return 0.1 * steps**2.6
+        return SLIP_EXCESS * (timestep / (SLIP_STEP * self.time_scale)) ** 2.6
 
     # What is made of the parameters
 
@@ -539,9 +548,7 @@ class Omnitrack(Robot):
         """See ``Robot``."""
         return METRICS
 
-    def run_record(
-        self, trajectory: Trajectory, no_load_slip: float, slip_excess: float
-    ) -> BeltRun:
+    def run_record(self, trajectory: Trajectory, no_load_slip: float, timestep: float) -> BeltRun:
         """See ``Robot``."""
         return BeltRun(
             trajectory,
@@ -551,22 +558,23 @@ class Omnitrack(Robot):
             self.motor.torque_limit,
             drive=drive_of(self.drive),
             efficiency=self.motor.efficiency,
-            slip_excess=slip_excess,
+            slip_excess=self.slip_excess(timestep),
         )
 
     def touch(self, trajectory: Trajectory) -> Touch:
         """See ``Robot``."""
+        run = self.run_record(trajectory, math.nan, math.nan)
         return Touch(
             trajectory["contact_count"].sum(axis=-1) > 0,
             trajectory["normal_force"],
             trajectory["slip_velocity"],
             trajectory["slip_ratio"],
-            trajectory["motor_torque"] * trajectory["belt_speed"] / self.lug_radius,
+            run.power / run.efficiency,
         )
 
     def advice(self, outcome: Outcome) -> str:
         """See ``Robot``."""
-        return outcome.advice
+        return ADVICE.get(outcome, outcome.advice)
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
         """Return notes on the largest force and travel of an arm, where they are beyond reason."""
@@ -601,7 +609,17 @@ class Omnitrack(Robot):
             bend_radius=bend_radius,
         ).singular_range
 
-    def bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
+        """See ``Robot``: on a time step whose slip is not that of small ones, and on a bore."""
+        longest = SLIP_STEP * self.time_scale
+        if timestep > longest * (1 + 1e-9):
+            yield (
+                f"physics.timestep is {timestep:.4g} s: above {longest:.4g} s slip comes out too "
+                f"large, here by about {100 * self.slip_excess(timestep):.0f} %"
+            )
+        yield from self._bore_notes(bores)
+
+    def _bore_notes(self, bores: Iterable[float]) -> Iterator[str]:
         """Yield a remark on the bore that the arms reach, but for which the springs are not made.
 
         It is the one where they press the modules most unlike they do in the nominal bore.

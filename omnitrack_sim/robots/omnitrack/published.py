@@ -35,7 +35,6 @@ from omnitrack_sim.pipes import (
     Tee,
     route,
 )
-from omnitrack_sim.record.channels import TRACKS
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES, MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
     LUG_IMPEDANCE,
@@ -57,6 +56,7 @@ from omnitrack_sim.robots.omnitrack.body import (
     spring_free_length,
     tie_joints,
 )
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks
 from omnitrack_sim.walls.geoms import add_walls, new_spec
 from omnitrack_sim.walls.meshes import fitting_mesh, stl_bytes

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.record.channels import SingularRange
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.tee_contact import (
     TeePath,

@@ -11,9 +11,9 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import MODULE_COLOURS, TRACKS
 from omnitrack_sim.record.display import (
     FORCES,
+    MODULE_COLOURS,
     Bar,
     CarriedCamera,
     ForceArrow,
@@ -26,6 +26,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.display import CAMERA_ANGLE_DEG, LOOKS_AHEAD, RobotDisplay
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import add_robot
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.orientation import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.looks import add_robot_looks, look_pitch
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
@@ -58,6 +59,10 @@ class TrackDisplay(RobotDisplay):
     plots: ClassVar = (
         *first_plots,
         *("motor_torque", "slip_velocity", "roll", "slide", "pitch", "distance", "offset"),
+    )
+    unplotted: ClassVar = (
+        *("wall_speed", "contact_count", "contact_position"),
+        *("belt_speed_command", "roll_command"),
     )
     page_channels: ClassVar = ("gear", "contact_count")
     columns: ClassVar = tuple((f"module {i + 1}", c) for i, c in enumerate(MODULE_COLOURS))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import TRACKS, Channel
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
@@ -26,12 +26,14 @@ from omnitrack_sim.robots.omnitrack.body import (
     friction_tendons,
     spring_free_length,
 )
+from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
-from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
+from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
-from omnitrack_sim.robots.robot import GRAVITY, SceneOptions
+from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
+from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
 
@@ -134,7 +136,7 @@ class TrackPlant(Plant):
         return np.abs(readings["slip_velocity"]).mean(axis=1)
 
     def _bind(self) -> None:
-        self._at = _addresses(self.model)
+        self._at = _addresses(self.model, self._drive)
         b, model, at = self._batch, self.model, self._at
         self._pitch_of_lugs = self._body.lug_pitch
         self._force_range = b.expand("actuator_forcerange")
@@ -236,8 +238,8 @@ class TrackPlant(Plant):
         # Chains are endless: a row of lugs that has moved on by a pitch is the same row, moved
         # back. Both runs of a chain go together, as the tie between them would pull them level.
         travel = self.qpos.take(self._belts, axis=1)
-        pitches = np.rint(travel[..., :1] / self._pitch_of_lugs) * active[:, None, None]
-        if np.count_nonzero(pitches):
+        if np.abs(travel).max() > self._pitch_of_lugs / 2:
+            pitches = np.rint(travel[..., :1] / self._pitch_of_lugs) * active[:, None, None]
             back = self._pitch_of_lugs * pitches
             self.qpos[:, self._belts] = travel - back
             if not self._drive.direct:
@@ -309,7 +311,7 @@ def _slice(indices: NDArray[np.intp]) -> slice:
     return addresses
 
 
-def _addresses(model: mujoco.MjModel) -> Addresses:
+def _addresses(model: mujoco.MjModel, drive: Drive) -> Addresses:
     """Names to addresses, once."""
 
     def joints(*kinds: str) -> NDArray[np.intp]:
@@ -347,6 +349,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         touch=of_chain("touch"),
         belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
+        drive=drive,
     )
 
 

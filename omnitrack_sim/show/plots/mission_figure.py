@@ -440,10 +440,10 @@ class _Mission:
 
 def _outcome(result: Result) -> str:
     """Outcome, duration, headway and legs of a run, in words."""
-    leg, outcome = result.trajectory["leg"], result.outcome.value.replace("_", " ")
+    leg = result.trajectory["leg"]
     # The metric, not the length of the path: numbers of one run have to agree.
     headway = result.metrics["distance_m"]
-    text = f"{outcome} after {result.duration_s:.2f} s, {headway:.2f} m of headway"
+    text = f"{result.ending} after {result.duration_s:.2f} s, {headway:.2f} m of headway"
     legs = len(result.routes())
     return text if legs == 1 else f"{text} on {int(leg.max()) + 1} of {legs} legs"
 

@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.record.channels import (
-    MODULE_COLOURS,
-    MODULE_COUNT,
-    Channel,
-    Display,
-    Vector,
-)
-from omnitrack_sim.record.display import Curve
+from omnitrack_sim.record.channels import Channel, Display, Vector
+from omnitrack_sim.record.display import MODULE_COLOURS, Curve
 from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
@@ -81,18 +75,18 @@ in their sixth digit."""
 
 def display_values(trajectory: Trajectory, channel: str) -> NDArray[np.float64]:
     """Values of a channel as they are displayed: (T,), or (T, n) with a line each."""
-    scale = trajectory.schema[channel].display.scale
-    values = np.asarray(trajectory[channel], float) * scale
-    if channel == "contact_count":
-        return values.sum(axis=-1)  # of both tracks of a module
+    display = trajectory.schema[channel].display
+    values = np.asarray(trajectory[channel], float) * display.scale
+    if display.summed:
+        return values.sum(axis=-1)
     return values.reshape(len(values), -1) if values.ndim > 2 else values
 
 
 def has_modules(channel: Channel) -> bool:
-    """True where a panel has one line a module."""
+    """True where a panel has one line a module: there are as many as colours of modules."""
     if channel.names or isinstance(channel, Vector):
         return False
-    return channel.name == "contact_count" or channel.shape == (MODULE_COUNT,)
+    return channel.display.summed or channel.shape == (len(MODULE_COLOURS),)
 
 
 def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None = None) -> None:
@@ -390,7 +384,7 @@ def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] 
 
 
 def _outcome(result: Result) -> str:
-    return f"{result.outcome.value.replace('_', ' ')} after {result.duration_s:.2f} s"
+    return f"{result.ending} after {result.duration_s:.2f} s"
 
 
 def _line_handles(result: Result, estimates: bool) -> list[Any]:
@@ -480,8 +474,9 @@ def _labels(comparison: Comparison) -> list[str]:
 def _comparison(comparison: Comparison, names: list[str]) -> Figure:
     runs = (comparison.a, comparison.b)
     # Robots of two kinds are compared by what all have.
-    compared, other = (run.scenario.robot.display.compared for run in runs)
-    rows = 1 + MODULE_COUNT if compared and compared == other else 1
+    first, second = (run.scenario.robot for run in runs)
+    compared, other = first.display.compared, second.display.compared
+    rows = 1 + first.modules if compared and compared == other else 1
     grid = PanelGrid(rows=rows, columns=3)
     end = max(float(run.trajectory.time[-1]) for run in runs)
     for column, channels in enumerate(zip(OF_ROBOT, *(rows - 1) * [compared], strict=True)):
@@ -560,7 +555,7 @@ def plot_channel(
     schema = run.trajectory.schema
     if channel not in schema:
         raise InputError(Fault("channel", f"is {channel!r}", tuple(schema), str(channel)))
-    modules = tuple(str(i + 1) for i in range(MODULE_COUNT))
+    modules = tuple(str(i + 1) for i in range(len(MODULE_COLOURS)))
     if module is not None and not has_modules(schema[channel]):
         raise InputError(Fault("module", f"{channel} has no modules"))
     if module is not None and str(module) not in modules:

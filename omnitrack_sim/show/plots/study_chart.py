@@ -53,8 +53,8 @@ class ObjectiveAxis:
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
-    """Candidates of a study and their values.
+class TriedCandidates:
+    """TriedCandidates of a study and their values.
 
     Attributes:
         values: (C, m) of the objectives, in the order of the candidates, the start first; infinite
@@ -83,7 +83,7 @@ class Tried:
 
 
 @style()
-def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
+def study_figure(scales: Sequence[ObjectiveAxis], tried: TriedCandidates) -> Figure:
     """Plot the candidates of a search over each pair of objectives with the front between them.
 
     With one objective it is plotted over the course of the search.
@@ -91,7 +91,7 @@ def study_figure(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
     return _course(scales[0], tried) if len(scales) == 1 else _fronts(scales, tried)
 
 
-def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
+def _course(scale: ObjectiveAxis, tried: TriedCandidates) -> Figure:
     figure = new_figure((6.4, 4.2), layout="constrained")
     panel = figure.subplots()
     values = tried.values[:, 0]
@@ -115,7 +115,7 @@ def _course(scale: ObjectiveAxis, tried: Tried) -> Figure:
     return figure
 
 
-def _fronts(scales: Sequence[ObjectiveAxis], tried: Tried) -> Figure:
+def _fronts(scales: Sequence[ObjectiveAxis], tried: TriedCandidates) -> Figure:
     wide = [i for i in range(len(scales)) if np.ptp(_ends(tried, i) or [0.0]) > 0]
     # An objective that nothing changed has no front with another one.
     shown = wide if len(wide) > 1 else list(range(len(scales)))
@@ -151,7 +151,9 @@ def _legend(figure: Figure, axis: Axes, columns: int) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=across, fontsize=8)
 
 
-def _draw_pair(panel: Axes, scales: Sequence[ObjectiveAxis], tried: Tried, i: int, k: int) -> None:
+def _draw_pair(
+    panel: Axes, scales: Sequence[ObjectiveAxis], tried: TriedCandidates, i: int, k: int
+) -> None:
     """Draw the candidates over the objectives i, to the right, and k."""
     x, y = tried.values[:, i], tried.values[:, k]
     _draw_candidates(panel, x, y, tried.feasible)
@@ -183,7 +185,9 @@ def _draw_candidates(axis: Axes, x: Array, y: Array, feasible: NDArray[np.bool_]
         axis.plot(x[beyond], y[beyond], "o", **look, **hollow)
 
 
-def _draw_marks(axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: Tried) -> None:
+def _draw_marks(
+    axis: Axes, x: tuple[Array, Array], y: tuple[Array, Array], tried: TriedCandidates
+) -> None:
     """Draw the checked candidates at their values on other trials, and a ring around the best.
 
     Each is joined to its values in the search; the start (place 0) has its own colour. ``x`` and
@@ -216,7 +220,7 @@ def _note_outside(axis: Axes, x: Array, y: Array) -> None:
         axis.set_title(text, loc="right", fontsize=8, color=INK)
 
 
-def _bulk(tried: Tried, objective: int) -> tuple[float | None, float | None]:
+def _bulk(tried: TriedCandidates, objective: int) -> tuple[float | None, float | None]:
     """Limits of an axis that shows the ends of an objective, with room beside them."""
     ends = _ends(tried, objective)
     if not ends:
@@ -225,7 +229,7 @@ def _bulk(tried: Tried, objective: int) -> tuple[float | None, float | None]:
     return min(ends) - room, max(ends) + room
 
 
-def _ends(tried: Tried, objective: int) -> list[float]:
+def _ends(tried: TriedCandidates, objective: int) -> list[float]:
     """Return values of an objective between which its axis lies.
 
     The bulk of all, and start, best, front and checks are within them; single wild ones fall

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.text import clipped
-from omnitrack_sim.record.channels import Display, SingularRange
+from omnitrack_sim.record.channels import Display
+from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.show.plots.style import (
     COLUMN,

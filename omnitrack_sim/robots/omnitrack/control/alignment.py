@@ -17,7 +17,7 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.fittings.base import Manoeuvre
-from omnitrack_sim.record.events import Event, NotAligned, Rolled
+from omnitrack_sim.record.events import Event
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED
 from omnitrack_sim.robots.omnitrack.control.orientation import (
@@ -33,6 +33,7 @@ from omnitrack_sim.robots.omnitrack.control.roll_plan import (
     no_motion_distance,
     plan_roll,
 )
+from omnitrack_sim.robots.omnitrack.events import NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 
 Three = tuple[NotNegative, NotNegative, NotNegative]

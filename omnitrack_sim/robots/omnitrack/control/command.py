@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import TURNED, Array
 from omnitrack_sim.base.text import shown
-from omnitrack_sim.record.channels import CHANNELS, Channel
-from omnitrack_sim.record.events import Event, Rolled
+from omnitrack_sim.record.channels import Channel
+from omnitrack_sim.record.events import Event
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS
+from omnitrack_sim.robots.omnitrack.events import Rolled
 
 
 class Command(NamedTuple):

@@ -30,8 +30,8 @@ from omnitrack_sim.robots.feature import (
     FeatureInput,
     select_features,
 )
-from omnitrack_sim.robots.omnitrack import GRAVITY
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.size import GRAVITY
 
 ACTIONS = ("wall_speed_1", "wall_speed_2", "wall_speed_3", "roll_rate")
 """Names of the entries of an action."""

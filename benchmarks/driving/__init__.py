@@ -1,1 +1,0 @@
-"""Robots that drive by their own sensors, counted."""

@@ -1,0 +1,1 @@
+"""Faults by lot: drawn, tried with the tests that run their lines, and counted."""
