@@ -177,3 +177,20 @@ def test_slopes_of_light_are_those_of_its_pictures():
         change = (sides[0] - sides[1]) / (2 * step)
         error = np.median(np.abs(slopes[:, axis] - change))
         assert error < 0.25 * np.median(np.abs(change)) + 0.02
+
+
+def test_the_exposure_changes_with_the_pixels_about_its_own():
+    """Beside a wall, towards which those grow brighter while most others hardly change."""
+    camera = HeadlightCamera(HeadlightTable(ring=0.0))
+    walls, place, frame, rays, _ = hits_in("straight", 0.3, camera)
+    aside = np.array([[0.0, 1.0, 0.0]])
+
+    def met(offset):
+        return walls.trace(ONE, place + offset * aside, frame, rays, 1.5, camera.lamp)
+
+    near, step = 0.04, 1e-3
+    slopes = camera.slopes(met(near), rays, frame)[0, :, 1]
+    sides = [camera.expected(met(near + side * step), rays)[0] for side in (1.0, -1.0)]
+    change = (sides[0] - sides[1]) / (2 * step)
+    assert np.median(np.abs(change)) > 1.0
+    assert np.median(np.abs(slopes - change)) < 0.2 * np.median(np.abs(change))

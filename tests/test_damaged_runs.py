@@ -321,3 +321,15 @@ def test_a_users_own_channel_and_a_number_that_is_none_come_back(tmp_path):
     assert loaded.trajectory.schema["current"] == schema["current"]
     assert loaded.metrics == {"own": [[1, True], "a"]}
     assert str(loaded.events[0]) == str(event)
+
+
+def test_a_run_of_a_robot_whose_module_is_not_here_says_what_to_do(run):
+    """The folder of the module is not remembered, since its code is run: the message says to start
+    there, and does not call the run damaged for sure."""
+    file = run / "scenario.json"
+    scenario = json.loads(file.read_text(encoding="utf-8"))
+    scenario["robot"] = {"kind": "no_such_rover:Rover"}
+    file.write_text(json.dumps(scenario), encoding="utf-8")
+    told = "names what is not here: robot.kind: .*no_such_rover.* add that to PYTHONPATH"
+    with pytest.raises(OutputError, match=told):
+        load_result(run)

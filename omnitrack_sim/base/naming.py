@@ -139,7 +139,7 @@ def _imported(
         searched = ", ".join(dict.fromkeys(map(str, folders)))
         problem = (
             f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
-            f"on Python's path and in {searched}"
+            f"on Python's path and in {searched}: start in its folder, or add that to PYTHONPATH"
         )
         raise InputError(Fault(where, problem, (*known, "module:Object"))) from error
     _refuse_twin(thing, name, where)

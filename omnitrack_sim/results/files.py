@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import Channel, Vector, recorded
 from omnitrack_sim.record.timeline import PassageRecord
@@ -99,6 +99,9 @@ def reading(path: Path) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except _OtherRun as error:
         raise OutputError(f"{path}: {error}") from error
+    except InputError as error:
+        cause = "; ".join(str(error).splitlines())
+        raise OutputError(f"{path}: is damaged, or names what is not here: {cause}") from error
     except Exception as error:
         cause = str(error) or type(error).__name__
         raise OutputError(f"{path}: is damaged, or no file of a run: {cause}") from error
