@@ -77,6 +77,7 @@ def test_faults_of_a_line(line: str, faults: set[str], tmp_path: Path) -> None:
         "if TYPE_CHECKING:\n    z = 1",
         "z = 'a' + x",
         "z = 1e-9",
+        "z = np.stack(x, axis=-1)",
         "z = float(x)",
         "Number = int | float",
     ],
