@@ -39,6 +39,7 @@ AT = Addresses(
     touch=TOUCH,
     belt_motors=THREE,
     roll_motors=THREE,
+    drive=ot.DRIVES["three_motors"],
 )
 """Addresses of a state of four bodies: the chassis and its modules."""
 READ = {sensor.channel.name: sensor for sensor in SENSORS}

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, Tried, study_figure
+from omnitrack_sim.show.plots.study_chart import ObjectiveAxis, TriedCandidates, study_figure
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.trials.search import front_of
 
 
-def _tried(objectives: int, count: int = 60) -> Tried:
+def _tried(objectives: int, count: int = 60) -> TriedCandidates:
     """Random candidates, some without a value and some beyond a limit."""
     draws = np.random.default_rng(0)
     values = draws.uniform(0, 1, (count, objectives)) ** 2
     values[5, 0] = values[9] = np.inf
     feasible = values[:, 0] < 0.8
     front = front_of(values, 1.0 - feasible).tolist()
-    return Tried(values, feasible, front, front[0], values[front] * 1.05, front)
+    return TriedCandidates(values, feasible, front, front[0], values[front] * 1.05, front)
 
 
 def _scales(objectives: int) -> list[ObjectiveAxis]:
@@ -90,7 +90,7 @@ def test_a_panel_counts_what_it_does_not_show():
     """Candidates far outside and those without a value are counted above the panel; where all are
     shown it says nothing."""
     values = np.linspace([0.1, 0.9], [0.9, 0.1], 101)
-    tried = Tried(values, np.ones(101, bool), [0], 0, np.empty((0, 2)), [])
+    tried = TriedCandidates(values, np.ones(101, bool), [0], 0, np.empty((0, 2)), [])
     assert study_figure(_scales(2), tried).axes[0].get_title("right") == ""
     wild = values.copy()
     wild[50], wild[60] = [9.0, 9.0], [np.inf, 0.5]
@@ -132,7 +132,7 @@ def test_a_study_without_any_value_has_a_figure(objectives):
     """Where no candidate has a value no point is drawn, neither start nor best is marked, and the
     panel still says what it is of."""
     values = np.full((5, objectives), np.inf)
-    tried = Tried(values, np.zeros(5, bool), [], 0, np.empty((0, objectives)), [])
+    tried = TriedCandidates(values, np.zeros(5, bool), [], 0, np.empty((0, objectives)), [])
     figure = study_figure(_scales(objectives), tried)
     (axis,) = figure.axes
     lines = {str(line.get_label()): line for line in axis.get_lines()}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, ordered_sum
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS
-from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.drive import Drive
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.sensor import Sensor, State
 
@@ -40,6 +40,7 @@ class Addresses:
         touch: (3, k) in ``sensordata``: sum of the normal forces of each part.
         belt_motors: (m,) actuators.
         roll_motors: (3,) actuators.
+        drive: the gears between the belts and their motors.
     """
 
     slide: NDArray[np.intp]
@@ -59,6 +60,7 @@ class Addresses:
     touch: NDArray[np.intp]
     belt_motors: NDArray[np.intp]
     roll_motors: NDArray[np.intp]
+    drive: Drive
 
 
 _COS, _SIN = (f(MODULE_ANGLES)[:, None] for f in (np.cos, np.sin))  # (3, 1)
@@ -68,7 +70,7 @@ AT_REST = 1e-3
 
 def _motor_torque(state: State) -> Array:
     motors = state.actuator_force.take(state.at.belt_motors, axis=1)  # (n, m) N
-    return drive_of(state.robot.drive).belt_values(motors) * state.robot.lug_radius
+    return state.at.drive.belt_values(motors) * state.robot.lug_radius
 
 
 def _contact(state: State) -> Array:

@@ -28,7 +28,7 @@ from omnitrack_sim.robots.omnitrack.body import (
 )
 from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
-from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
+from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
 from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
 from omnitrack_sim.robots.robot import SceneOptions
@@ -136,7 +136,7 @@ class TrackPlant(Plant):
         return np.abs(readings["slip_velocity"]).mean(axis=1)
 
     def _bind(self) -> None:
-        self._at = _addresses(self.model)
+        self._at = _addresses(self.model, self._drive)
         b, model, at = self._batch, self.model, self._at
         self._pitch_of_lugs = self._body.lug_pitch
         self._force_range = b.expand("actuator_forcerange")
@@ -311,7 +311,7 @@ def _slice(indices: NDArray[np.intp]) -> slice:
     return addresses
 
 
-def _addresses(model: mujoco.MjModel) -> Addresses:
+def _addresses(model: mujoco.MjModel, drive: Drive) -> Addresses:
     """Names to addresses, once."""
 
     def joints(*kinds: str) -> NDArray[np.intp]:
@@ -349,6 +349,7 @@ def _addresses(model: mujoco.MjModel) -> Addresses:
         touch=of_chain("touch"),
         belt_motors=np.array([a.id for a in actuators if a.name.startswith("belt_")]),
         roll_motors=np.array([model.actuator(f"roll_{i}").id for i in NUMBERS]),
+        drive=drive,
     )
 
 

@@ -144,7 +144,9 @@ class JacobianController:
         time = self._damping["rate_filter"] * setup.robot.time_scale
         # A low pass of first order by the backward Euler rule, which is stable for any period.
         self._smoothing = (setup.period / (time + setup.period))[:, None]
-        self._forward = np.ones(setup.n)
+        self._forward, nobody = np.ones(setup.n), np.zeros(setup.n, bool)
+        # Phase, and who is damped, turns into a branch or out of one, while all are on their way.
+        self._cruising = np.full(setup.n, CRUISE), nobody, nobody, nobody
         self.resting = self.resting.copy()  # the last command holds the array
         self.resting[rows], self.angular_velocity[rows] = False, 0.0
         self._build_tables()
@@ -175,6 +177,17 @@ class JacobianController:
                 # now on.
                 self.angular_velocity[robot] *= TURNED
 
+    def _phase(
+        self,
+        inside: NDArray[np.bool_],
+        backing: NDArray[np.bool_],
+        aligning: NDArray[np.bool_],
+        passage: NDArray[np.intp],
+    ) -> NDArray[np.int_]:
+        """Phase (n,) of robots that are inside a fitting, back off or roll."""
+        phase = np.where(inside, self.kind.take(passage), CRUISE)
+        return np.where(aligning, ALIGN, np.where(backing, BACK_OFF, phase))
+
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
         self._follow_legs(observation)
@@ -189,17 +202,18 @@ class JacobianController:
         self.resting = aligning | backing
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
-        inside = room < 0
-        phase = np.where(inside, self.kind.take(location.passage), CRUISE)
-        damped, direction = inside & ~self.recovery.hesitating, self._forward
-        if np.count_nonzero(self.resting):
-            phase = np.where(aligning, ALIGN, np.where(backing, BACK_OFF, phase))
+        inside, direction = room < 0, self._forward
+        cruise, damped, turning, merging = self._cruising
+        phase = cruise.copy()
+        if np.count_nonzero(inside | self.resting):
+            phase = self._phase(inside, backing, aligning, location.passage)
             out = self.routes.out_of_branch.take(location.passage)
-            damped = np.where(backing, out, damped & ~aligning)
+            damped = inside & ~self.recovery.hesitating & ~aligning
+            damped = np.where(backing, out, damped)
             direction = np.where(backing, -1.0, 1.0)
-        in_turn = phase == TEE_TURN
-        turning = in_turn & self.routes.into_branch.take(location.passage)
-        merging = in_turn & self.routes.out_of_branch.take(location.passage)
+            in_turn = phase == TEE_TURN
+            turning = in_turn & self.routes.into_branch.take(location.passage)
+            merging = in_turn & out
         speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         again = self.recovery.retries > 0
