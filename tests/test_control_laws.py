@@ -317,6 +317,37 @@ def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
     table = bench.scenario.control_parameters.tracking
     assert begun == [True, False, False]
     assert sizes == pytest.approx([table.upward_rotation_limit] + [table.rotation_limit] * 2)
+    assert table.upward_rotation_limit > 1.2 * table.rotation_limit
+
+
+def test_a_turn_up_a_run_is_steered_harder() -> None:
+    """By a gain of its own where the weight is against the robot; level and downward by that of all
+    turns."""
+    directions, gains = Bench(scenario_of("merge")).routes.directions, []
+    for share in (-0.9, 0.0, 0.9):
+        gravity = (9.81 * share * directions[0]).tolist()
+        bench = Bench(scenario_of("merge", **{"world.gravity": gravity}))
+        tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+        seen = bench.observe(0.1, tilt=0.1 * cross(bench.routes.ahead[0], directions[0]))
+        wanted = tracking.wanted_rotation(seen.location, seen.rotation, one, 0 * one, UPRIGHT)
+        gains.append(float(length(wanted)[0]) / 0.1)
+    table = bench.scenario.control_parameters.tracking
+    assert gains == pytest.approx([table.upward_gain] + [table.gain] * 2)
+    assert table.upward_gain > 1.2 * table.gain
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_robot_hurries_in_a_turn_into_a_branch_only(name: str) -> None:
+    """There its weight would carry it past; elsewhere its belts run at the cruise speed in the
+    mean."""
+    bench = Bench(scenario_of(name, **{"control.cruise_speed": 0.05}))
+    cruise = bench.scenario.control.cruise_speed
+    mean = bench.step(float(bench.routes.start[0])).belt_speed.mean()
+    assert bench.step(0.1).belt_speed.mean() == pytest.approx(cruise)
+    if name == "tee_turn":
+        assert mean > 1.1 * cruise
+    else:
+        assert mean == pytest.approx(cruise)
 
 
 def merging(
@@ -442,6 +473,7 @@ def test_a_turn_that_has_slipped_begins_sooner(slip: float, gain: float) -> None
 
     lead = begun(UPRIGHT) - begun(UPRIGHT._replace(slip=np.array([slip])))
     assert lead == pytest.approx(min(lag, table.slip_lead), abs=3e-4)
+    assert lead > 0.001
 
 
 @pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])
