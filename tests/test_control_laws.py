@@ -138,6 +138,20 @@ def test_a_robot_that_hangs_is_not_turned_at_all_costs(name: str) -> None:
     assert against(at + 0.003) > 1e-4
 
 
+@pytest.mark.parametrize("name", WAYS)
+def test_belts_resist_a_rotation_in_every_fitting_and_a_jerk_less(name: str) -> None:
+    """At once by less than nine tenths of what they do once the rotation has lasted: single lugs
+    shake the robot."""
+    still, turning = Bench(scenario_of(name)), Bench(scenario_of(name))
+    at, rate = still.inside(), np.array([0.03, -0.02, 0.0])
+    against = [
+        float(np.abs(turning.step(at, angular_velocity=rate).belt_speed - calm.belt_speed).max())
+        for calm in (still.step(at) for _ in range(10))
+    ]
+    assert against[-1] > BORE / 2 * float(np.linalg.norm(rate))
+    assert 0.0 < against[0] < 0.9 * against[-1]
+
+
 def test_the_rotation_rate_is_filtered() -> None:
     """A low pass of the first order, whose time constant is ``rate_filter``."""
     bench = Bench(scenario_of("elbow", **{"control.parameters.damping.rate_filter": 0.03}))
@@ -260,6 +274,22 @@ def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:
         size = min(table.gain * error, table.rotation_limit)
         assert wanted[0] == pytest.approx([-size, 0.0, 0.0], abs=1e-9)
     assert table.gain * 0.3 < table.rotation_limit < table.gain * 0.6
+
+
+def test_a_robot_beside_the_centreline_heads_back_to_it_at_a_low_slope() -> None:
+    """In proportion to its offset, and by less than 10 degrees however far it is beside."""
+    bench = Bench(scenario_of("elbow"))
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    gain, slopes = bench.scenario.control_parameters.tracking.gain, []
+    for offset in (0.004, 0.008, 0.03, 0.06):
+        seen = bench.observe(0.15, aside=[offset, 0.0, 0.0])
+        wanted = tracking.wanted_rotation(
+            seen.location, seen.rotation, one, tracking.centring, UPRIGHT
+        )
+        slopes.append(-wanted[0, 1] / gain)
+    assert slopes[1] == pytest.approx(2 * slopes[0], rel=1e-2)
+    assert slopes[1] < slopes[2] == pytest.approx(slopes[3])
+    assert 0.0 < slopes[3] < np.radians(10.0)
 
 
 def test_a_robot_that_backs_off_follows_the_centreline_behind_it() -> None:
