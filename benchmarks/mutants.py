@@ -266,11 +266,15 @@ def diff_of(fault: Fault, program: Program) -> str:
     return "\n".join(difflib.unified_diff(before, after, *names, n=0, lineterm=""))
 
 
+def unseen_rows() -> list[dict[str, str]]:
+    """Return the rows of mutants.toml: file, line before and after, reason."""
+    return tomllib.loads(UNSEEN.read_text(encoding="utf-8")).get("unseen", [])
+
+
 def reason(fault: Fault, program: Program) -> str:
     """Return why nobody can see a fault: what mutants.toml says of it, or ""."""
-    rows = tomllib.loads(UNSEEN.read_text(encoding="utf-8")).get("unseen", [])
     old, new = diff_of(fault, program).splitlines()[3:]
-    for row in rows:
+    for row in unseen_rows():
         same = row["old"] == old[1:].strip() and row["new"] == new[1:].strip()
         if row["file"] == fault.file and same:
             return row["reason"]

@@ -50,9 +50,7 @@ def chain_result() -> Result:
         {"kind": "straight", "length": 0.5},
     ]
     pipes += [{"kind": "tee", "enter": "run_start", "leave": "branch", "turn_deg": 120.0}]
-    scenario = validate(
-        {"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]}
-    )
+    scenario = validate({"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]})
     way = scenario.route
     distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
     channels = drive(way, distance)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from point_robot import Errors
+from point_robot import Errors, PointRobot
 
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Array, rotation_about
@@ -39,24 +39,24 @@ class CameraErrors(Errors):
         """See ``Errors``: off by a third of a degree."""
         return self._tilted(frame, 0.3)
 
-    def slip(self, travel: float) -> float:
+    def slip(self, travel: float, robot: PointRobot) -> float:
         """See ``Errors``: some per mille, the same all the time, and some slip."""
         slips = self._rng.random() < travel / 5.0
         return travel * (self._scale - 1) + slips * 0.01 * self._rng.normal()
 
-    def turned(self) -> float:
-        """See ``Errors``: some millimetres."""
-        return 0.006 * self._rng.normal()
+    def passed(self, turn: float, new: bool) -> float:
+        """See ``Errors``: some millimetres in a bend or branch."""
+        return 0.006 * self._rng.normal() if turn > 0.1 else 0.0
 
     def bore(self, bore: float) -> float:
         """See ``Errors``."""
         return bore + self._too_wide + 0.0002 * self._rng.normal()
 
-    def falls(self) -> bool:
+    def falls(self, robot: PointRobot) -> bool:
         """See ``Errors``."""
         return bool(self._rng.random() < self._fall_rate)
 
-    def seen(self, sighting: Sighting) -> Sighting | None:
+    def seen(self, sighting: Sighting, robot: PointRobot) -> Sighting | None:
         """See ``Errors``."""
         rng, away = self._rng, sighting.distance - HALF
         axis = self._tilted(np.eye(3), 0.4) @ sighting.axis

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -32,28 +32,31 @@ class Errors:
     std = 0.0
     """Standard deviation of the arc length that the robot states, m."""
 
-    def seen(self, sighting: Sighting) -> Sighting | None:
-        """Return what a camera makes of a true sighting."""
+    def seen(self, sighting: Sighting, robot: PointRobot) -> Sighting | None:
+        """Return what a camera of a robot makes of a true sighting."""
         return sighting
 
     def frame(self, frame: Array) -> Array:
         """Return the estimate of a true frame (3, 3)."""
         return frame
 
-    def slip(self, travel: float) -> float:
-        """Return by how much ``travel`` m by odometry is off, m."""
+    def slip(self, travel: float, robot: PointRobot) -> float:
+        """Return by how much ``travel`` m of a robot by odometry is off, m."""
         return 0.0
 
-    def turned(self) -> float:
-        """Return the error of the arc length that a bend or branch adds, m."""
+    def passed(self, turn: float, new: bool) -> float:
+        """Return the error of the arc length that a passage adds which turns by ``turn`` rad, m.
+
+        ``new``: it is a fitting that is passed for the first time.
+        """
         return 0.0
 
     def bore(self, bore: float) -> float:
         """Return a true bore as the arms measure it, m."""
         return bore
 
-    def falls(self) -> bool:
-        """Return whether the robot falls in the fitting that it has come into."""
+    def falls(self, robot: PointRobot) -> bool:
+        """Return whether a robot falls in the fitting that it has come into."""
         return False
 
 
@@ -69,16 +72,13 @@ class PointRobot:
         goals: to find.
         seen: ports closed by plates that sight shows.
         hidden: ports closed by plates that sight does not show.
-        erring: changes what is seen.
-        lag: m, by which it takes itself to be farther on when it has passed a fitting for the first
-            time.
-        slip: where on its first leg, m, its belts slip, and by how much.
         arms: it has some, and measures the bore with them.
         errors: of its senses.
         falls: see ``Explorer``.
 
     Attributes:
         sharp: names of the true parts in which it has come round by more than 100 degrees.
+        looking_back: what is seen now lies behind it.
         max_shift: m, greatest correction of its arc length.
     """
 
@@ -89,9 +89,6 @@ class PointRobot:
         goals: Collection[str] = (),
         seen: Collection[str] = (),
         hidden: Collection[str] = (),
-        erring: Callable[[Sighting], Sighting | None] = lambda sighting: sighting,
-        lag: float = 0.0,
-        slip: tuple[float, float] = (np.inf, 0.0),
         arms: bool = False,
         errors: Errors | None = None,
         falls: int = 2,
@@ -107,13 +104,13 @@ class PointRobot:
         exploration = Exploration(network, mission, self.robot, START, ARCS)
         self.hidden = [network.port(port) for port in hidden]
         self.sight = TrueSight(network.pipes, exploration.plates, self.robot, ARCS)
-        self.erring, self.lag, self.slip, self.arms = erring, lag, slip, arms
-        self.errors = errors or Errors()
+        self.arms, self.errors = arms, errors or Errors()
         self.explorer = exploration.explorer(0, falls)
         self.ends = {goal: network.end("goals", goal) for goal in goals}
         self.events: list[Event] = []
         self.legs, self.travel, self.max_shift = 1, 0.0, 0.0
         self.sharp: set[str] = set()
+        self.looking_back = False
         self.told = float(self.explorer.leg.begin)
         self._joined = both_ways(network.pipes.joints)
         self._gear = self.explorer.leg.gear
@@ -142,10 +139,21 @@ class PointRobot:
         axis = line.frame(s)[0][:, 2] * self.explorer.leg.gear
         return self.explorer.on_fall(time, line.at(s)[0][0], axis)
 
+    @property
+    def left(self) -> float:
+        """Travel to the port by which it leaves its part, m."""
+        return self._axis.length - self.since
+
+    @property
+    def is_behind_fitting(self) -> bool:
+        """Whether it has come into its part out of a fitting that is no plain pipe."""
+        end = self._joined.get((self.part, self.enter))
+        return end is not None and not self.pipes.parts[end[0]].fitting.is_plain
+
     def _advance(self) -> None:
         """Drive a step, no farther than the leg leads, and through a port where it comes to one."""
         step = min(STEP, self.explorer.leg.end - self.told)
-        self.told += step + self.errors.slip(step)
+        self.told += step + self.errors.slip(step, self)
         self.travel += step
         self.since += step
         if self._axis.length < self.since:
@@ -161,8 +169,8 @@ class PointRobot:
         fitting = self.pipes.parts[self.part].fitting
         new = not fitting.is_plain and self.part not in self._passed
         self._passed.add(self.part)
-        turns = fitting.describe(self.enter, self.leave).turn_angle > 0.1
-        return self.lag * new + (self.errors.turned() if turns else 0.0)
+        turn = fitting.describe(self.enter, self.leave).turn_angle
+        return self.errors.passed(turn, new)
 
     def _enter(self, end: Port, since: float) -> None:
         """Come into a part by a port, on the way on which the leg leads."""
@@ -202,13 +210,11 @@ class PointRobot:
             decisions = decisions + 1 if self.travel == stands else 0
             stands = self.travel
             assert decisions < MAX_DECISIONS, f"it decides without end: {self.events[-5:]}"
-            if self.told >= self.slip[0]:
-                self.told, self.slip = self.told + self.slip[1], (np.inf, 0.0)
             time, told, decision = self.travel, self.told, None
             looks, arrives = told >= explorer.looks_at, told > explorer.leg.end - 1e-9
             if looks or arrives or hangs:
                 position, frame = self.pose()
-            if entered != self.part and self.errors.falls():
+            if entered != self.part and self.errors.falls(self):
                 decision = self.fall(time)
             elif looks:
                 decision = explorer.on_look(self._look(time, position, frame))
@@ -233,7 +239,9 @@ class PointRobot:
     def _look(self, time: float, position: Array, frame: Array) -> Look:
         ahead, behind = self._seen(position, frame), None
         if self.explorer.looks_back(self.told):
+            self.looking_back = True
             behind = self._seen(position, frame * TURNED)
+            self.looking_back = False
         look = Look(time, self.told, ahead, behind, self.errors.frame(frame), std=self.errors.std)
         if not self.arms:
             return look
@@ -242,8 +250,7 @@ class PointRobot:
 
     def _seen(self, position: Array, frame: Array) -> Sighting | None:
         sighting = self.sight.look(0, position, frame)
-        sighting = None if sighting is None else self.errors.seen(sighting)
-        return None if sighting is None else self.erring(sighting)
+        return None if sighting is None else self.errors.seen(sighting, self)
 
     def _note_turn(self) -> None:
         """Note the fitting that it is in, if it turns sharply there."""

@@ -270,6 +270,11 @@ def test_a_suite_of_a_user_is_a_file(own_suite):
         ('name = "climb"', 'name = "mine"', "is the name of an earlier one"),
         ('course = "mine.toml"', 'course = "none.toml"', "none.toml"),
         ("seed = 5", "sed = 5", "sed"),
+        (
+            'course = "mine.toml"',
+            'name = "far"\nwords = "far"\nmissions = { friction = [0.9, 0.5] }',
+            r"courses\.0\.missions\.friction: must have the lower one first",
+        ),
     ],
 )
 def test_faults_of_a_suite_file_are_told(own_suite, old, new, told):

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.rotations import Array, angle_between, cross, dot, length, rotation_about
+from omnitrack_sim.base.rotations import (
+    Array,
+    angle_between,
+    cross,
+    dot,
+    length,
+    rotation_about,
+    unit,
+)
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.record.events import BackedOff
 from omnitrack_sim.robots.control import Controller, ControlSetup, Observation
@@ -301,10 +309,12 @@ def merging(
     slip: float = 1.0,
     again: bool = False,
     over: float = 0.0,
+    aside: float = 0.0,
 ) -> Array:
     """Wall speeds (3,) m/s, inner module first, of a robot that turns out of a branch at ``rate``
     rad/s, ``share`` of its weight along the run, is at ``progress`` of the arc and has turned
-    further by ``over`` rad; in the beginning of the turn it has slipped by ``slip``."""
+    further by ``over`` rad, and leans out of the turn's plane by ``aside`` rad; in the beginning of
+    the turn it has slipped by ``slip``."""
     scenario = scenario_of("merge", **{"control.retry": True})
     routes = Bench(scenario).routes
     gravity = (9.81 * share * routes.directions[0]).tolist()
@@ -315,9 +325,15 @@ def merging(
     start, end = float(routes.start[0]), float(routes.end[0])
     plane = cross(routes.ahead[0], routes.directions[0])
 
-    def turned(progress: float, rate: float, slip: float, over: float = 0.0) -> Array:
+    across = unit(
+        routes.directions[0] - routes.ahead[0]
+    )  # in the plane, square to half of the turn
+
+    def turned(
+        progress: float, rate: float, slip: float, over: float = 0.0, aside: float = 0.0
+    ) -> Array:
         distance = start + progress * (end - start)
-        tilt = over * plane if over else None
+        tilt = over * plane + aside * across if over or aside else None
         normal = bench.observe(distance, tilt=tilt).rotation[0].T @ plane
         belts = module_speeds(0.0, rate * normal[0], rate * normal[1], BORE / 2)
         spin = (1.0 - slip) * rate * normal
@@ -327,7 +343,16 @@ def merging(
     for part in np.linspace(0.05, 0.3, 10):
         turned(part, 2.0, slip)
     # The filter of the rate settles, and the robot does not hang yet.
-    return [turned(progress, rate, 0.0, over) for _ in range(20)][-1]
+    return [turned(progress, rate, 0.0, over, aside) for _ in range(20)][-1]
+
+
+def test_a_robot_that_leans_out_of_its_turn_is_turned_back_into_it_first() -> None:
+    """Up a run the outer belts hold one that leans by more than 15 degrees, and drive one that
+    leans by less."""
+    cruise = scenario_of("merge").control.cruise_speed
+    less, more = (merging(-0.9, 0.5, aside=np.radians(lean))[1:] for lean in (12.0, 18.0))
+    assert less.min() == pytest.approx(2 * cruise)
+    assert more.min() < cruise
 
 
 def test_up_a_run_the_outer_belts_never_hold_a_robot_that_turns_too_fast() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ from network_samples import elbow, joint, straight, tee
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.camera_sight import CameraSight, by_depth, by_lamp, sighting_of
-from omnitrack_sim.autonomy.looks import common_std
+from omnitrack_sim.autonomy.looks import LOOKS, common_std
 from omnitrack_sim.autonomy.loop_closure import close_loop
 from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.sight import Sighting
@@ -121,10 +122,11 @@ def test_what_a_loop_moves_is_as_doubtful_as_it_has_moved():
 
 def test_the_mean_of_looks_is_no_surer_than_what_they_have_in_common():
     """Looks that agree have a common error, and looks that scatter are not as sure as they say."""
-    assert common_std(0.003, [0.001] * 100) == pytest.approx(0.003, rel=0.01)
-    assert common_std(0.003, [0.004]) == pytest.approx(0.005)
-    assert common_std(0.0, [0.001, 0.001], [0.1, 0.12]) == pytest.approx(0.01)
-    assert common_std(0.003, [0.0, 0.0]) == 0.0
+    common = LOOKS.common_std
+    assert common_std([common / 3] * 1000) == pytest.approx(common, rel=0.01)
+    assert common_std([common]) == pytest.approx(math.sqrt(2) * common)
+    assert common_std([common, common], [0.1, 0.12]) == pytest.approx(0.01, rel=0.01)
+    assert common_std([0.0, 0.0]) == 0.0
 
 
 def test_how_much_a_bend_bends_is_measured_after_it(explored):

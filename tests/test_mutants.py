@@ -77,6 +77,7 @@ def test_faults_of_a_line(line: str, faults: set[str], tmp_path: Path) -> None:
         "if TYPE_CHECKING:\n    z = 1",
         "z = 'a' + x",
         "z = 1e-9",
+        "z = np.stack(x, axis=-1)",
         "z = float(x)",
         "Number = int | float",
     ],
@@ -250,3 +251,12 @@ def test_outcomes_are_kept(told: tuple[str, str]) -> None:
     assert "test_sums.py: " not in again
     assert first.endswith(again.partition("\n")[2])
     assert "| room | 12 |" in again
+
+
+def test_faults_that_nobody_sees_are_of_this_program() -> None:
+    """Each fits a line of its file that would be another program, and says why it is not seen."""
+    for row in mutants.unseen_rows():
+        text = (mutants.ROOT / row["file"]).read_text(encoding="utf-8")
+        assert row["old"] in map(str.strip, text.splitlines()), row
+        assert row["new"] != row["old"]
+        assert len(row["reason"].split()) > 5

@@ -81,6 +81,18 @@ def test_the_ball_rolls_through_the_elbow(rolling):
     assert (rolling.places.clearance > 0.9 * BALL).all()
 
 
+def test_the_travel_of_a_playback_is_the_way_of_its_body(rolling):
+    """It begins at 0 and grows by the distance between positions; the points of the drawn path are
+    equal stretches of it apart, within a sample's step."""
+    playback = RecordingPlayback(rolling)
+    steps = np.linalg.norm(np.diff(playback.position, axis=0), axis=1)
+    assert playback.travel[0] == 0.0
+    assert np.diff(playback.travel) == pytest.approx(steps, abs=1e-8)
+    apart = np.diff(playback.travel[playback.path])
+    assert np.ptp(apart) <= 2 * steps.max()
+    assert playback.path[0] == 0
+
+
 def test_samples_are_a_period_apart():
     """From the first sample on by whole periods, also of a period that is no whole number of steps;
     with a period of 0 every state is a sample, and what a sample holds is a copy."""

@@ -131,3 +131,15 @@ def test_without_a_record_there_are_no_results(speeds) -> None:
     assert simulation.recorder.count == 0
     with pytest.raises(RuntimeError, match="nothing was recorded"):
         simulation.results()
+
+
+def test_looks_begin_anew() -> None:
+    """A robot that has looked about before it began anew sees what one of its own simulation does,
+    noise of the cameras included; a further look has other noise."""
+    several = ot.Simulation([changed(onboard(), k) for k in range(2)], recording=False)
+    several.senses.look(1, back=False)
+    several.reset([1], [changed(onboard(), 5)])
+    alone = ot.Simulation([changed(onboard(), 5)], recording=False)
+    looks = [str(several.senses.look(1, back=False)), str(alone.senses.look(0, back=False))]
+    assert looks[0] == looks[1]
+    assert str(alone.senses.look(0, back=False)) != looks[1]

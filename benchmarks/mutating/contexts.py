@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import os
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
@@ -53,10 +54,17 @@ class Measured:
         finally:
             self._switch(self._now)
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Any:
+        """Add up seconds of the processor, in processes of the test too."""
+        begin = sum(os.times()[:4])
+        try:
+            return (yield)
+        finally:
+            self.seconds[base_name(item.nodeid)] += sum(os.times()[:4]) - begin
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Add up seconds, and note which test fails without a fault."""
-        if report.when == "call":
-            self.seconds[base_name(report.nodeid)] += report.duration
+        """Note which test fails without a fault."""
         if report.failed:
             self.failed.add(base_name(report.nodeid))
 
@@ -146,7 +154,8 @@ class Contexts:
                     names = {rows["tests"][i] for i in found}
                     if SHARED in names:
                         names = names - {SHARED} | set(rows["seconds"])
-                    self._lines[name][moved(int(line))] |= names
+                    # A test that is left out takes no time.
+                    self._lines[name][moved(int(line))] |= names & {IMPORT, *rows["seconds"]}
 
     def of_lines(self, file: str, first: int, last: int) -> set[str]:
         """Return the tests that run a line of these."""
@@ -220,11 +229,11 @@ def tests_of(fault: Fault, program: Program, contexts: Contexts) -> list[str]:
 def _groups(fault: Fault, program: Program, contexts: Contexts) -> Iterator[set[str]]:
     scope, file = program.scope(fault), fault.file
     if scope.is_function:
-        yield contexts.of_lines(file, *fault.lines)
+        found = contexts.of_lines(file, *fault.lines)
         if scope.is_compiled:
-            yield contexts.of_file(file)
-            for other in program.importers(file):
-                yield contexts.of_file(other)
+            files = [file, *program.importers(file)]
+            found = found.union(*map(contexts.of_file, files))
+        yield found
         if not contexts.runs_at_import(file, fault.lines[0]):
             return
     users = list(program.users(fault))

@@ -169,7 +169,7 @@ class Run:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         self._log.touch()
-        self._since = time.monotonic()
+        self._since, self._count = time.monotonic(), 0
         files = list(dict.fromkeys(test.partition("::")[0] for test in tests))
         arguments = ["-q", "-p", "no:cacheprovider", "-n", "0", "--tb=short", "-rfE"]
         # Of libraries that are loaded already, pytest says that it cannot rewrite them.
@@ -195,8 +195,9 @@ class Run:
         """Look whether it has ended, and end it where a test hangs."""
         lines = self._log.read_text(encoding="utf-8").splitlines()
         begun = [line.partition(" ")[2] for line in lines if line.startswith("begin ")]
-        if len(begun) > self.begun:
-            self.begun, self._since = len(begun), time.monotonic()
+        if len(begun) > self._count:
+            self._count, self._since = len(begun), time.monotonic()
+            self.begun = len(set(map(base_name, begun)))
         now = begun[-1] if begun else ""
         limit = PATIENCE[0] + PATIENCE[1] * self._seconds.get(base_name(now), 1.0)
         pid, status = os.waitpid(self._pid, os.WNOHANG)
@@ -215,8 +216,8 @@ class Run:
         return True
 
     def stop(self) -> None:
-        """End it."""
-        with suppress(ProcessLookupError):
+        """End it, with what it has left behind."""
+        with suppress(ProcessLookupError, ChildProcessError):
             os.killpg(self._pid, signal.SIGKILL)
             os.waitpid(self._pid, 0)
 

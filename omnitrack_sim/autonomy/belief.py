@@ -27,7 +27,8 @@ class BeliefSettings:
         min_length: m, of a straight.
         min_straight: m, gap between two fittings up to which they are joined without a straight:
             nobody welds closer than about half a bore.
-        error: m, of a sighting out of a fitting: there a longer gap that is closed is in doubt.
+        error: m, of a sighting out of a fitting: there a longer gap that is closed is in doubt, and
+            an end is looked at once more from that much farther off.
         angle_std: rad, standard deviation of the angle of a bend: 25 measured with the depth camera
             were off by 0.3 degrees, at most by 0.75.
         turn_std: rad, standard deviation of a fitting's turn about the pipe before it.
@@ -42,6 +43,12 @@ class BeliefSettings:
     turn_std: float = math.radians(0.7)
     certain: float = 2.0
     digits: int = 6
+
+    @property
+    def kept_angle_std(self) -> float:
+        """Standard deviation of a bend's angle that a map keeps as it agrees with another, rad."""
+        # It may be off by any part of what it may differ by.
+        return math.hypot(self.angle_std, self.angle_std / math.sqrt(3))
 
     @property
     def resolution(self) -> float:

@@ -100,7 +100,7 @@ class ReducerSearch:
             self.next_look = distance + LOOKS.step_again * 2**self.uninformative_looks
             self.uninformative_looks += 1
             return
-        self.next_look, self.uninformative_looks = distance + LOOKS.missed_step, 0
+        self.next_look, self.uninformative_looks = distance + LOOKS.step_again, 0
         (near,) = {"start", "end"} - {behind.enter}
         right = abs(2 * reducer.port_radius(near) - self.bore) < LENGTHS * self.bore
         if right and behind.distance_std < LOOKS.max_reducer_std:
@@ -410,7 +410,7 @@ def _between_fittings(
     weights = weights_of([looks, placed])
     length = reducer.length + gap * float(weights[1] / weights.sum())
     length = max(length, reducer.length / 2)  # not a step, however badly it knows its place
-    std = math.hypot(LOOKS.distance_floor, weights.sum() ** -0.5) if std else 0.0
+    std = math.hypot(LOOKS.common_std, weights.sum() ** -0.5) if std else 0.0
     return replace(reducer, length=length), std
 
 

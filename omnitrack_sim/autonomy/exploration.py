@@ -90,9 +90,10 @@ class Exploration:
         # Ports point outward; the robot's map begins with the z axis into the pipe.
         into = Pose(port.rotation * [1, -1, -1], port.position)
         # Recognising fittings takes as long to import as running a scenario, and few explore.
-        from omnitrack_sim.autonomy.explorer import EXPLORER, Explorer
+        from omnitrack_sim.autonomy.explorer import Explorer
+        from omnitrack_sim.autonomy.looks import LOOKS
 
-        free = self._distance + self.robot.length / 2 + EXPLORER.assumed_step
+        free = self._distance + self.robot.length / 2 + LOOKS.step
         belief = Belief(into, fitting.inner_diameter, free)
         goals = list(self.mission.goals)
         return Explorer(self.robot, number, self.arcs, belief, goals, self._distance, falls)

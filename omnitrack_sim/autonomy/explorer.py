@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from omnitrack_sim.autonomy.belief import Belief
 from omnitrack_sim.autonomy.bore_survey import BoreSurvey
@@ -48,22 +48,8 @@ from omnitrack_sim.record.events import (
 )
 from omnitrack_sim.robots.robot import Robot
 
-
-@dataclass(frozen=True)
-class ExplorerSettings:
-    """When a robot that explores looks ahead.
-
-    Attributes:
-        assumed_step: m, of free pipe assumed at an unexplored port where a look shows nothing, at
-            most twice: by pipe that has not been seen the robot localises itself badly.
-        touch: m, from the nose to an observed end, within which a robot without progress is there.
-    """
-
-    assumed_step: float = 0.1
-    touch: float = 0.05
-
-
-EXPLORER = ExplorerSettings()
+TOUCH = 0.05
+"""From the nose to an observed end, m, within which a robot without progress is there."""
 LOOK_BEFORE = 2 * LOOKS.step_again
 """How far before the end of a leg a robot looks ahead, m: far enough for a second look before its
 nose is in a fitting that follows directly."""
@@ -289,12 +275,12 @@ class Explorer(MappingPilot):
             return Decision(None, False, self._verdict(time))
         if end in self.belief.ends:
             return self._inspect(time, distance, end, goal)
-        if self.assumed > 1.5 * EXPLORER.assumed_step:
+        if self.assumed > 1.5 * LOOKS.step:
             self._abandon(end, "no look into it tells anything")
             return self._replan(time, [], self._onward(distance))
         # The look has shown nothing: assume a little free pipe, and look again.
-        self.assumed += EXPLORER.assumed_step
-        self.extend_leg_to(self._mapper.with_free_pipe(EXPLORER.assumed_step))
+        self.assumed += LOOKS.step
+        self.extend_leg_to(self._mapper.with_free_pipe(LOOKS.step))
         self.look_at = distance
         return Decision(self.leg, True)
 
@@ -303,7 +289,7 @@ class Explorer(MappingPilot):
         port, end = self.planner.obstacle(self.leg, distance), self.end
         ahead = self.route().length - distance - self.half
         if self.leg.goal >= 0:
-            if port == end and end in self.belief.ends and ahead < EXPLORER.touch:
+            if port == end and end in self.belief.ends and ahead < TOUCH:
                 return self._inspect(time, distance, end, goal)
             if port in self.frontier.ports:
                 if self.belief.fitting(port[0]).is_plain:

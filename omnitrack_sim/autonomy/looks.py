@@ -31,18 +31,12 @@ class LookSettings:
         step_again: m, travel to the next look where one was ambiguous or another is to agree: what
             a picture shows changes little within 10 mm. It doubles with each look back that tells
             nothing.
-        missed_step: m, travel to the next look back at a reducer that the map has missed: before
-            the robot comes to what follows it is to look ``max_looks`` times.
-        rear_room: m, from its rear to a fitting behind it when it looks back at that.
         in_sight: m, to a fitting behind it up to which a robot looks back whenever it looks ahead:
             a lamp shows no more from farther off.
         max_shift: m, shift of arc length from which on two looks have to agree.
-        close: m, from the robot's front to the end of a straight when it looks there once more:
-            from there both cameras measure distances to 1 or 2 mm.
-        min_close: m, the same of the last try: nearer, a lens sees too little of the wall before
-            it.
-        out_of_fitting: m, farther off for an end that was observed out of a fitting, where a robot
-            knows least how far it has come: an open end hardly shows from nearer than ``close``.
+        close: m, from one end of the robot to the end of a straight, or to a fitting, when it looks
+            there from close by: from there both cameras measure distances to 1 or 2 mm. From half
+            of it a lens sees too little of the wall before it.
         gate: standard deviations by which two measurements contradict each other, such as two looks
             between which belts have slipped: of 440 looks by both cameras one was off by more.
         travel_std: standard deviation of a travel along a pipe, as a part of it. With 1 %, as in
@@ -55,11 +49,8 @@ class LookSettings:
             great.
         max_reducer_std: m, standard deviation of the distance of a reducer from which on its ends
             hardly show: right ones have 8 to 14 mm, wrong ones 29 to 40.
-        distance_floor: m, standard deviation of what looks at one end have in common, which no
+        common_std: m, standard deviation of what looks at one size have in common, which no
             mean of them reduces.
-        radius_floor: the same of the mean radius of an elbow, as a part of it: by a lamp means of
-            five looks at 24 elbows of 90 degrees and 1.5 bores scattered by 2.2 mm, looks by 4.0.
-        bore_floor: the same of a diameter, as a part of it.
         min_looks: looks from one side that a size is the mean of.
         max_looks: the same where they leave a size in doubt, or the length of the pipe before it,
             or differ: looks by depth at reducers of 3 % scatter by 5 to 7 mm, and now and then one
@@ -70,21 +61,15 @@ class LookSettings:
     sure: float = RECOGNISER.confidence
     step: float = 0.1
     step_again: float = 0.01
-    missed_step: float = 0.005
-    rear_room: float = 0.1
     in_sight: float = 0.4
     max_shift: float = 0.1
     close: float = 0.1
-    min_close: float = 0.05
-    out_of_fitting: float = 0.03
     gate: float = 3.0
     travel_std: float = 0.005
     through_cone: float = 0.2
     max_axis_error: float = math.radians(1.5)
     max_reducer_std: float = 0.02
-    distance_floor: float = 0.001
-    radius_floor: float = 0.005
-    bore_floor: float = 0.01
+    common_std: float = 0.001
     min_looks: int = 3
     max_looks: int = 6
 
@@ -112,7 +97,7 @@ def has_slipped(shift: float, *stds: float) -> bool:
 
     ``stds`` are the standard deviations of these looks, m.
     """
-    return abs(shift) > LOOKS.gate * math.hypot(LOOKS.distance_floor, *stds)
+    return abs(shift) > LOOKS.gate * math.hypot(LOOKS.common_std, *stds)
 
 
 def weights_of(stds: Sequence[float]) -> Array:
@@ -130,11 +115,10 @@ def without_extremes(values: Array) -> NDArray[np.intp]:
     return order[1:-1] if len(order) > LOOKS.min_looks else order
 
 
-def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()) -> float:
+def common_std(stds: Sequence[float], values: Sequence[float] = ()) -> float:
     """Standard deviation of the mean of looks at one size.
 
     Args:
-        floor: of what they have in common.
         stds: of each look, as it tells; 0 by error-free sight, whose mean has none.
         values: of the size by each look: what they scatter by counts where it is more.
     """
@@ -142,7 +126,7 @@ def common_std(floor: float, stds: Sequence[float], values: Sequence[float] = ()
         return 0.0
     told = float(weights_of(stds).sum()) ** -0.5
     scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
-    return math.hypot(floor, max(told, scatter))
+    return math.hypot(LOOKS.common_std, max(told, scatter))
 
 
 def reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
@@ -151,7 +135,7 @@ def reducer_std(stds: Sequence[float], lengths: Sequence[float]) -> float:
     As ``common_std``; but what blurs the ends of a shallow cone is the same in all of them: their
     mean is known no better than by the best.
     """
-    return max(common_std(LOOKS.distance_floor, stds, lengths), min(stds))
+    return max(common_std(stds, lengths), min(stds))
 
 
 def provisional_passage(belief: Belief, route: Route) -> int | None:
@@ -182,7 +166,6 @@ def size_stds(looks: Sequence[Sighting], mean: Fitting) -> dict[str, float]:
     stds: dict[str, float] = {}
     if isinstance(mean, Elbow):
         stds["mean_radius"] = common_std(
-            LOOKS.radius_floor * mean.mean_radius,
             [look.size_stds.get("mean_radius", 0.0) for look in looks],
             [elbow.mean_radius for elbow in seen if isinstance(elbow, Elbow)],
         )
@@ -192,11 +175,11 @@ def size_stds(looks: Sequence[Sighting], mean: Fitting) -> dict[str, float]:
             [look.distance_std for look in looks], [one.length for one in reducers]
         )
         stds["end_diameter"] = common_std(
-            LOOKS.bore_floor * mean.end_diameter,
             [look.size_stds.get("end_diameter", 0.0) for look in looks],
             [one.end_diameter for one in reducers],
         )
     elif isinstance(mean, Wye):
-        told = [look.size_stds.get("angle", 0.0) for look in looks]
-        stds["angle"] = common_std(BELIEF.angle_std, told)
+        (look,) = looks
+        told = look.size_stds.get("angle", 0.0)
+        stds["angle"] = math.hypot(BELIEF.angle_std, told) if told else 0.0
     return stds

@@ -18,8 +18,10 @@ import numpy as np
 from omnitrack_sim.autonomy.belief import BELIEF, Belief, are_alike
 from omnitrack_sim.base.rotations import Array, angle_between, unit
 from omnitrack_sim.pipes import Elbow, Fitting, Port
+from omnitrack_sim.pipes.map_difference import ANGLES
 from omnitrack_sim.pipes.network import CLOSES
 from omnitrack_sim.pipes.planning import port_graph
+from omnitrack_sim.pipes.routes import Edge
 
 
 @dataclass(frozen=True)
@@ -28,21 +30,15 @@ class LoopClosureSettings:
 
     Attributes:
         miss: m, by which the two ends of a loop may miss each other.
-        miss_share: the same in addition, as a part of the loop's length.
-        miss_angle: rad, by which their directions may miss being opposite.
-        length_std: m, standard deviation of the length of a straight that is not measured, and
-        length_share: the same in addition, as a part of the length.
+        length_std: m, standard deviation of the length of a straight that is not measured.
         surprise: squared standard deviations by which the two ends of a loop may miss each other in
             position and direction, six numbers: 99 of 100 loops do not miss by more.
         closing_std: m and rad, standard deviation of what two ports that meet are apart.
         adjustments: steps of the search for the changes that close a loop.
     """
 
-    miss: float = 0.1
-    miss_share: float = 0.02
-    miss_angle: float = math.radians(10)
-    length_std: float = 0.003
-    length_share: float = 0.01
+    miss: float = 0.15
+    length_std: float = 0.01
     surprise: float = 16.8
     closing_std: float = 1e-3
     adjustments: int = 3
@@ -122,26 +118,19 @@ def _coinciding(belief: Belief, end: Port) -> Iterator[tuple[float, Port]]:
             continue
         there = belief.port(other)
         miss = float(np.linalg.norm(there.position - here.position))
-        # The error of the position grows with the way around the loop.
-        around = sum(length for *_, length in _loop(belief, end, other))
-        if miss > LOOP_CLOSURE.miss + LOOP_CLOSURE.miss_share * around:
-            continue
         apart = float(angle_between(here.rotation[:, 2], -there.rotation[:, 2]))
-        if apart <= LOOP_CLOSURE.miss_angle:
+        if miss <= LOOP_CLOSURE.miss and apart <= 2 * ANGLES:
             yield miss, other
 
 
-def _loop(belief: Belief, end: Port, other: Port) -> list[tuple[int, str, str, float]]:
-    """Return the parts from one port to another.
-
-    With the ports between which they are passed and their lengths, m.
-    """
+def _loop(belief: Belief, end: Port, other: Port) -> list[Edge]:
+    """Return the passages from one port to another."""
     import networkx
 
     graph = port_graph(belief.network)
     ports = networkx.shortest_path(graph, other, end, weight="length")
     steps = zip(ports[::2], ports[1::2], strict=True)
-    return [(a[0], a[1], b[1], graph.edges[a, b]["length"]) for a, b in steps]
+    return [(a[0], a[1], b[1]) for a, b in steps]
 
 
 def _gap(belief: Belief, end: Port, other: Port) -> Array:
@@ -196,12 +185,11 @@ def _variables(belief: Belief, end: Port, other: Port) -> list[_Variable]:
         return np.concatenate([np.cross(axis, at - centre), axis])
 
     found: list[_Variable] = []
-    for part, enter, leave, length in _loop(belief, end, other):
+    for part, enter, leave in _loop(belief, end, other):
         fitting, came, left = parts[part].fitting, *map(parts[part].port, (enter, leave))
         ahead, measured = left.rotation[:, 2], belief.stds.get(belief.part_name(part), {})
         if fitting.is_plain:
-            std = measured.get("length", 0.0)
-            std = std or LOOP_CLOSURE.length_std + LOOP_CLOSURE.length_share * length
+            std = measured.get("length", 0.0) or LOOP_CLOSURE.length_std
             along = np.concatenate([ahead, np.zeros(3)])
             found.append(_Variable(std, along, partial(belief.lengthen, part)))
         elif isinstance(fitting, Elbow):

@@ -6,11 +6,10 @@ Free pipe, fittings, loops, and bends measured by coming through them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from omnitrack_sim.autonomy.belief import BELIEF
+from omnitrack_sim.autonomy.belief import BELIEF, doubtful_sizes
 from omnitrack_sim.autonomy.bore_survey import with_bore
 from omnitrack_sim.autonomy.leg_planner import is_sharp
 from omnitrack_sim.autonomy.looks import HARDLY_SHOWS, LOOKS, LookRecord, size_stds
@@ -26,22 +25,11 @@ from omnitrack_sim.pipes.map_difference import ANGLES
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.events import Event, FittingFound, LoopClosed
 
-
-@dataclass(frozen=True)
-class MapperSettings:
-    """Thresholds for changes of a robot's map.
-
-    Attributes:
-        max_end_shift: m, between the positions of an end by looks from afar and from close by, from
-            which on the length of the pipe is in doubt: the robot may have slipped.
-        blind: m, from the nose to where a lens of 100 degrees sees the wall of a pipe.
-    """
-
-    max_end_shift: float = 0.06
-    blind: float = 0.07
-
-
-MAPPER = MapperSettings()
+MAX_END_SHIFT = 0.06
+"""Between the positions of an end by looks from afar and from close by, m, from which on the length
+of the pipe is in doubt: the robot may have slipped."""
+BLIND = 0.07
+"""From the nose to where a lens of 100 degrees sees the wall of a pipe of 160 mm, m."""
 
 
 class Mapper(LookRecord):
@@ -131,7 +119,7 @@ class Mapper(LookRecord):
 
         By ``move`` m, from afar and from close by.
         """
-        if abs(move) > MAPPER.max_end_shift:
+        if abs(move) > MAX_END_SHIFT:
             part, _, _ = self._check.look_from(self._pilot.route())
             self._pilot.doubt(part, f"its end moved by {1000 * abs(move):.0f} mm between looks")
 
@@ -243,8 +231,16 @@ class Mapper(LookRecord):
             # A lamp shows the cone of a reducer no better from behind.
             if isinstance(fitting, Elbow):
                 self._rear.measure(part, weight)
-        elif name in self._belief.doubtful_sizes() and isinstance(fitting, Elbow | Reducer):
+        elif self._will_be_doubtful(part):
             self._rear.measure(part, weight)
+
+    def _will_be_doubtful(self, part: int) -> bool:
+        """Return whether sizes of a reducer, or of an elbow of measured angle, are in doubt."""
+        stds = self._belief.stds.get(self._belief.part_name(part), {})
+        if stds.get("mean_radius"):
+            stds = {**stds, "angle": BELIEF.kept_angle_std}
+        fitting = self._belief.fitting(part)
+        return isinstance(fitting, Elbow | Reducer) and bool(doubtful_sizes(fitting, stds))
 
     # Bends
 
@@ -282,9 +278,8 @@ class Mapper(LookRecord):
                 self._belief.resize(part, angle=angle)
             except GeometryError:
                 return
-        # Within the tolerance the map keeps an angle that may be off by any part of it.
-        kept = BELIEF.angle_std / math.sqrt(3) if right else 0.0
-        self._belief.set_stds(part, angle=math.hypot(BELIEF.angle_std, kept) if std else 0.0)
+        told = BELIEF.kept_angle_std if right else BELIEF.angle_std
+        self._belief.set_stds(part, angle=told if std else 0.0)
 
     def _bend_passed(self) -> Edge | None:
         """Return the bend out of which the leg leads, if its angle has not been measured."""
@@ -303,7 +298,7 @@ class Mapper(LookRecord):
         Where a bend begins nearer than a lens sees the wall, no straight wall does. ``std``: m, of
         the robot's arc length, 0 where it knows its pose.
         """
-        near = ahead.distance - self._pilot.half < MAPPER.blind
+        near = ahead.distance - self._pilot.half < BLIND
         return std == 0.0 or not (near and isinstance(ahead.fitting, Elbow))
 
 

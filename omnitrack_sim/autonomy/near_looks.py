@@ -158,7 +158,7 @@ class CloseLooks(LookRecord):
         ends = [at + look.distance for look, at in looks]
         stds = [look.distance_std for look, _ in looks]
         mean = float(np.average(ends, weights=weights_of(stds)))
-        return mean, common_std(LOOKS.distance_floor, stds, ends)
+        return mean, common_std(stds, ends)
 
     def mean(self) -> Elbow | Reducer:
         """Return the fitting with the mean of its sizes."""
@@ -253,7 +253,7 @@ class NearLooks(LookRecord):
         if distance > last.s_enter + self._half:
             return close
         self._far = None
-        return max(close - LOOKS.out_of_fitting, distance + LOOKS.step_again)
+        return max(close - BELIEF.error, distance + LOOKS.step_again)
 
     def begin_leg(self) -> None:
         """See ``LookRecord``."""
@@ -299,7 +299,7 @@ class NearLooks(LookRecord):
     def is_too_late(self, at: float, route: Route) -> bool:
         """Return whether arc length ``at`` m is too close to the provisional end for a look."""
         i = provisional_passage(self._belief, route)
-        return i is not None and at > route.passages[i].s_leave - self._half - LOOKS.min_close
+        return i is not None and at > route.passages[i].s_leave - self._half - LOOKS.close / 2
 
 
 def _is_alike(far: Sighting, near: Sighting) -> bool:

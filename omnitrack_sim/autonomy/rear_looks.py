@@ -85,7 +85,7 @@ class RearLooks(LookRecord):
         for before in route.passages[1:]:
             new = before.index not in self._looked_once
             if new and self._belief.fitting(before.index).is_plain:
-                at = max(before.s_enter + self._half + LOOKS.rear_room, self._first_look)
+                at = max(before.s_enter + self._half + LOOKS.close, self._first_look)
                 if at < before.s_leave - self._half:
                     return min(at, self._second_look)
         return self._second_look
@@ -144,8 +144,7 @@ class RearLooks(LookRecord):
         size = float(np.average(sizes, weights=weights_of(stds)))
         fitting = self._belief.fitting(part)
         if isinstance(fitting, Elbow):
-            floor = LOOKS.radius_floor * size
-            key, std = "mean_radius", common_std(floor, stds.tolist(), sizes.tolist())
+            key, std = "mean_radius", common_std(stds.tolist(), sizes.tolist())
         else:
             key, std = "length", reducer_std(stds.tolist(), sizes.tolist())
         if std and self._weights[part]:
@@ -264,7 +263,7 @@ class RearLooks(LookRecord):
         before = math.hypot(before, LOOKS.travel_std * (distance - at))
         weights = weights_of([before, place.std])
         located = distance + shift * float(weights[1] / weights.sum())
-        std = max(float(weights.sum()) ** -0.5, LOOKS.distance_floor)
+        std = max(float(weights.sum()) ** -0.5, LOOKS.common_std)
         self.placement = Placement(place.part, located, std)
         return located
 
@@ -306,7 +305,7 @@ class RearLooks(LookRecord):
 
 def _placement(part: int, distance: float, sighting: Sighting) -> Placement:
     """Return the place of a robot in a part, at arc length ``distance`` m by one sighting."""
-    std = common_std(LOOKS.distance_floor, [sighting.distance_std])
+    std = common_std([sighting.distance_std])
     return Placement(part, distance, std)
 
 
