@@ -280,6 +280,23 @@ def test_a_robot_that_backs_off_follows_the_centreline_behind_it() -> None:
     assert dot(cross(rotation[:, :, 2], behind), -back) > 0.1
 
 
+@pytest.mark.parametrize("ahead", np.linspace(0.02, 0.08, 13).tolist())
+def test_a_robot_that_points_anywhere_into_the_stretch_ahead_is_hardly_turned(ahead: float) -> None:
+    """At any place of the stretch behind the lookahead point, in the sharpest bend that it leads
+    through: at most a third of what turns a robot."""
+    bench = Bench(scenario_of("tee_turn"))
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    table, at = bench.scenario.control_parameters.tracking, float(bench.routes.start[0])
+    points = np.array([at, at + table.lookahead + ahead])
+    tangent, before = bench.routes.tangents(points[1:, None], bench.route)[0], bench.observe(at)
+    axis = before.rotation[0, :, 2]
+    turn = unit(cross(axis, tangent[0])) * angle_between(axis, tangent[0])
+    seen = bench.observe(at, tilt=turn)
+    wanted = tracking.wanted_rotation(seen.location, seen.rotation, one, 0 * one, UPRIGHT)
+    assert angle_between(axis, tangent[0]) > 0.2
+    assert length(wanted)[0] < table.rotation_limit / 3
+
+
 def test_a_turn_up_a_run_begins_sooner_and_is_sharper() -> None:
     """Out of a branch with the weight against it a robot is turned by a lead and a cap of its own;
     level and downward by those of all turns."""
@@ -400,11 +417,13 @@ def test_a_robot_that_hangs_upright_before_a_branch_rolls_there(
         assert abs(turn) == pytest.approx(60.0, abs=margin)
 
 
-@pytest.mark.parametrize("slip", [0.1, 0.3, 0.6])
-def test_a_turn_that_has_slipped_begins_sooner(slip: float) -> None:
+@pytest.mark.parametrize("gain", [40.0, 5.0])
+@pytest.mark.parametrize("slip", [0.1, 0.3, 0.6, 1.0, 1.5])
+def test_a_turn_that_has_slipped_begins_sooner(slip: float, gain: float) -> None:
     """By the distance that its heading would lag behind an arc, up to ``slip_lead``: belts that
-    give 1 - slip of the rotation follow an arc with an error of slip / (1 - slip) / gain."""
-    bench = Bench(scenario_of("tee_turn"))
+    give 1 - slip of the rotation follow an arc with an error of slip / (1 - slip) / gain, and those
+    of a robot that was turned back not at all."""
+    bench = Bench(scenario_of("tee_turn", **{"control.parameters.tracking.gain": gain}))
     tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
     table = bench.scenario.control_parameters.tracking
     upright = bench.observe(0.1).rotation  # as before the turn
@@ -419,8 +438,10 @@ def test_a_turn_that_has_slipped_begins_sooner(slip: float) -> None:
                 return float(distance)
         raise AssertionError("the turn does not begin")
 
+    lag = slip / (1 - slip) / gain if slip < 1 else np.inf
+
     lead = begun(UPRIGHT) - begun(UPRIGHT._replace(slip=np.array([slip])))
-    assert lead == pytest.approx(min(slip / (1 - slip) / table.gain, table.slip_lead), abs=3e-4)
+    assert lead == pytest.approx(min(lag, table.slip_lead), abs=3e-4)
 
 
 @pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])

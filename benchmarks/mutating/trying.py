@@ -216,8 +216,8 @@ class Run:
         return True
 
     def stop(self) -> None:
-        """End it."""
-        with suppress(ProcessLookupError):
+        """End it, with what it has left behind."""
+        with suppress(ProcessLookupError, ChildProcessError):
             os.killpg(self._pid, signal.SIGKILL)
             os.waitpid(self._pid, 0)
 
