@@ -283,6 +283,13 @@ def test_faults_of_a_suite_file_are_told(own_suite, old, new, told):
         load_suite(own_suite)
 
 
+@pytest.mark.parametrize("kind", [[1], {"a": 1}, 3, True])
+def test_a_kind_of_robot_that_is_no_text_is_refused(kind):
+    """At its key, as in a scenario."""
+    with pytest.raises(InputError, match=r"robot\.kind"):
+        robot_of({"robot.kind": kind})
+
+
 def test_all_shipped_policies_are_entries():
     assert {*shipped_files("policies")} <= {*CONTROL.entries}
 
