@@ -19,9 +19,9 @@ PIPES = [
 ]
 
 
-def elbow_result() -> Result:
+def elbow_result(pipes: list[dict] = PIPES) -> Result:
     """A robot drawn along a centreline for one second, without physics."""
-    scenario = validate({"name": "film", "pipes": PIPES})
+    scenario = validate({"name": "film", "pipes": pipes})
     line = scenario.route.centreline
     time = np.linspace(0.0, 1.0, 51, dtype=np.float64)
     distance = 0.1 + 0.5 * time
