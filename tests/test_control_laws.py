@@ -153,6 +153,15 @@ def test_belts_resist_a_rotation_in_every_fitting_and_a_jerk_less(name: str) -> 
     assert 0.0 < against[0] < 0.9 * against[-1]
 
 
+def test_belts_keep_their_direction_where_its_sign_is_noise() -> None:
+    """A roll that is measured now on one side of the no-motion line and now on the other, by half a
+    degree, turns no belt round; one that goes on by 10 degrees does."""
+    rolls = Aligner(Bench(scenario_of("elbow")).setup, "alignment").rolls
+    beside = [80.0, 90.5, 89.5, 90.5, 100.0]
+    signs = [rolls.belt_sign(np.radians(np.full((1, 3), roll)))[0, 0] for roll in beside]
+    assert signs == [1.0, 1.0, 1.0, 1.0, -1.0]
+
+
 def test_the_rotation_rate_is_filtered() -> None:
     """A low pass of the first order, whose time constant is ``rate_filter``."""
     bench = Bench(scenario_of("elbow", **{"control.parameters.damping.rate_filter": 0.03}))
