@@ -1,11 +1,16 @@
 """Tries odd files, damaged folders and odd arguments, and tells what stumbles.
 
-python benchmarks/fuzz.py [--quick] [--only files|folders|arguments] [--case N] ...
+python benchmarks/fuzz.py [--quick] [--only files|folders|arguments] [--seed S ...] [--case N] ...
 
-Every case is made from the seed and its number, so a fault can be had again: --only files --case
-17. A fault is any exception that is not of the package's own, a warning, a message of over 10 kB,
-control characters on the screen, a file left behind, more than 5 s of processor time to read a
-file, or a process that dies. Files of the faults are kept. Ends with status 1 where there is one.
+Files are scenarios, networks, sweeps, studies and suites. Folders are those of runs, sweeps,
+studies, benches and passports, and single files of others: passports, policies, models of robots
+(MJCF), towns (.inp) and plants (.pcf).
+
+Every case is made from the seed and its number, so a fault can be had again: --seed 1 --only files
+--case 17. A fault is any exception that is not of the package's own, a refusal that names no place,
+a warning, a message of over 10 kB, control characters on the screen, a file left behind, more than
+5 s of processor time to read a file, or a process that dies. Files of the faults are kept. Ends
+with status 1 where there is one.
 """
 
 from __future__ import annotations
@@ -31,11 +36,14 @@ def main() -> int:
     for part in PARTS if given.only is None else (given.only,):
         start = time.perf_counter()
         numbers = [given.case] if given.case is not None else range(getattr(given, part))
-        faults = try_all(part, numbers, given.seed, given.keep)
+        faults = [
+            fault for seed in given.seed for fault in try_all(part, numbers, seed, given.keep)
+        ]
         found += faults
         bad = len({case for case, _ in faults})
         print(
-            f"{part}: {len(numbers)} cases in {time.perf_counter() - start:.0f} s, "
+            f"{part}: {len(numbers) * len(given.seed)} cases of seed "
+            f"{', '.join(map(str, given.seed))} in {time.perf_counter() - start:.0f} s, "
             f"{bad} with a fault",
             flush=True,
         )
@@ -55,7 +63,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--files", type=int, metavar="N")
     parser.add_argument("--folders", type=int, metavar="N")
     parser.add_argument("--arguments", type=int, metavar="N")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, nargs="+", default=[0])
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--case", type=int, metavar="N", help="only the case of this number")
     parser.add_argument("--keep", type=Path, default=Path("out/fuzz"), help="for files of faults")
@@ -81,14 +89,15 @@ def try_all(part: str, numbers: Sequence[int], seed: int, keep: Path) -> list[tu
     found: list[tuple[str, Fault]] = []
     seen = set[tuple[str, str]]()
     for number, faults in watched(lambda n, desk: tries.attempt(seed, n, desk), numbers):
-        found += [(f"{part} {number}", fault) for fault in faults]
+        case = f"--seed {seed} --only {part} --case {number}"
+        found += [(case, fault) for fault in faults]
         for fault in faults:
             if (fault.what, fault.place) not in seen:
-                print(f"  {part} {number}: {fault.what} in {fault.place}", flush=True)
+                print(f"  {case}: {fault.what} in {fault.place}", flush=True)
             seen.add((fault.what, fault.place))
         if faults:
             tries.keep(seed, number, keep.resolve())
-            _note(keep / "faults.jsonl", f"{part} {number}", faults)
+            _note(keep / "faults.jsonl", case, faults)
     return found
 
 

@@ -9,7 +9,7 @@ from omnitrack_sim.base.rotations import quaternion_from_matrix
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
-from omnitrack_sim.scenario import Scenario
+from omnitrack_sim.scenario import validate
 
 SIZE = (320, 180)
 PIPES = [
@@ -19,9 +19,9 @@ PIPES = [
 ]
 
 
-def elbow_result() -> Result:
+def elbow_result(pipes: list[dict] = PIPES) -> Result:
     """A robot drawn along a centreline for one second, without physics."""
-    scenario = Scenario.model_validate({"name": "film", "pipes": PIPES})
+    scenario = validate({"name": "film", "pipes": pipes})
     line = scenario.route.centreline
     time = np.linspace(0.0, 1.0, 51, dtype=np.float64)
     distance = 0.1 + 0.5 * time
@@ -50,9 +50,7 @@ def chain_result() -> Result:
         {"kind": "straight", "length": 0.5},
     ]
     pipes += [{"kind": "tee", "enter": "run_start", "leave": "branch", "turn_deg": 120.0}]
-    scenario = Scenario.model_validate(
-        {"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]}
-    )
+    scenario = validate({"name": "chain", "pipes": [*pipes, {"kind": "straight", "length": 0.4}]})
     way = scenario.route
     distance = np.arange(0.1, way.centreline.length - 0.1, 0.01)
     channels = drive(way, distance)

@@ -78,6 +78,15 @@ def test_no_admissible_roll_is_shorter(modules, turn_limit):
     assert (np.abs(plan.change)[found] >= shortest[found] - 2 * step / ratio[found]).mean() > 0.97
 
 
+def test_a_plan_turns_the_robot_by_up_to_half_a_turn():
+    """As far as the equal orientation opposite, where nearer ones end at the no-motion line, and no
+    farther."""
+    theta5, roll = np.random.default_rng(2).uniform(-np.pi, np.pi, (2, 4000))
+    plan = plan_roll(theta5, roll, 0.0, 0.1, 0.345, no_motion_margin=1.0)
+    turns = np.abs(plan.change) * 0.345
+    assert 0.95 * np.pi < turns.max() <= np.pi + 1e-6
+
+
 def test_robot_that_is_well_placed_does_not_roll():
     """Inside the margin and off the line: nothing to do."""
     plan = plan_roll([0.0, 0.1, 2 * np.pi / 3], [0.2, np.pi, -0.3], 0.0, 0.2, RATIO)

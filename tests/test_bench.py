@@ -270,12 +270,24 @@ def test_a_suite_of_a_user_is_a_file(own_suite):
         ('name = "climb"', 'name = "mine"', "is the name of an earlier one"),
         ('course = "mine.toml"', 'course = "none.toml"', "none.toml"),
         ("seed = 5", "sed = 5", "sed"),
+        (
+            'course = "mine.toml"',
+            'name = "far"\nwords = "far"\nmissions = { friction = [0.9, 0.5] }',
+            r"courses\.0\.missions\.friction: must have the lower one first",
+        ),
     ],
 )
 def test_faults_of_a_suite_file_are_told(own_suite, old, new, told):
     own_suite.write_text(OWN.replace(old, new))
     with pytest.raises(InputError, match=told):
         load_suite(own_suite)
+
+
+@pytest.mark.parametrize("kind", [[1], {"a": 1}, 3, True])
+def test_a_kind_of_robot_that_is_no_text_is_refused(kind):
+    """At its key, as in a scenario."""
+    with pytest.raises(InputError, match=r"robot\.kind"):
+        robot_of({"robot.kind": kind})
 
 
 def test_all_shipped_policies_are_entries():
@@ -332,9 +344,31 @@ def test_courses_are_of_the_robots_size(outside):
         bore, length = scenario.robot.nominal_bore, scenario.robot.length
         assert scenario.pipes[1].mean_radius == pytest.approx(1.5 * bore)
         assert scenario.pipes[0].length == pytest.approx(0.5 * bore + length)
+        # As much room behind the tail as before the nose.
+        assert scenario.start.distance == pytest.approx(scenario.pipes[0].length / 2)
         assert scenario.pipes[2].inner_diameter == pytest.approx(bore)
         assert scenario.control.cruise_speed == scenario.robot.nominal_speed
     assert small.time_limit_s > large.time_limit_s / 2
+
+
+def test_straights_of_networks_hold_a_robot_and_half_a_bore():
+    """However long it is; those of short robots are as long as the course says."""
+    sweeps = Bench.of("mobility", ["network"], ["presser", "snake"], trials=3).sweeps()
+    for (_, entry), sweep in sweeps.items():
+        for scenario in sweep.bases.values():
+            bore, room = scenario.robot.nominal_bore, scenario.robot.length
+            fittings = scenario.network.fittings
+            lengths = [f.length for f in fittings if f.kind == "straight"]
+            least = max(2.0, room / bore + 0.5)
+            assert (least > 2.0) == (entry == "snake")
+            assert least * bore * (1 - 1e-9) <= min(lengths) < 1.2 * least * bore
+
+
+def test_walls_are_from_oily_steel_to_dry_rubber_each_as_often():
+    """Frictions of 0.3 to 1.0 in steps of 0.1; few trials are spread evenly over them."""
+    for trials, wanted in ((16, [round(0.1 * k, 1) for k in range(3, 11)] * 2), (2, [0.5, 0.9])):
+        (sweep,) = Bench.of("mobility", ["pull"], ["presser"], trials=trials).sweeps().values()
+        assert sorted(sweep.trials()["world.friction"]) == sorted(wanted)
 
 
 @pytest.mark.parametrize("kind", ["omnitrack", "presser", "pirate", "helix"])

@@ -46,6 +46,14 @@ def test_integral_grows_only_while_the_motor_can_follow():
     assert not free.saturated.any()
 
 
+def test_a_motor_is_at_its_limit_where_rounding_has_its_force_a_little_short():
+    """Within a part in a million of its limit it does not wind up; within a twentieth it does."""
+    for torque, saturated in ((0.1 * (1 - 1e-6), True), (0.095, False)):
+        drive = _drive(limit=0.1)
+        _advance(drive, 0.1, 0.0, torque=torque)
+        assert (drive.saturated == saturated).all()
+
+
 def test_a_motor_is_the_same_in_both_directions():
     """Turned round in command, speed and torque it gives the same set points, forces and verdict,
     turned round: it is saturated, and does not wind up, at its lower limit as well."""

@@ -5,21 +5,39 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from network_samples import elbow, joint, straight, tee
 
 import omnitrack_sim as ot
+from omnitrack_sim.autonomy import camera_sight
 from omnitrack_sim.autonomy.belief import Belief
-from omnitrack_sim.autonomy.camera_sight import CameraSight, by_depth, by_lamp, sighting_of
+from omnitrack_sim.autonomy.camera_sight import (
+    CameraSight,
+    behind_lens,
+    by_depth,
+    by_lamp,
+    sighting_of,
+)
 from omnitrack_sim.autonomy.looks import LOOKS, common_std
 from omnitrack_sim.autonomy.loop_closure import close_loop
 from omnitrack_sim.autonomy.recognition import Detection
 from omnitrack_sim.autonomy.sight import Sighting
 from omnitrack_sim.base.rotations import Pose, rotation_about
 from omnitrack_sim.cli.runs import print_result
-from omnitrack_sim.pipes import ARCS, Elbow, Passage, Reducer, Tee, Wye
+from omnitrack_sim.pipes import (
+    ARCS,
+    Elbow,
+    Part,
+    Passage,
+    Reducer,
+    Straight,
+    Tee,
+    Wye,
+    route_through,
+)
 from omnitrack_sim.record.events import EndInspected, ExplorationComplete
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.onboard import Onboard
@@ -211,6 +229,67 @@ def test_a_lens_before_a_wall_sees_no_plate():
     assert sighting_of(replace(plate, distance=0.05), 0.16, 0.07, 0.024).end == "closed"
 
 
+def test_a_camera_is_believed_as_far_as_it_was_right():
+    """0.35 m; pipe that is free up to there may have a fitting beyond. Free pipe right before the
+    lens tells nothing."""
+    tee_at = Detection(
+        "tee", "branch", {}, 0.34, 0.0, 1e-6 * np.eye(2), 1.0, np.zeros(2), np.zeros(2)
+    )
+    assert isinstance(sighting_of(tee_at, 0.16, 0.07, 0.024).fitting, Tee)
+    far = sighting_of(replace(tee_at, distance=0.37), 0.16, 0.07, 0.024)
+    assert far.fitting is None
+    assert far.distance == pytest.approx(0.07 + 0.352)
+    free = replace(tee_at, kind="straight", enter="", distance=0.03)
+    assert sighting_of(free, 0.16, 0.07, 0.024) is None
+    assert sighting_of(replace(free, distance=0.05), 0.16, 0.07, 0.024).kind == ("", "")
+
+
+def test_a_lens_looks_out_of_the_fitting_that_it_has_just_left():
+    """Where nothing is known beyond it: the pipe that it sees begins behind the port, and the
+    fitting tells how the lens stands until the wall beside it shows."""
+    network = directly(elbow("bend", mean_radius=0.24)).exploration.network.pipes
+    route = route_through(network, [(part, "start", "end") for part in range(3)])
+    end = route.passages[1].s_leave
+    for past, kind in ((-0.02, "elbow"), (0.05, "elbow"), (0.09, "elbow"), (0.11, "straight")):
+        assert behind_lens(route, end + past).part.fitting.kind == kind
+    known = route_through(network, [(part, "start", "end") for part in range(2)])
+    assert behind_lens(known, 0.45).part.fitting.kind == "straight"
+
+
+def test_looks_share_recognisers_and_no_noise_with_the_pictures_of_the_estimate(monkeypatch):
+    """To make a recogniser takes seconds, and bores on a map differ by less than shows; numbers of
+    pictures, by which noise is drawn, are those of looks alone for a day."""
+    scenario = directly(elbow("bend", mean_radius=0.24))
+    senses = ot.Simulation([scenario]).senses
+    assert isinstance(senses, Onboard)
+    sight, taken, made = CameraSight(senses.taking.eyes, scenario.sensing), [], []
+    nothing = Detection("straight", "", {}, 0.0, 0.0, np.eye(2), 0.0, np.zeros(2), np.zeros(2))
+    take = senses.taking.eyes.take
+
+    def counted(robots, position, rotation, facing, number, pixels):
+        taken.append(number)
+        return take(robots, position, rotation, facing, number, pixels)
+
+    def recogniser(table, bore):
+        made.append(bore)
+        return SimpleNamespace(single=lambda picture, prior: nothing)
+
+    monkeypatch.setattr(senses.taking.eyes, "take", counted)
+    monkeypatch.setattr(camera_sight, "_recogniser", recogniser)
+    for bore in (0.1598, 0.16, 0.1603):
+        pipe = Part("pipe", Straight(1.0, bore), Pose(np.eye(3), np.zeros(3)))
+        passage = Passage.of(SimpleNamespace(parts=[pipe]), (0, "start", "end"))
+        assert sight.look(0, Pose(np.eye(3), np.array([0.0, 0.0, 0.5])), passage) is None
+    assert len(set(made)) == 1
+    assert len(set(taken)) == 3
+    assert min(taken) > 86_400 * 10
+    # And a wall right before the lens is no end of the pipe.
+    for distance, end in ((0.01, None), (0.05, "closed")):
+        nothing = replace(nothing, kind="closed end", distance=distance, confidence=1.0)
+        seen = sight.look(0, Pose(np.eye(3), np.array([0.0, 0.0, 0.5])), passage)
+        assert (seen and seen.end) == end
+
+
 @pytest.mark.parametrize(("length", "told"), [(0.034, False), (0.1, True)])
 def test_a_reducer_as_short_as_can_be_is_none(length, told):
     """Out of a wye, a lens that leant saw one of 32 to 35 mm twice, and another one behind it."""
@@ -261,8 +340,10 @@ def test_a_lamp_shows_a_radius_to_what_its_looks_scatter_by():
 )
 def test_by_depth_a_fitting_is_better_known_than_a_picture_tells(seen, told, std):
     """Its sizes and its position are confounded there, and agree better than they tell."""
-    known = by_depth(Sighting(fitting=seen, distance_std=told)).distance_std
-    assert known == pytest.approx(std, abs=5e-5)
+    known = by_depth(Sighting(fitting=seen, distance_std=told, covariance=np.eye(1)))
+    assert known.distance_std == pytest.approx(std, abs=5e-5)
+    # Where its sizes are known, half of what the picture tells.
+    assert known.covariance == pytest.approx(0.25 * np.eye(1))
 
 
 def test_arms_of_a_robot_off_the_middle_measure_no_bore():

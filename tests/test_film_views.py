@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from film_samples import PIPES, SIZE, chain_result, elbow_result
@@ -14,7 +15,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.overlay import MapPanel, StatusPanel
 from omnitrack_sim.show.film.render import painted, render_frame, render_frames
-from omnitrack_sim.show.film.shots import in_the_way, view_directions
+from omnitrack_sim.show.film.shots import SideCamera, in_the_way, view_directions
 from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.projection import clearest, needs_map
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -114,16 +115,64 @@ def test_onboard_nearer_walls_are_brighter(result):
 
 
 def test_the_camera_that_follows_looks_across_the_pipe():
-    """In every plane: never along the pipe, never from far below, and without a jump."""
+    """In every plane: never along the pipe, never from far below, and without a jump; in bends
+    across their plane, from near the direction that is liked, and with few turns."""
     result = chain_result()
     (way,) = result.routes()
-    back = view_directions(RunPlayback(result), [0.1, -1.0, 0.4])
+    liking = np.array([0.1, -1.0, 0.4])
+    back = view_directions(RunPlayback(result), liking)
     tangent = way.centreline.at(result.trajectory["distance"])[1]
     assert np.allclose(np.linalg.norm(back, axis=1), 1.0)
     assert np.abs((back * tangent).sum(axis=1)).max() < 0.75
-    assert np.abs((back * tangent).sum(axis=1)).mean() < 0.3
+    assert np.abs((back * tangent).sum(axis=1)).mean() < 0.19
     assert np.linalg.norm(np.diff(back, axis=0), axis=1).max() < 0.12  # rad for 10 mm of travel
     assert (back[:, 2] > -0.5).all()
+    assert (back @ liking).mean() > 0.6 * np.linalg.norm(liking)
+    assert np.linalg.norm(np.diff(back, axis=0), axis=1).sum() < 4.0
+    position, across = result.trajectory["position"], []
+    for part in scenario_parts(result):
+        if part.fitting.kind == "elbow":
+            inside = np.minimum(part.extent(position), part.signed_distance(position)[0]) > 0
+            across += np.abs(back[inside] @ part.pose.rotation[:, 1]).tolist()
+    assert np.mean(across) > 0.85
+
+
+def test_the_camera_that_follows_does_not_look_through_another_pipe():
+    """Where the direction that is liked leads through the other leg of a bend back, the viewer
+    stands beside it."""
+    elbow = {"kind": "elbow", "mean_radius": 0.12}
+    leg = {"kind": "straight", "length": 0.8}
+    result = elbow_result([leg, elbow, elbow, leg])
+    first, *_, last = scenario_parts(result)
+    towards = last.bore_samples().mean(axis=0) - first.bore_samples().mean(axis=0)
+    towards /= np.linalg.norm(towards)
+    back = view_directions(RunPlayback(result), towards)
+    for place, direction in zip(result.trajectory["position"], back, strict=True):
+        sight = place + np.linspace(0.16, 1.0, 20)[:, None] * 0.68 * direction
+        assert np.minimum(last.extent(sight), last.signed_distance(sight)[0]).max() < 0
+
+
+def scenario_parts(result):
+    """The parts of a result's pipes."""
+    return RunPlayback(result).network.parts
+
+
+@pytest.mark.parametrize(("aspect", "panel"), [(16 / 9, 0.0), (0.6, 1.0)])
+def test_the_side_camera_has_all_pipes_in_the_picture_and_none_behind_panels(result, aspect, panel):
+    """Those near the robot's way fill it but for some 3 % at the edges they come next to; where
+    panels cover its left side, they are right of it."""
+    playback = RunPlayback(result)
+    camera = SideCamera(playback, aspect, 0.2, panel)
+    eye = camera.shot(0, mujoco.MjData(playback.model)).eye
+    points = np.concatenate([part.bore_samples() for part in playback.network.parts])
+    away = np.linalg.norm(points[:, None] - playback.position, axis=2).min(axis=1)
+    points = points[away < 0.3]
+    seen, ahead = eye.pixels(points, (round(900 * aspect), 900))
+    assert ahead.all()
+    low, high = (end(axis=0) / (900 * aspect, 900) for end in (seen.min, seen.max))
+    edge = min(*low, *(1 - high)) if not panel else 1 - high[0]
+    assert 0.01 < edge < 0.06
+    assert low[0] > 0.28 * panel
 
 
 def test_a_pipe_in_the_way_is_known():

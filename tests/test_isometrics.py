@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import sys
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.errors import NetworkError
+from omnitrack_sim.base.errors import NetworkError, gathered
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.assumptions import true_bore
 from omnitrack_sim.pipes.importing.isometric import build_plant, network_pcf
@@ -20,7 +21,8 @@ from omnitrack_sim.pipes.importing.pcf import read_pcf
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-import odd_isometrics
+from fuzzing.bases import PLANT
+from fuzzing.damage import misprinted
 
 MM = "UNITS-BORE MM\nUNITS-CO-ORDS MM\n"
 IN_MM = "UNITS-BORE INCH\nUNITS-CO-ORDS MM\n"
@@ -210,8 +212,20 @@ def test_a_fault_has_its_line(text, where, told):
 
 
 def test_damaged_files_are_read_or_refused_with_the_line():
-    """As the benchmark of 500 has it."""
-    assert set(odd_isometrics.endings(60, 7)) <= {"read", "refused"}
+    """Words and lines of a plant's file lost, doubled, moved and changed."""
+    rng, faults = random.Random(7), []
+    for _ in range(60):
+        with gathered(faults):
+            of(misprinted(rng, misprinted(rng, PLANT)))
+    assert {fault.where.partition(" ")[0] for fault in faults} == {"line", "file"}
+
+
+def test_a_file_that_cannot_be_read_is_told_of(tmp_path):
+    """What opens and fails to be read, and a name that cannot be looked at."""
+    (tmp_path / "odd.pcf").symlink_to("/proc/self/mem")
+    for path in (tmp_path / "odd.pcf", "n" * 300 + ".pcf"):
+        with pytest.raises(NetworkError, match=r"cannot be read|no such file"):
+            ot.import_network(path)
 
 
 def test_commands_read_and_write_isometrics_and_geojson(tmp_path):

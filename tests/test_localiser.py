@@ -113,10 +113,12 @@ def test_a_straight_pipe_tells_neither_place_nor_rotation():
 
 
 @pytest.mark.parametrize(
-    ("off", "std"), [(-0.06, 0.03), (-0.03, 0.03), (0.03, 0.03), (0.06, 0.03), (-0.08, 0.5)]
+    ("off", "std"),
+    [(-0.06, 0.03), (-0.03, 0.03), (0.03, 0.03), (0.06, 0.03), (-0.08, 0.5), (-0.1, 0.5)],
 )
 def test_whole_pictures_bring_a_robot_back_from_afar(off, std):
-    """Two standard deviations off along the pipe, where gradients lead astray, or quite unsure."""
+    """Two standard deviations off along the pipe, where gradients lead astray, or so unsure that
+    positions throughout what it takes for possible would be too far apart."""
     trial = Trial(before_tee(), off=off, std=(std, 0.02)).look(6)
     assert abs(trial.off) < 0.004
     assert abs(trial.off) < 4 * trial.std(PLACE)
@@ -169,6 +171,8 @@ def test_a_robot_does_not_relocalise_by_a_picture_that_no_pose_explains():
     trial.eyes = Eyes(trial.eyes.mount, RayWalls([blocked], [[(0, "end")]]), 1)
     trial.eyes.reset(ONE, keys(["a"]))
     assert not sought(trial)
+    # Nor where there is no other pose to be compared with.
+    assert not trial.localiser.seek(ONE, trial.place[None], trial.frame[None])[0]
 
 
 def test_a_wrong_rotation_is_noticed_before_a_fitting():

@@ -546,3 +546,12 @@ def metrics_of_package() -> set[Metric]:
 def test_every_metric_has_a_law() -> None:
     """A metric of any shipped robot, of estimates or of tethers that no law is about is told."""
     assert sorted(one.name for one in metrics_of_package() - LAWS) == []
+
+
+def test_the_slip_without_load_is_that_of_a_robot_that_has_settled() -> None:
+    """It is that of a weightless robot long after its start, within a twentieth."""
+    changes = {"world.gravity": [0.0, 0.0, 0.0], "run.time_limit": 2.0}
+    result = ot.run(ot.load_scenario("straight", changes))
+    slip, time = result.trajectory["slip_velocity"], result.trajectory.time
+    steady = np.abs(slip[time > 1.5]).mean()
+    assert result.metrics["no_load_slip_m_s"] == pytest.approx(steady, rel=0.05)

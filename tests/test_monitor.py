@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -22,23 +21,29 @@ ROUTES = RouteMap([ot.load_scenario("straight").route])
 BORE = 0.16
 
 
-def monitor(n: int = 2, time_limit: float = 1e3, **limits: float) -> Monitor:
-    """A monitor of n robots that begin 0.1 m into a straight pipe."""
-    begin, speed = np.full(n, 0.1), np.full(n, SPEED)
-    table = MonitorTable(**limits)
-    return Monitor(ROUTES, ot.Omnitrack(), table, begin, speed, np.full(n, time_limit), PERIOD, 1)
+def monitor(n: int = 2, time_limit: float = 1e3, rights: bool = False, **limits: float) -> Monitor:
+    """A monitor of n robots that begin 0.1 m into a straight pipe, and may right themselves."""
+    begin, speed, last = np.full(n, 0.1), np.full(n, SPEED), np.full(n, time_limit)
+    table, each = MonitorTable(**limits), np.full(n, rights)
+    return Monitor(ROUTES, ot.Omnitrack(), table, begin, speed, last, PERIOD, 1, rights=each)
 
 
-def location(distance: list[float], aside: float = 0.0) -> Location:
-    """Robots along the pipe, and ``aside`` m off its centreline."""
+def location(distance: list[float], aside: float = 0.0, tilt_deg: Any = 0.0) -> Location:
+    """Robots along the pipe, ``aside`` m off its centreline, tilted by ``tilt_deg``."""
     route, at = np.zeros(len(distance), np.intp), np.array(distance)
     line = ROUTES.routes[0].centreline
     points, frames = line.at(at)[0], line.frame(at)
-    return ROUTES.locate(points + aside * frames[:, :, 0], frames, route, at)
+    turned = rotation_about(frames[:, :, 0], np.radians(tilt_deg)) @ frames
+    return ROUTES.locate(points + aside * frames[:, :, 0], turned, route, at)
 
 
 def look(
-    watching: Monitor, distance: list[float], time: float = 0.0, aside: float = 0.0, **more: Any
+    watching: Monitor,
+    distance: list[float],
+    time: float = 0.0,
+    aside: float = 0.0,
+    tilt_deg: float = 0.0,
+    **more: Any,
 ) -> list[Verdict]:
     """One look at robots that drive as they should, but for what ``more`` says."""
     n = len(distance)
@@ -53,7 +58,7 @@ def look(
     goal = np.full(n, LENGTH - 0.1)
     return watching.look(
         readings,
-        location(distance, aside),
+        location(distance, aside, tilt_deg),
         np.ones(n, bool),
         arrived=np.asarray(distance) >= goal,
         resting=resting,
@@ -229,10 +234,8 @@ def test_the_limits_of_the_cause_are_the_scenarios() -> None:
 
 def test_a_robot_across_its_pipe_is_wedged() -> None:
     """Whatever else holds it; one that lies along the pipe, either way round, is not."""
-    watching, here = monitor(n=3), location([0.3, 0.3, 0.3])
+    watching, here = monitor(n=3), location([0.3] * 3, tilt_deg=np.array([20, 80, 160]))
     looks(watching, 0.2, [0.3] * 3, saturated=np.ones((3, 3), bool), belt_speed=np.zeros((3, 3)))
-    leaning = [rotation_about([1, 0, 0], np.radians(tilt)) for tilt in (20, 80, 160)]
-    here = dataclasses.replace(here, frame=here.frame @ np.array(leaning))
     causes = [watching.cause(robot, here) for robot in range(3)]
     assert causes == [ot.Outcome.STALLED, ot.Outcome.WEDGED, ot.Outcome.STALLED]
 
@@ -286,3 +289,28 @@ def test_the_end_is_told_beside_the_goal_and_the_length_of_the_route():
     there = watching.reason(0, location([0.7]), 0.7, 6.0)
     assert there.startswith("at 0.700 m, the goal, of a route of 0.800 m, after 6.00 s; tilt")
     assert there.endswith("(means of the last 0.5 s)")
+
+
+@pytest.mark.parametrize("rights", [True, False])
+@pytest.mark.parametrize(
+    ("tilt_deg", "seconds", "leans"), [(70.0, 0.8, True), (70.0, 0.3, False), (35.0, 2.0, False)]
+)
+def test_a_robot_that_leans_over_for_a_while_is_told_to_right_itself(
+    tilt_deg: float, seconds: float, leans: bool, rights: bool
+) -> None:
+    """Not one that swings through, nor one that leans as far as turns make robots lean, nor one
+    that does not right itself, nor one that has not been upright on its way."""
+    told = Verdict(0, Hindrance.LEANING)
+    upright, fallen = (monitor(1, rights=rights) for _ in range(2))
+    look(upright, [0.3])
+    assert (told in looks(upright, seconds, [0.31], tilt_deg=tilt_deg)) is (leans and rights)
+    assert told not in looks(fallen, seconds, [0.31], tilt_deg=tilt_deg)
+
+
+@pytest.mark.parametrize("steps", [1, 30, 205, 211])
+def test_a_time_limit_lasts_no_step_longer_than_it_says(steps: int) -> None:
+    """Though times are sums of time steps, which come out a little short at times."""
+    limit, times = steps * PERIOD, np.cumsum(np.full(5 * steps, PERIOD / 5))[4::5].tolist()
+    found = [look(monitor(1, time_limit=limit), [0.3], time) for time in times[-2:]]
+    assert found[-1] == [Verdict(0, ot.Outcome.TIMED_OUT)]
+    assert steps == 1 or found[0] == []

@@ -3,6 +3,8 @@
 import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import omnitrack_sim as ot
@@ -164,3 +166,39 @@ def test_a_passport_is_resumed_to_the_same_bytes(tmp_path):
     assert straight.costs[straight.passed == 1, 0].mean() == pytest.approx(1 / 0.085, rel=0.1)
     with pytest.raises(ot.InputError, match="is no passport"):
         ot.load_passport(tmp_path / "b" / "trials.parquet")
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The table of a shipped passport."""
+    return pq.read_table(ot.shipped_files("passports")["omnitrack"])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seconds", "text"),
+        ("joules", [1.0]),
+        ("slip", np.inf),
+        ("friction", np.nan),
+        ("outcome", None),
+        ("passed", None),
+        ("kind", [1.0]),
+    ],
+)
+def test_a_table_with_odd_columns_is_no_passport(tmp_path, whole, name, value):
+    """Texts, lists, nothing, what is infinite, and features that are not a number."""
+    column = pa.array([value] * whole.num_rows)
+    pq.write_table(whole.set_column(whole.column_names.index(name), name, column), tmp_path / "odd")
+    with pytest.raises(ot.InputError, match="is no passport"):
+        ot.load_passport(tmp_path / "odd")
+
+
+@pytest.mark.parametrize(
+    "about", ["[]", "1", '{"format": 2, "changes": [], "misfits": {}}', '{"format": 2}', "["]
+)
+def test_what_says_nothing_of_the_robot_is_no_passport(tmp_path, whole, about):
+    """The words beside the table are no table, or lack one."""
+    pq.write_table(whole.replace_schema_metadata({"passport": about}), tmp_path / "odd")
+    with pytest.raises(ot.InputError, match="is no passport"):
+        ot.load_passport(tmp_path / "odd")

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from functools import cache
+from itertools import product
 
 import numpy as np
 import pyarrow as pa
@@ -11,9 +13,10 @@ from scipy.stats import norm, t
 
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import Passage
+from omnitrack_sim.towns import passage_model
 from omnitrack_sim.towns.features import FEATURES, kind_of, shape_of, slopes_of
-from omnitrack_sim.towns.passage_model import KindTrials
-from omnitrack_sim.towns.passport_plan import _pipes
+from omnitrack_sim.towns.passage_model import MODEL, KindTrials
+from omnitrack_sim.towns.passport_plan import PassportPlan, _pipes
 from omnitrack_sim.towns.regression import fit, fit_with_best_priors
 
 Z = norm.ppf(0.975)
@@ -221,8 +224,11 @@ def test_what_costs_next_to_nothing_counts_as_a_twentieth_of_the_others():
     costs = np.full((20, 3), 8.0)
     odd = costs.copy()
     costs[0], odd[0] = 0.4, (-3.0, 0.0, 0.1)
-    same = (trials(np.ones(20), c).estimate(at()) for c in (costs, odd))
-    assert next(same).seconds == pytest.approx(next(same).seconds, rel=1e-6)
+    same, other, more = (trials(np.ones(20), c).estimate(at()) for c in (costs, odd, 1.02 * costs))
+    assert same.seconds == pytest.approx(other.seconds, rel=1e-6)
+    assert more.seconds == pytest.approx(1.02 * same.seconds, rel=1e-9)
+    costs[0] = 0.45
+    assert trials(np.ones(20), costs).estimate(at()).seconds != pytest.approx(same.seconds, 1e-4)
 
 
 DRAWN = ("friction", "climb", "lift")
@@ -397,6 +403,73 @@ def test_the_courses_are_those_that_a_passport_promises():
         assert (shapes[kind][1].min(), shapes[kind][1].max()) == pytest.approx((low, high))
     for kind in ("straight", "elbow", *(kind for kind in TURNS if kind.startswith("tee"))):
         assert sorted({*shapes[kind][2]}) == pytest.approx([0.95, 1.0, 1.05]), kind
+
+
+@cache
+def left_out_loss(**model):
+    """Logarithmic loss of the trials of the passport that comes along, a fifth at a time left out,
+    in two partitions, with other settings of the model."""
+    losses = []
+    for kind, seed in product(ot.load_passport("omnitrack").kinds.values(), range(2)):
+        fold = np.random.default_rng(seed).permutation(len(kind.passed)) % 5
+        for k in range(5):
+            seen, out = fold != k, fold == k
+            part = KindTrials(kind.points[seen], kind.passed[seen], kind.costs[seen], ())
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(passage_model, "MODEL", replace(MODEL, leverage=np.inf, **model))
+                p = part.estimate(kind.points[out]).probability
+            losses += (-np.log(np.where(kind.passed[out] == 1, p, 1 - p))).tolist()
+    return np.nanmean(losses)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"intercept": 100.0},
+        {"linear": (0.3,)},
+        {"linear": (10.0,)},
+        {"quadratic": (1.0,)},
+        {"quadratic": (0.1, 10.0)},
+        {"certain": 0.0},
+    ],
+    ids=str,
+)
+def test_left_out_trials_are_predicted_better_than_with_other_priors(other):
+    """Their loss is lower by 1 % and more than with priors that know less or allow for more."""
+    assert left_out_loss() < 0.99 * left_out_loss(**other)
+
+
+def test_the_more_trials_the_more_a_square_may_say():
+    """A robot that passes in the middle of a slope's range alone: of six trials hardly anything is
+    believed of that, of six hundred nearly all."""
+    for count, low, high in ((6, 0.0, 2.0), (600, 5.0, 9.0)):
+        climb = np.linspace(-1, 1, count)
+        chance = 1 / (1 + np.exp(12 * np.abs(climb) - 6))
+        kind = trials(np.arange(count) * 0.618 % 1 < chance, climb=climb)
+        p = kind.estimate(np.concatenate([at(climb=0.0), at(climb=0.95)])).probability
+        assert low < logit(p[0]) - logit(p[1]) < high, count
+
+
+def test_half_of_the_pulls_are_none_and_the_others_normal_up_to_six_weights():
+    """A deviation of two robot weights: of 49 courses a sixth pulls harder, some at the largest."""
+    plan = PassportPlan.of("presser")
+    weight = 9.81 * ot.load_scenario("robots/presser_elbow").robot.mass
+    pulls = np.array(plan.sweep.trials()["pull.force"]) / weight
+    assert len(pulls) == 64 * len(plan.sweep.bases)
+    for pull, part in ((1e-9, 0.5), (1.0, norm.sf(0.5)), (2.0, norm.sf(1)), (4.0, norm.sf(2))):
+        assert np.mean(pulls > pull) == pytest.approx(part, abs=0.005)
+    assert pulls.max() == pytest.approx(6.0)
+
+
+def test_a_feature_matters_from_one_logit_on():
+    """Over its range, as the summary says it."""
+    robot = ot.load_scenario("robots/presser_elbow").robot
+    for slope, told in ((0.6, ["climb"]), (0.4, [])):
+        climb = np.linspace(-1, 1, 4000)
+        chance = 1 / (1 + np.exp(-slope * climb))
+        kind = trials(np.arange(4000) * 0.6180339887 % 1 < chance, climb=climb)
+        row = ot.Passport(robot, {}, {"elbow": kind}).summary()["ways"][0]
+        assert row["matters"] == told
 
 
 def test_the_passport_that_comes_along_knows_every_kind_of_way():

@@ -291,6 +291,16 @@ def test_of_two_openings_each_part_has_the_surer_and_gains_are_of_ways_back():
     assert made["B"].probability == pytest.approx(0.9)
 
 
+def test_without_openings_all_open_ends_are_tried_or_up_to_24_of_them_evenly_spread():
+    """Each takes a search through the whole network."""
+    for fittings, step in ((20, 1), (110, 2)):
+        network = ot.random_network(3, fittings)
+        count = len(network.open_ends)
+        assert 24 * (step - 1) < count <= 24 * step
+        reach = ot.map_reach(network, Stated(ROBOT, {}, {}, law=slope))
+        assert {*reach.openings} == {*network.open_ends[::step]}
+
+
 def simple_ways(network, opening):
     """All ways from an opening that pass no part twice, by the part at their end, as edges."""
     parts, across, ways = network.pipes.parts, {}, {}

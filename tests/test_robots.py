@@ -311,6 +311,33 @@ def test_an_mjcf_file_is_a_robot(tmp_path, monkeypatch):
         ot.override(scenario, {"run.time_limit": 0.2})
 
 
+@pytest.mark.parametrize(
+    ("inside", "place"),
+    [
+        ("<freejoint/><geom size='0'/>", "robot.file"),
+        ("<joint type='slide'/><geom size='0.05'/>", "robot.body"),
+        (None, "robot.file"),
+    ],
+    ids=["cannot be compiled", "nothing free", "a folder"],
+)
+def test_a_model_that_is_no_robot_is_refused_at_its_key(
+    tmp_path, monkeypatch, capfd, inside, place
+):
+    """MuJoCo's own words follow the key; where the file is a folder it is not asked at all."""
+    monkeypatch.chdir(tmp_path)
+    if inside is None:
+        Path("odd.xml").mkdir()
+    else:
+        Path("odd.xml").write_text(
+            f"<mujoco><worldbody><body name='hull'>{inside}</body></worldbody></mujoco>"
+        )
+    data = {"pipes": [{"kind": "straight", "length": 1.0}]}
+    with pytest.raises(ot.ScenarioError) as caught:
+        validate({**data, "robot": {"kind": "mjcf", "file": "odd.xml", "bore": 0.16}})
+    assert [fault.where for fault in caught.value.faults] == [place]
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_robot_that_nothing_drives_says_so(tmp_path, monkeypatch):
     """A file with actuators and no controller is told of at the start; one without is a body that
     may be pulled or may fall."""

@@ -15,6 +15,7 @@ from omnitrack_sim.base.rotations import Array, Pose, rotation_about, turned_by
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Part, Straight
 from omnitrack_sim.robots.odometry import Odometry
+from omnitrack_sim.robots.omnitrack.sensors import SENSORS
 from omnitrack_sim.senses.draws import keys, normal, uniform
 from omnitrack_sim.senses.optics import Eyes, Mount, rays_of
 from omnitrack_sim.senses.proprioception import AHEAD, Proprioception, ProprioceptiveReadings
@@ -739,3 +740,13 @@ def test_draws_are_uniform_and_normal() -> None:
     assert by_number[7].tobytes() == normal(robots[7:8], "a", 7, 3)[0].tobytes()
     some = normal(robots, "a", 3, np.array([5, 2]))
     assert some.tobytes() == np.ascontiguousarray(normal(robots, "a", 3, 6)[:, [5, 2]]).tobytes()
+
+
+def test_a_slip_ratio_is_the_slip_over_the_faster_speed_and_none_at_rest() -> None:
+    """Between -1 and 1, also where belt and robot move against each other; what shakes a robot that
+    stands by some tenths of a millimetre a second is no slip."""
+    (sensor,) = (sensor for sensor in SENSORS if sensor.channel.name == "slip_ratio")
+    belt = np.array([[0.1, 0.05, 0.1, -0.1, 5e-4, 0.002]])
+    robot = np.array([[0.05, 0.1, -0.1, 0.1, -5e-4, 0.0]])
+    state: Any = {"wall_speed": belt, "module_speed": robot, "slip_velocity": belt - robot}
+    assert sensor.read(state)[0] == pytest.approx([0.5, -0.5, 1.0, -1.0, 0.0, 1.0])

@@ -181,6 +181,14 @@ def test_weighings_are_spread(objectives, count):
     assert (found.max(axis=0) == 1).all()
 
 
+def test_beyond_one_objective_alone_all_of_them_come_first():
+    """Of three and of four objectives the first mixture weighs all alike: none is as far from the
+    corners."""
+    for objectives in (3, 4):
+        made = spread_weighings(objectives, objectives + 1)
+        assert made[-1] == pytest.approx(1 / objectives)
+
+
 def test_a_single_weighing_is_that_of_all_alike():
     """One direction over three objectives weighs each with a third."""
     assert spread_weighings(3, 1) == pytest.approx(np.full((1, 3), 1 / 3))

@@ -66,6 +66,14 @@ def test_a_robot_leans_by_the_shape_away_from_the_inner_module(
     assert asked == pytest.approx(expected * side, abs=1e-6)
 
 
+def test_a_robot_first_swings_a_little_the_other_way() -> None:
+    """As the turn begins it leans towards its inner module, by less than a quarter of what follows,
+    and is upright again before the turn ends."""
+    first, most, last = (lean(5.0, 0.5, progress) for progress in (0.05, 1 / 3, 0.85))
+    assert -0.25 < np.dot(first, most) / np.dot(most, most) < -0.05
+    assert not last.any()
+
+
 def test_the_lean_grows_with_the_slip_of_the_turn() -> None:
     """None on a wall that holds, half of it in the middle of the range."""
     sizes = [np.linalg.norm(lean(5.0, slip, 1 / 3)) for slip in (-0.1, 0.1, 0.2, 0.3, 0.8)]
@@ -177,3 +185,19 @@ def test_a_robot_that_would_slide_past_a_branch_begins_its_turn_again() -> None:
         backed_off = [event for event in result.events if isinstance(event, BackedOff)]
         assert (result.success, len(backed_off)) == (passes, 1 if passes else 2)
         assert backed_off[0].cause == ("slips" if passes else "slips past")
+
+
+def test_a_robot_that_was_turned_back_slips_by_more_than_all() -> None:
+    """At the next attempt its slip is that of the first, which full lean leaves as it is; one that
+    turns faster than its belts has none."""
+    bench = Bench(scenario_of("tee_turn"))
+    for spin, slip in ((-0.5, 1.5), (1.2, 0.0)):
+        sway, entry = Sway(bench.setup, "sway"), float(bench.routes.start[0]) + 0.005
+        plane = cross(bench.routes.ahead[0], bench.routes.directions[0])
+        normal = bench.observe(entry).rotation[0].T @ plane
+        belts = module_speeds(0.0, RATE * normal[0], RATE * normal[1], 0.08)
+        now = {"wall_speed": belts, "angular_velocity": spin * RATE * normal}
+        seen = bench.observe(entry, **now)
+        for _ in range(20):
+            sway.step(seen, ~NOT, NOT, FIRST)
+        assert sway.step(seen, ~NOT, NOT, ~FIRST).slip == pytest.approx([slip])

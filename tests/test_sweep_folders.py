@@ -7,6 +7,8 @@ import random
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from sweep_samples import small_sweep
 
@@ -89,6 +91,27 @@ def test_damaged_batches_are_run_again(place, done):
         part.write_bytes(data.replace(word, word[:-1] + b"?"))
         run_trials(tiny_sweep(), out=place)
         assert contents(place) == contents(done)
+
+
+@pytest.mark.parametrize("name", ["outcome", "duration_s", "success"])
+def test_batches_with_other_columns_are_run_again(place, done, name):
+    """A column that is missing, or holds texts for numbers or numbers for texts."""
+    part = next((place / "parts").glob("*.parquet"))
+    table = pq.read_table(part)
+    at, odd = table.column_names.index(name), pa.array([[1.0]] * len(table))
+    for other in (table.set_column(at, name, odd), table.drop_columns([name])):
+        (place / "trials.parquet").unlink(missing_ok=True)
+        pq.write_table(other, part)
+        run_trials(tiny_sweep(), out=place)
+        assert contents(place) == contents(done)
+
+
+def test_a_table_that_cannot_be_read_is_named(place):
+    """What stands in its place opens, fails to be read, and cannot be written."""
+    (place / "trials.csv").unlink()
+    (place / "trials.csv").symlink_to("/proc/self/mem")
+    with pytest.raises(OutputError, match=r"trials\.csv: cannot be written"):
+        run_trials(tiny_sweep(), out=place)
 
 
 def test_a_figure_that_fails_costs_no_trial(tmp_path, done, monkeypatch):

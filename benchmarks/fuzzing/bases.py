@@ -1,4 +1,4 @@
-"""Real runs and a real sweep, whose folders are then damaged. Made once, kept as bytes."""
+"""Real folders of runs, plans and single files, to be damaged. Made once, kept as bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from omnitrack_sim import Result, Scenario, Sweep
+    from omnitrack_sim import Plan, Result, Scenario
+    from omnitrack_sim.base.naming import ShippedKind
 
 Contents = Mapping[str, bytes]
 """The files of a folder by their paths below it."""
@@ -74,34 +75,144 @@ def _saved(result: Result) -> Contents:
         return contents(result.save(Path(place) / "run"))
 
 
-SWEEP: Mapping[str, Any] = {
-    "name": "small",
-    "base": "straight",
-    "batch": 2,
-    "set": {"run.time_limit": 0.05},
-    "axes": [{"path": "world.friction", "kind": "list", "values": [0.5, 0.7, 0.8, 0.9]}],
-}
+@cache
+def plans() -> dict[str, Plan]:
+    """Plans of a few short trials by name, one of each kind."""
+    from omnitrack_sim import Bench, PassportPlan
+    from omnitrack_sim.trials import study_file, sweep_file
+
+    short = {"run.time_limit": 0.05}
+    axis = {"path": "world.friction", "kind": "list", "values": [0.5, 0.7, 0.8, 0.9]}
+    variable = {"path": "robot.preload", "low": 20, "high": 30}
+    objective = {"metric": "distance_m", "goal": "maximise", "failed": "count"}
+    sweep = {"name": "small", "base": "straight", "set": short, "batch": 2, "axes": [axis]}
+    search = {"variables": [variable], "objectives": [objective], "trials": [sweep]}
+    search |= {"name": "small", "generations": 1, "population": 4, "final": {"candidates": 0}}
+    return {
+        "sweep": sweep_file.resolve(sweep),
+        "study": study_file.resolve(search),
+        "bench": Bench.of("control", ["elbow"], ["feedback"], trials=2, changes=short),
+        "passport": PassportPlan.of("presser", courses=["straight"], trials=2, changes=short),
+    }
 
 
 @cache
-def sweep() -> Sweep:
-    """A sweep of four trials in two batches."""
-    from omnitrack_sim.trials.sweep_file import resolve
+def folders() -> dict[str, dict[str, Contents]]:
+    """Folders by kind and name: runs, plans whole and with half of their batches, single files."""
+    whole = {name: _finished(plan) for name, plan in plans().items()}
+    half = {f"half a {name}": _half(plans()[name], files) for name, files in whole.items()}
+    alike = {"small": {"passport.parquet": whole["passport"]["passport.parquet"]}}
+    return {
+        "run": runs(),
+        "plan": whole | half,
+        "passport": _shipped("passports") | alike,
+        "policy": _shipped("policies"),
+        "robot": _models("presser", "inchworm"),
+        "town": {"small": {"town.inp": TOWN.encode()}},
+        "plant": {"small": {"plant.pcf": PLANT.encode()}},
+    }
 
-    return resolve(SWEEP)
 
-
-@cache
-def sweeps() -> dict[str, Contents]:
-    """Folders of that sweep by name: finished, and with half of its batches."""
+def _finished(plan: Plan) -> Contents:
     from omnitrack_sim import run_trials
 
     with tempfile.TemporaryDirectory() as place:
-        run_trials(sweep(), out=Path(place) / "sweep")
-        finished = contents(Path(place) / "sweep")
-    parts = sorted(name for name in finished if name.startswith("parts/"))
-    half = {name: finished[name] for name in ("sweep.json", parts[0])}
-    return {"finished": finished, "half": half}
+        run_trials(plan, out=Path(place) / "it")
+        return contents(Path(place) / "it")
+
+
+def _half(plan: Plan, files: Contents) -> Contents:
+    """Record and first half of the parts, as an interruption leaves them."""
+    parts = sorted(name for name in files if name.startswith("parts/"))
+    return {name: files[name] for name in (f"{plan.noun}.json", *parts[: len(parts) // 2])}
+
+
+def _shipped(kind: ShippedKind) -> dict[str, Contents]:
+    """Files of the package by name, each under the last word of its kind."""
+    from omnitrack_sim import shipped_files
+
+    noun = {"passports": "passport", "policies": "policy"}[kind]
+    files = shipped_files(kind).items()
+    return {name: {f"{noun}{path.suffix}": path.read_bytes()} for name, path in files}
+
+
+def _models(*robots: str) -> dict[str, Contents]:
+    """Models of robots of the package, with all that their files name."""
+    from omnitrack_sim.robots import kinds
+
+    folders = {name: Path(kinds.__file__).parent / name for name in robots}
+    return {
+        name: {path.name: path.read_bytes() for path in folder.glob("*.xml")}
+        for name, folder in folders.items()
+    }
+
+
+TOWN = """[JUNCTIONS]
+A 10
+B 11
+C 10
+D 0
+[RESERVOIRS]
+R 12
+[PIPES]
+p1 R A 100 200 100 0 Open
+p2 A B 50 200 100 0 Open
+p3 A C 40 100 100 0 Closed
+p4 B D 30 100 100 0 Open
+[PUMPS]
+u B C POWER 5
+[COORDINATES]
+R 0 0
+A 100 0
+B 150 0
+C 100 40
+D 150 30
+[OPTIONS]
+UNITS LPS
+HEADLOSS H-W
+[END]
+"""
+PLANT = """ISOGEN-FILES ISOGEN.FLS
+UNITS-BORE INCH
+UNITS-CO-ORDS MM
+PIPELINE-REFERENCE P-1
+    PIPING-SPEC CS150
+PIPE
+    END-POINT 0.0 0.0 0.0 4 PL
+    END-POINT 1000.0 0.0 0.0 4 BW
+ELBOW
+    END-POINT 1000.0 0.0 0.0 4
+    END-POINT 1152.0 152.0 0.0 4
+    CENTRE-POINT 1152.0 0.0 0.0
+    SKEY ELBW
+    ANGLE 9000
+TEE
+    END-POINT 1152.0 152.0 0.0 4
+    END-POINT 1152.0 362.0 0.0 4
+    CENTRE-POINT 1152.0 257.0 0.0
+    BRANCH1-POINT 1257.0 257.0 0.0 4
+REDUCER-CONCENTRIC
+    END-POINT 1257.0 257.0 0.0 4
+    END-POINT 1359.0 257.0 0.0 3
+    SKEY RCBW
+PIPE
+    END-POINT 1152.0 362.0 0.0 4
+    END-POINT 1152.0 2362.0 0.0 4
+WELDOLET
+    CENTRE-POINT 1152.0 1362.0 0.0
+    BRANCH1-POINT 1152.0 1362.0 95.0 2
+    SKEY WTBW
+VALVE
+    END-POINT 1152.0 2362.0 0.0 4
+    END-POINT 1152.0 2591.0 0.0 4
+    SKEY VTBW
+    STATUS CLOSED
+PIPE
+    END-POINT 1152.0 2591.0 0.0 4
+    END-POINT 1152.0 3591.0 0.0 4
+CAP
+    END-POINT 1152.0 3591.0 0.0 4
+"""
 
 
 def contents(folder: Path) -> Contents:

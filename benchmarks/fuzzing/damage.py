@@ -5,17 +5,19 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 import shutil
 import struct
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fuzzing.files import changed
-from fuzzing.values import text, thing
+from fuzzing.values import Raw, number, thing
+from fuzzing.values import text as odd_text
 
 
 def damaged(rng: random.Random, folder: Path, others: Mapping[str, bytes], count: int) -> list[str]:
@@ -23,20 +25,21 @@ def damaged(rng: random.Random, folder: Path, others: Mapping[str, bytes], count
 
     Args:
         rng: decides what is done.
-        folder: holds a run or a sweep.
+        folder: holds what is read.
         others: files of another folder, by name.
-        count: of files.
+        count: of files; all where there are fewer.
     """
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return [
         f"{path.relative_to(folder)}: {_one(rng, path, others)}"
-        for path in rng.sample(files, count)
+        for path in rng.sample(files, min(count, len(files)))
     ]
 
 
 def _one(rng: random.Random, path: Path, others: Mapping[str, bytes]) -> str:
     """Damage a file that is whole so far."""
-    inner = {".json": _json, ".parquet": _parquet, ".npz": _npz}.get(path.suffix)
+    texts = dict.fromkeys((".xml", ".inp", ".pcf"), _text)
+    inner = {".json": _json, ".parquet": _parquet, ".npz": _npz, **texts}.get(path.suffix)
     ways: list[Callable[[random.Random, Path], str]] = [_bytes, _file]
     if inner is not None:
         ways += [inner, inner, inner]
@@ -105,6 +108,47 @@ def _json(rng: random.Random, path: Path) -> str:
     return _write(path, contents, "; ".join(story))
 
 
+def _text(rng: random.Random, path: Path) -> str:
+    """Words and lines changed, of a file that people write and read."""
+    text, times = path.read_text(encoding="utf-8"), rng.choice((1, 1, 2, 3))
+    for _ in range(times):
+        text = misprinted(rng, text)
+    return _write(path, text.encode("utf-8", "replace"), f"{times} misprints")
+
+
+def misprinted(rng: random.Random, text: str) -> str:
+    """Return a text with a line lost, doubled or moved, the rest lost, or a word changed."""
+    lines = text.splitlines() or [""]
+    at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+    way = rng.choice(("lost", "twice", "swapped", "cut off", "word", "word", "word"))
+    if way == "lost":
+        del lines[at]
+    elif way == "twice":
+        lines.insert(other, lines[at])
+    elif way == "swapped":
+        lines[at], lines[other] = lines[other], lines[at]
+    elif way == "cut off":
+        del lines[at + 1 :]
+    else:
+        parts = re.split(r"([^\s\"'=<>/]+)", lines[at])  # every second one is a word
+        if len(parts) > 1:
+            word = rng.randrange(1, len(parts), 2)
+            parts[word] = _another(rng, parts[word], text.split())
+        lines[at] = "".join(parts)
+    return "\n".join(lines)
+
+
+def _another(rng: random.Random, word: str, words: Sequence[str]) -> str:
+    """Return an odd word for one of a text."""
+    try:
+        near = float(word)
+    except ValueError:
+        near = None
+    odd = number(rng, near)
+    as_text = odd.text if isinstance(odd, Raw) else str(odd)
+    return rng.choice((as_text, as_text, odd_text(rng), rng.choice(words), ""))
+
+
 def _parquet(rng: random.Random, path: Path) -> str:
     """Columns, rows and notes of a table changed."""
     import pyarrow as pa
@@ -116,7 +160,7 @@ def _parquet(rng: random.Random, path: Path) -> str:
     few = rng.randrange(rows + 1)
     odd = rng.choice((np.nan, np.inf, -1.0, 1e18, 0.0, 1e9))
     columns: dict[str, Any] = {
-        "text": pa.array([text(rng)[:50].encode("utf-8", "replace").decode()] * rows),
+        "text": pa.array([odd_text(rng)[:50].encode("utf-8", "replace").decode()] * rows),
         "nulls": pa.nulls(rows, pa.float64()),
         "one null": pa.array([None] * min(rows, 1) + [0.0] * (rows - 1), pa.float64()),
         "lists": pa.array([[1.0]] * rows),
@@ -166,8 +210,32 @@ def _npz(rng: random.Random, path: Path) -> str:
     if rng.random() < 0.3:
         return _zip_fields(rng, path)
     name = rng.choice(list(arrays))
-    array = arrays[name]
-    changes: dict[str, Any] = {
+    array = np.atleast_1d(arrays[name])
+    changes = _odd_texts(rng) if array.dtype.kind == "U" else _odd_numbers(rng, array)
+    what = rng.choice([*changes, "claims"])
+    if what == "claims":
+        _claim(rng, path, arrays, name)
+    else:
+        kept = {**arrays, name: changes[what]}
+        np.savez_compressed(path, **{k: v for k, v in kept.items() if v is not None})
+    return f"{name}: {what}"
+
+
+def _odd_texts(rng: random.Random) -> dict[str, Any]:
+    """Return what may stand where an array of text was, by what it is."""
+    texts = [odd_text(rng)[:1000] for _ in range(3)]
+    return {
+        "lost": None,
+        "another text": np.array(texts[0]),
+        "texts": np.array(texts),
+        "a number": np.array(1.0),
+        "bytes": np.array(b"tanh"),
+    }
+
+
+def _odd_numbers(rng: random.Random, array: Any) -> dict[str, Any]:
+    """Return what may stand where an array of numbers was, by what it is."""
+    return {
         "lost": None,
         "cut off": array[: rng.randrange(len(array) + 1)],
         "one value": array.ravel()[:1].reshape(()),
@@ -185,13 +253,6 @@ def _npz(rng: random.Random, path: Path) -> str:
         "big-endian": array.astype(">f8"),
         "dates": np.zeros(len(array), "M8[s]"),
     }
-    what = rng.choice([*changes, "claims"])
-    if what == "claims":
-        _claim(rng, path, arrays, name)
-    else:
-        kept = {**arrays, name: changes[what]}
-        np.savez_compressed(path, **{k: v for k, v in kept.items() if v is not None})
-    return f"{name}: {what}"
 
 
 def _claim(rng: random.Random, path: Path, arrays: Mapping[str, Any], name: str) -> None:

@@ -71,6 +71,8 @@ class Desk:
                 error = refused
                 if len(str(refused)) > MAX_TOLD:
                     self.add("long message", doing, f"{len(str(refused))} characters")
+                if not all(fault.where for fault in getattr(refused, "faults", ())):
+                    self.add("no place in the message", doing, str(refused)[:300])
             except Exception as other:
                 self.faults.append(fault_of(other, doing))
         if any(self.output):

@@ -1,11 +1,11 @@
-"""Odd files: shipped scenarios, sweeps and networks, with something done to them."""
+"""Odd files: shipped scenarios, sweeps, studies, suites and networks, changed or damaged."""
 
 from __future__ import annotations
 
 import copy
 import random
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,7 +18,7 @@ SHAPED, STRAINED = 0.6, 0.2
 """Part of the cases that change values, and that change numbers only; in the others the text is
 damaged."""
 MAX_CHANGES = 4
-KINDS = {"scenario": 6, "sweep": 2, "network": 2}
+KINDS = {"scenario": 6, "sweep": 2, "study": 2, "suite": 1, "network": 2}
 """How often which kind of file comes."""
 
 
@@ -27,7 +27,7 @@ class File:
     """One odd file.
 
     Attributes:
-        kind: what it is read as: scenario, sweep or network.
+        kind: what it is read as, one of ``KINDS``.
         name: of the file.
         data: its contents.
         story: what it is made from, and what was done to it.
@@ -72,13 +72,14 @@ def changed(rng: random.Random, data: dict[str, Any], times: int) -> tuple[bytes
 def _bases(kind: str) -> tuple[tuple[str, bool], ...]:
     """Names of the shipped files of a kind, and whether each can be written out in full again."""
     names = [(name, False) for name in _shipped(kind)]
-    return (*names, *((name, True) for name, _ in names if kind != "sweep"))
+    in_full = kind in ("scenario", "network")
+    return (*names, *((name, True) for name, _ in names if in_full))
 
 
-def _shipped(kind: str) -> dict[str, Path]:
-    from omnitrack_sim import shipped_files
+def _shipped(kind: str) -> Mapping[str, Path]:
+    from omnitrack_sim.base import reading
 
-    return shipped_files(f"{kind}s")
+    return next(one.shipped() for one in reading.KINDS if one.noun == kind)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,11 @@ def prepare() -> None:
     import pyarrow.parquet  # noqa: F401
     import scipy.stats  # noqa: F401
 
+    from omnitrack_sim.robots.omnitrack.track import install_lines
+    from omnitrack_sim.walls.collider import install
+
+    install()  # compiled once on a machine, which takes longer than a case may
+    install_lines()
     odd_file(0, 0)
 
 
@@ -47,7 +53,13 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
     file = odd_file(seed, number)
     path = desk.folder / file.name
     path.write_bytes(file.data)
-    tries = {"scenario": _try_scenario, "sweep": _try_sweep, "network": _try_network}
+    tries = {
+        "scenario": _try_scenario,
+        "sweep": _try_sweep,
+        "study": _try_study,
+        "suite": _try_suite,
+        "network": _try_network,
+    }
     desk.real = number % REAL == 0
     tries[file.kind](file, path, number, desk)
     if file.kind != "scenario":
@@ -66,7 +78,7 @@ def _try_scenario(file: File, path: Path, number: int, desk: Desk) -> None:
     if scenario is None:
         return
     desk.attempt("the same again", READING, lambda: _same_again(scenario), InputError)
-    desk.attempt("first steps", BUILDING, lambda: _first_steps(scenario, desk), OmnitrackError)
+    desk.attempt("first steps", BUILDING, lambda: first_steps(scenario, desk), OmnitrackError)
     desk.only("first steps", file.name, "run")
     if number % SAMPLE == 0 and not desk.faults:
         short = f"run.time_limit={STEPS * scenario.physics.control_period!r}"
@@ -82,7 +94,7 @@ def _same_again(scenario: Scenario) -> None:
     assert validate(json.loads(scenario.model_dump_json())) == scenario, "differs when read again"
 
 
-def _first_steps(scenario: Scenario, desk: Desk) -> None:
+def first_steps(scenario: Scenario, desk: Desk) -> None:
     """Model, a few control steps, and the result saved and read back."""
     from omnitrack_sim import load_result, override
     from omnitrack_sim.sim.run import run_batch
@@ -105,6 +117,25 @@ def _try_sweep(file: File, path: Path, _number: int, desk: Desk) -> None:
     if sweep is not None:
         desk.attempt("first trial", READING, lambda: sweep.scenario(0), InputError)
         desk.command(["sweep", file.name, "--list"], READING)
+
+
+def _try_study(file: File, path: Path, _number: int, desk: Desk) -> None:
+    from omnitrack_sim import InputError, load_study
+
+    _, error = desk.attempt("load_study", READING, lambda: load_study(path), InputError)
+    asked = [] if error else ["--list"]
+    desk.command(["optimise", file.name, *asked], READING, (2,) if error else (0,))
+
+
+def _try_suite(file: File, path: Path, _number: int, desk: Desk) -> None:
+    from omnitrack_sim import Bench, InputError
+
+    bench, error = desk.attempt("load a suite", READING, lambda: Bench.of(path), InputError)
+    if error is not None:
+        desk.command(["bench", file.name], READING, (2,))
+    if bench is not None:
+        first = replace(bench, entries=bench.entries[:1], quick=True)
+        desk.attempt("trials of a suite", BUILDING, first.sweeps, InputError)
 
 
 def _try_network(file: File, path: Path, _number: int, desk: Desk) -> None:

@@ -124,9 +124,11 @@ def limits() -> tuple[float, ...]:
     """Every limit that the tables of files and the robot set on a number."""
     from omnitrack_sim import Network, Omnitrack, Scenario
     from omnitrack_sim.trials.axes import AXES
+    from omnitrack_sim.trials.study_file import StudyFile
+    from omnitrack_sim.trials.suite import SuiteFile
     from omnitrack_sim.trials.sweep_file import SweepFile
 
-    models = (Scenario, Omnitrack, Network, SweepFile, *AXES.values())
+    models = (Scenario, Omnitrack, Network, SweepFile, StudyFile, SuiteFile, *AXES.values())
     found = {limit for model in models for limit in _of(model)}
     return tuple(sorted({*found, 1000.0}))
 

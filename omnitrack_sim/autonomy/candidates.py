@@ -21,11 +21,9 @@ class CandidateSettings:
     """Tolerances of comparing poses with pictures, limbs and gravity.
 
     Attributes:
-        min_incidence: sine of the angle between a ray and its wall below which the wall's tangent
-            plane is no guide; bounds the change of a range.
-        min_range_ratio: least range in a picture from close by, as a part of the range before:
-            farther from there the wall is flat no longer.
-        max_range_ratio: largest such range.
+        max_range_ratio: most by which ranges in pictures from places close together differ, as a
+            factor either way: farther from there the wall is flat no longer, and where a ray grazes
+            it, its tangent plane is no guide.
         huber: residual, in standard deviations, from which on it is down-weighted (Huber).
         min_valid_share: part of a picture's pixels that have to be comparable for a misfit of the
             map.
@@ -43,8 +41,6 @@ class CandidateSettings:
         max_turn: rad, the same of its rotation.
     """
 
-    min_incidence: float = 0.03
-    min_range_ratio: float = 0.7
     max_range_ratio: float = 1.4
     huber: float = 2.0
     min_valid_share: float = 0.1
@@ -90,9 +86,9 @@ def reprojected(
     before = np.einsum("...ij,kj->...ki", frame, rays)
     after = np.einsum("...ij,kj->...ki", turned, rays)
     ahead = reach * dot(normal, before) + dot(normal, (place - other)[..., None, :])
-    far = ahead / np.minimum(dot(normal, after), -CANDIDATES.min_incidence)
+    far = ahead / np.minimum(dot(normal, after), -1e-9)
     near = np.broadcast_to(hits, (*far.shape, hits.shape[-1])).copy()
-    low, high = CANDIDATES.min_range_ratio * reach, CANDIDATES.max_range_ratio * reach
+    low, high = reach / CANDIDATES.max_range_ratio, reach * CANDIDATES.max_range_ratio
     near[..., RANGE] = np.where(met, np.clip(far, low, high), np.inf)
     if lamp is not None:
         reach = np.where(met, near[..., RANGE], 1.0)

@@ -60,8 +60,6 @@ class LocaliserSettings:
         max_pixel_cost: cost of each independent pixel up to which a pose explains a picture.
         relocated_turn_std: rad, standard deviation of a rotation taken from such candidates.
         relocated_place_std: m, the same of a position along the pipe.
-        verified_reach: m, to which positions on both sides are compared where a robot verifies its
-            rotation.
         min_place_std: m, standard deviation of its position from which on a robot compares poses:
             farther from the truth the linear update leads astray, as gradients see no edges.
         min_turn_std: rad, the same of its rotation about its axis.
@@ -69,8 +67,6 @@ class LocaliserSettings:
         max_reach: m, bound of that reach for positions.
         places: number of positions compared along the direction of largest uncertainty.
         turns: number of rotations about the axis compared.
-        variance_drop: part of its prior variance below which an update has to bring the posterior:
-            where all candidates look alike, a smaller gain is chance.
         min_contrast: cost by which rotations about the axis have to differ in a picture that
             tells one from another.
         pause: pictures of one end that are not compared after one without information.
@@ -86,14 +82,12 @@ class LocaliserSettings:
     max_pixel_cost: float = 2.0
     relocated_turn_std: float = 0.1
     relocated_place_std: float = 0.02
-    verified_reach: float = 0.01
     min_place_std: float = 0.01
     min_turn_std: float = 0.02
     reach: float = 3.0
     max_reach: float = 0.2
     places: int = 13
     turns: int = 9
-    variance_drop: float = 0.85
     min_contrast: float = 1.0
     pause: int = 2
     remapped_place_std: float = 0.015
@@ -384,10 +378,9 @@ class Localiser:
         shot = self.shot
         assert shot is not None
         every = np.tile(self.turns, (len(robots), 1))
-        axis, reach = self.filter.rotation[robots, :, 2], LOCALISER.verified_reach
-        steps = np.tile(np.linspace(-reach, reach, LOCALISER.seek_places), (len(robots), 1))
+        axis, still = self.filter.rotation[robots, :, 2], np.zeros((len(robots), 1))
         few = self._candidates.few
-        cost = self._candidates.around(robots, shot, axis, steps, every, few).min(axis=2)
+        cost = self._candidates.around(robots, shot, axis, still, every, few)[..., 0]
         apart = np.abs(wrap_angle(self.turns)) > CANDIDATES.distinct_turn
         wrong = cost[:, apart].min(axis=1) < cost[:, ~apart].min(axis=1) - LOCALISER.margin
         self.unknown[robots] |= wrong
@@ -525,10 +518,10 @@ def _gain(values: Array, std: Array, cost: Array) -> tuple[Array, Array]:
     prior = 0.5 * (values / std[:, None]) ** 2
     mean, variance = moments(values, probabilities(prior + cost))
     _, before = moments(values, probabilities(prior))
-    # Between two values the picture has not been compared: half of their spacing is unknown.
+    # Between two values the picture has not been compared: half of their spacing is unknown, so
+    # nothing is gained where all look alike.
     variance = variance + (values[:, 1] - values[:, 0]) ** 2 / 4
-    # Where all poses look alike, an apparent gain is chance.
-    informative = variance < LOCALISER.variance_drop * before
+    informative = variance < before
     gain = np.where(informative, 1 / variance - 1 / before, 0.0)
     return gain, np.where(informative, mean / variance, 0.0)
 

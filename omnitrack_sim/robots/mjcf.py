@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -11,11 +11,13 @@ import mujoco
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
+from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, Positive
 from omnitrack_sim.robots.plant import compiled, initial_state
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.walls.geoms import leave_no_log
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -54,6 +56,7 @@ class Mjcf(Robot):
         "",
         "derived",
         "chassis: the body whose pose is the robot's. Left out: the first one with a free joint",
+        validate_default=True,
     )
     forward: Axis = quantity(
         "z", "", "unstated", "axis of the chassis that points to the robot's nose"
@@ -70,7 +73,7 @@ class Mjcf(Robot):
     @classmethod
     def _can_be_read(cls, file: str) -> str:
         try:
-            mujoco.MjSpec.from_file(file)
+            _model(file)
         except (ValueError, OSError) as error:
             raise ValueError(f"cannot be read: {' '.join(str(error).split())}") from None
         return file
@@ -80,7 +83,7 @@ class Mjcf(Robot):
     def _is_that_file(cls, sha256: str | None, info: ValidationInfo) -> str | None:
         if "file" not in info.data:
             return sha256  # reported at the file's own key
-        digest = hashlib.sha256(Path(info.data["file"]).read_bytes()).hexdigest()
+        digest = _digest(info.data["file"])
         if sha256 not in (None, digest):
             raise ValueError(f"the file has changed: it has {digest}")
         return digest
@@ -88,10 +91,14 @@ class Mjcf(Robot):
     @field_validator("body")
     @classmethod
     def _is_a_body(cls, body: str, info: ValidationInfo) -> str:
-        if body and "file" in info.data:
-            names = [b.name for b in mujoco.MjSpec.from_file(info.data["file"]).bodies[1:]]
-            if body not in names:
-                raise ValueError(f"there is no body {body!r} (choose from: {', '.join(names)})")
+        if "file" not in info.data:
+            return body  # reported at the file's own key
+        model = _model(info.data["file"])
+        names = [model.body(i).name for i in range(1, model.nbody)]
+        if body and body not in names:
+            raise ValueError(f"there is no body {body!r} (choose from: {', '.join(names)})")
+        if not body and mujoco.mjtJoint.mjJNT_FREE not in model.jnt_type:
+            raise ValueError("is missing: no body of the file has a free joint")
         return body
 
     def spec(self) -> mujoco.MjSpec:
@@ -105,7 +112,7 @@ class Mjcf(Robot):
             return self.body
         model = compiled(self)
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        return model.body(model.jnt_bodyid[free[0]]).name if len(free) else ""
+        return model.body(model.jnt_bodyid[free[0]]).name
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
@@ -150,6 +157,28 @@ class Mjcf(Robot):
     def nominal_bore(self) -> float:
         """See ``Robot``."""
         return 2 * self._extent[2] if self.bore is None else self.bore
+
+
+def _digest(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def _model(file: str) -> mujoco.MjModel:
+    """Return the model of a file, compiled once for each of its versions.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: MuJoCo cannot make a model of it.
+    """
+    if not is_file(Path(file)):
+        raise ValueError("no such file")
+    return _compiled(file, _digest(file))
+
+
+@lru_cache(maxsize=16)
+def _compiled(file: str, _version: str) -> mujoco.MjModel:
+    leave_no_log()
+    return mujoco.MjSpec.from_file(file).compile()
 
 
 def _turn(forward: Axis) -> Array:

@@ -23,6 +23,7 @@ from omnitrack_sim.record.display import (
     model_cameras,
 )
 from omnitrack_sim.record.trajectory import spans
+from omnitrack_sim.robots.display import HIDDEN_FROM
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.playback import POINTS_APART, ContactForces, Playback, sound_rows
 from omnitrack_sim.show.recording import Recording
@@ -30,8 +31,6 @@ from omnitrack_sim.show.surfaces import DRAWN
 
 MAX_CURVES = 6
 """Lines of one plot: there are as many colours."""
-HIDDEN_GROUPS = 3
-"""Geoms of this group and of higher ones are not drawn, as in MuJoCo's own viewer."""
 BORE, REACH = 0.16, 0.16
 """Bore, and reach of a robot about its body, m, of pictures of size 1."""
 EXTREMES = 20
@@ -105,7 +104,7 @@ class RecordingPlayback(Playback):
         model = self.model
         paint = np.where(model.geom_matid < 0, model.geom_rgba[:, 3], 1.0)
         shapes = np.isin(model.geom_type, [int(kind) for kind in DRAWN])
-        shown = ~self.recording.is_wall & shapes & (paint > 0) & (model.geom_group < HIDDEN_GROUPS)
+        shown = ~self.recording.is_wall & shapes & (paint > 0) & (model.geom_group < HIDDEN_FROM)
         if not (shown & (model.geom_bodyid > 0)).any():
             raise InputError(Fault("model", "has no visible geom of a body that can be drawn"))
         return tuple(np.flatnonzero(shown).tolist())

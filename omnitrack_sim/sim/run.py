@@ -187,11 +187,9 @@ def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
 
 def _unloaded(scenario: Scenario) -> dict[str, Any]:
     """Plain data of the scenario's robot in a straight pipe without gravity."""
-    first, size = scenario.route.passages[0], getattr(scenario.robot, "scale", 1.0)
-    start = max(0.15 * size, scenario.robot.length / 2)
-    # Long enough for any robot, and for it not to arrive before its slip is measured.
+    first, own = scenario.route.passages[0], scenario.robot.length
+    # Long enough for it not to arrive before its slip is measured.
     travel = scenario.control.cruise_speed * BASELINE_TIME
-    length = max(size, start + travel + scenario.robot.length)
     return {
         "name": "no_load",
         "robot": scenario.robot.model_dump() | {"tether": None},
@@ -201,6 +199,8 @@ def _unloaded(scenario: Scenario) -> dict[str, Any]:
         "monitor": scenario.monitor.model_dump(),
         "record": scenario.record.model_dump() | {"pictures": False},
         "world": scenario.world.model_dump() | {"gravity": [0.0, 0.0, 0.0]},
-        "pipes": [{"kind": "straight", "length": length, "inner_diameter": 2 * first.radius}],
-        "start": {"distance": start},
+        "pipes": [
+            {"kind": "straight", "length": 1.5 * own + travel, "inner_diameter": 2 * first.radius}
+        ],
+        "start": {"distance": own / 2},
     }

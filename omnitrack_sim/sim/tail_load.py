@@ -126,7 +126,8 @@ class Tethers:
         self._tether, self._scenarios, self._legs = tether, scenarios, legs
         self._weight = first.robot.mass * GRAVITY
         period = first.physics.control_period
-        self._stiffest = SETTINGS.softening * first.robot.mass / period**2
+        stiffest = SETTINGS.softening * first.robot.mass / period**2
+        self._shortest = tether.stiffness / stiffest  # m, a shorter line is no stiffer
         self._number, self._route = np.zeros((2, n), int)
         self.out, self.tension, self._from_out, self._from_tail = np.zeros((4, n))
         self._nodes = [np.zeros((1, 3)) for _ in range(n)]
@@ -151,7 +152,7 @@ class Tethers:
         before = self.out
         self.out = np.maximum(self._from_out + legs.gear * (tail - self._from_tail), 0.0)
         low, high = self._limits()
-        change = self._spring(np.maximum(self.out, 1e-3)) * (self.out - before)
+        change = self._spring(self.out) * (self.out - before)
         self.tension = np.minimum(np.maximum(self.tension + change, low), high)
         return self.tension
 
@@ -166,7 +167,7 @@ class Tethers:
 
     def _spring(self, length: Array) -> Array:
         """Stiffness (n,) N/m of lengths of tether (n,) m."""
-        return np.minimum(self._tether.stiffness / length, self._stiffest)
+        return self._tether.stiffness / np.maximum(length, self._shortest)
 
     def _limits(self) -> tuple[Array, Array]:
         """Tensions (n,) N at which lines slide back, and at which they are dragged on."""

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 FORMAT = 2
 """Version of the file."""
 PASSPORT_FILE = "passport.parquet"
+COSTS = ("seconds", "joules", "slip")
+"""Columns of what a passage takes: s, J, and m of slip."""
 MATTERS = 1.0
 """Change of the logit over a feature's range from which on the feature is said to matter."""
 
@@ -109,7 +111,7 @@ class Passport:
         for k, name in enumerate(FEATURES):
             columns[name] = np.concatenate([kind.points[:, k] for kind in kinds])
         columns["passed"] = np.concatenate([kind.passed for kind in kinds]).astype(bool)
-        for k, name in enumerate(("seconds", "joules", "slip")):
+        for k, name in enumerate(COSTS):
             columns[name] = np.concatenate([kind.costs[:, k] for kind in kinds])
         columns["outcome"] = [outcome for kind in kinds for outcome in kind.outcomes]
         about = {
@@ -121,6 +123,36 @@ class Passport:
         table = pa.table(columns)
         text = json.dumps(about, sort_keys=True)
         return table.replace_schema_metadata({"passport": text})
+
+
+def _schema() -> pa.Schema:
+    """Return the columns of a passport's table."""
+    import pyarrow as pa
+
+    numbers = [(name, pa.float64()) for name in (*FEATURES, *COSTS)]
+    words = [("kind", pa.string()), ("outcome", pa.string())]
+    return pa.schema([*words, ("passed", pa.bool_()), *numbers])
+
+
+def _about(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
+    """Return what a passport's file says beside its table.
+
+    Raises:
+        KeyError, ValueError: it is not that of a passport of this version.
+    """
+    about = json.loads(metadata[b"passport"])
+    tables = [about["changes"], about["misfits"]] if isinstance(about, dict) else [about]
+    if not all(isinstance(table, dict) for table in tables) or about["format"] != FORMAT:
+        raise ValueError(f"its format is not {FORMAT}")
+    return about
+
+
+def _is_whole(column: pa.ChunkedArray, name: str) -> bool:
+    """Return whether a column has a value in every row; costs may be NaN, where nothing passed."""
+    if column.null_count or name not in (*FEATURES, *COSTS):
+        return not column.null_count
+    values = column.to_numpy()
+    return not np.isinf(values).any() and (name in COSTS or not np.isnan(values).any())
 
 
 def load_passport(path: str | Path) -> Passport:
@@ -142,16 +174,17 @@ def load_passport(path: str | Path) -> Passport:
     file = path / PASSPORT_FILE if path.is_dir() else path
     try:
         table = pq.read_table(io.BytesIO(file.read_bytes()))
-        about = json.loads((table.schema.metadata or {})[b"passport"])
-        if about["format"] != FORMAT:
-            raise KeyError("format")
+        about = _about(table.schema.metadata or {})
+        table = table.select([field.name for field in _schema()]).cast(_schema())
+        if odd := [name for name in table.column_names if not _is_whole(table[name], name)]:
+            raise ValueError(f"{odd[0]} holds what is no number, or nothing")
     except (OSError, KeyError, ValueError, pa.ArrowException) as error:
         problem = f"{file} is no passport of this version: `omnitrack passport` makes one ({error})"
         raise InputError(Fault("passport", problem)) from error
     names = table["kind"].to_pylist()
     points = np.stack([table[name].to_numpy() for name in FEATURES], axis=-1)
     passed = table["passed"].to_numpy().astype(float)
-    costs = np.stack([table[name].to_numpy() for name in ("seconds", "joules", "slip")], axis=-1)
+    costs = np.stack([table[name].to_numpy() for name in COSTS], axis=-1)
     outcomes = table["outcome"].to_pylist()
     kinds = {}
     for name in dict.fromkeys(names):

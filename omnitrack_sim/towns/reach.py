@@ -34,7 +34,8 @@ NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
 FRICTION, PULL = FEATURES.index("friction"), FEATURES.index("pull")
 MAX_LAUNCHES = 24
-"""Open ends that are tried as openings where none are named."""
+"""Open ends, at most, that are tried as openings where none are named: each takes a search through
+the whole network."""
 
 
 @dataclass(frozen=True)

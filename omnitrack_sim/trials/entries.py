@@ -62,7 +62,7 @@ def robot_of(changes: Changes) -> Robot:
         if path.startswith("robot."):
             set_value(data, path, value)
     kind = data["robot"].pop("kind", DEFAULT)
-    return checked(robot_class(kind), data["robot"], InputError)
+    return checked(robot_class(str(kind)), data["robot"], InputError)
 
 
 def robot_entry(

@@ -31,7 +31,8 @@ LADDER = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 BATCH = 16
 """Trials that run together."""
 BEHIND = 0.25
-"""Room between the end of the first pipe and the robot's tail, bores."""
+"""Room between the end of the first pipe and the robot's tail, bores: as much as the shortest
+courses leave before its nose."""
 ROOM = 0.5
 """Least length of the straights of a network beyond that of the robot, bores."""
 FITTED = ("pipes", "network", "mission", "start")

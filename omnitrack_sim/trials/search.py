@@ -30,7 +30,8 @@ SLOPE = 0.05
 """Part of the sum of the distances that is added to the largest one, so that of two candidates that
 are as far the one that is nearer by the other objectives is the better one."""
 _LATTICE = 12
-"""Steps along an edge of the lattice of weighings that directions are picked from."""
+"""Steps along an edge of the lattice of weighings that directions are picked from: the middles of
+two, three and four objectives are on it."""
 
 
 class Searches:

@@ -25,7 +25,7 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt
 from omnitrack_sim.trials.batches import Batch, Rows
 from omnitrack_sim.trials.plan import Conclusion, Plan
-from omnitrack_sim.trials.table import made_by, part_table, to_csv, to_json, to_parquet
+from omnitrack_sim.trials.table import is_part, made_by, part_table, to_csv, to_json, to_parquet
 
 PARTS, TRIALS, SUMMARY = "parts", "trials", "summary.json"
 _MAX_DIFFERENCES = 5
@@ -132,12 +132,13 @@ class Folder(Store):
             data = pa.BufferReader(self._part(batch).read_bytes())
             table = pq.read_table(data, page_checksum_verification=True)
             made_by(table)
-            _ = table.column_names  # decoded only now; a wrong byte may be in one
+            is_part_table = is_part(table)  # names are decoded only now; a wrong byte may be in one
         except Exception:  # decoders raise anything on damaged bytes; the batch is run again
             return None
         # A file of the right name may be copied from another one.
         is_whole = table.schema.metadata.get(b"part") == batch.hash.encode()
-        return table if is_whole and table.num_rows == len(batch.trials) else None
+        is_whole = is_whole and is_part_table and table.num_rows == len(batch.trials)
+        return table if is_whole else None
 
     def write(self, batch: Batch, results: Rows) -> pa.Table:
         """Keep the rows of a batch and return them as a table."""
@@ -197,7 +198,10 @@ class Folder(Store):
 
     def _holds(self, name: str, data: bytes | None) -> bool:
         file = self._place / name
-        return file.read_bytes() == data if file.is_file() else data is None
+        try:
+            return file.read_bytes() == data if file.is_file() else data is None
+        except OSError:  # what cannot be read is written anew
+            return False
 
     def _part(self, batch: Batch) -> Path:
         return self._place / PARTS / f"{batch.hash}.parquet"

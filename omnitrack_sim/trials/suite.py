@@ -15,13 +15,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pyarrow as pa
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from omnitrack_sim.base.bounds import MAX_AXES, MAX_TRIALS
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.reading import NAME_PATTERN, SUITE, beside, checked, read_file
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.table import Table
+from omnitrack_sim.base.table import NotNegative, Table
 from omnitrack_sim.trials.entries import Changes, Entry, controller_entry, robot_entry
 from omnitrack_sim.trials.mobility import BATCH, load_course, mission_sweep
 from omnitrack_sim.trials.sweep import Sweep
@@ -175,7 +175,14 @@ class Missions(Table):
         friction: range of the walls'.
     """
 
-    friction: tuple[float, float]
+    friction: tuple[NotNegative, NotNegative]
+
+    @field_validator("friction")
+    @classmethod
+    def _rises(cls, friction: tuple[float, float]) -> tuple[float, float]:
+        if friction[0] > friction[1]:
+            raise ValueError("must have the lower one first")
+        return friction
 
 
 class CourseTable(Table):

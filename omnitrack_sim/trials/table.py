@@ -66,6 +66,13 @@ def part_table(batch: Batch, results: Rows) -> pa.Table:
     return pa.Table.from_pylist(rows, pa.schema([*BEFORE, *metrics, *BEHIND], metadata))
 
 
+def is_part(table: pa.Table) -> bool:
+    """Return whether a table has the columns of ``part_table``, and no others."""
+    metrics = table.column_names[len(BEFORE) : -len(BEHIND)]
+    fields = [column(name, pa.float64()) for name in metrics]
+    return table.schema.equals(pa.schema([*BEFORE, *fields, *BEHIND]))
+
+
 def made_by(part: pa.Table) -> str:
     """Return provenance of the rows of a batch (versions, commit), as JSON.
 

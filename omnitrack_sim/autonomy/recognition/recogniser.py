@@ -91,8 +91,10 @@ class Library:
         ).reshape(-1, 3)
         every = rays_of(camera.optics)
         # What the edge of a picture sees is nearly straight pipe; the exposure depends on it.
-        edge = every[every[:, 2] < np.cos(0.9 * self._half)]
-        self._rays = np.concatenate([self.rays, edge[:: max(1, len(edge) // 150)]])
+        edge = every[every[:, 2] < np.cos(RECOGNISER.exposed_part * self._half)]
+        self._rays = np.concatenate(
+            [self.rays, edge[:: max(1, len(edge) // RECOGNISER.exposed_rays)]]
+        )
         parts, closed = forms[0].map((), bore)
         self._straight = walls([parts], [closed])
         one, centred = np.zeros(1, int), np.zeros((1, PLACES))
@@ -246,9 +248,9 @@ class Recogniser:
         half = np.radians(camera.optics.field_of_view_deg) / 2
         self._blind = bore / 2 / math.tan(half)  # m, from the lens to where it sees the wall
         corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]  # they show the vignetting
-        inner = rays[:, 2] > math.cos(0.56 * half)
+        inner = rays[:, 2] > math.cos(RECOGNISER.inner_part * half)
         self._grids = []
-        for within, without in ((2, 4), (1, 3)):
+        for within, without in RECOGNISER.pixel_steps:
             every = np.union1d(grid[within // 2 :: within, within // 2 :: within], corners)
             some = np.zeros(count * count, bool)
             some[grid[within // 2 :: without, within // 2 :: without]] = True
@@ -258,7 +260,8 @@ class Recogniser:
             over, beside = np.divmod(pixels, count)
             apart = np.abs(row[:, None] - over) + np.abs(column[:, None] - beside)
             self._grids.append((pixels, apart.argmin(axis=1)))
-        self._edge = (rays[self._grids[0][0], 2] < math.cos(0.75 * half)).astype(float)
+        border = math.cos(RECOGNISER.border_part * half)
+        self._edge = (rays[self._grids[0][0], 2] < border).astype(float)
 
     def single(self, picture: Array, prior: PosePrior = CENTRED) -> Detection:
         """Return the detection in one picture (pixels²,) or (pixels, pixels).
@@ -317,29 +320,30 @@ class Recogniser:
         many = len(views.motions)
         grid = 1 if many == 1 else 0
         start = hypotheses(rough.forms, rough.numbers, rough.sizes, many)
-        fine = self._fit.refined(start, views, self._level(grid, 5.0), 2)
-        level = self._level(grid, 4.0)
+        fine = self._fit.refined(start, views, self._level(grid, RECOGNISER.search_loss), 2)
+        level = self._level(grid, RECOGNISER.last_loss)
         fine = self._fit.refined(self._best_rows(fine, 2), views, level, 2)
         fine = self._best_directions(fine, views, level)
-        return self._fit.refined(fine, views, level, 3), straight
+        return self._fit.refined(fine, views, level, RECOGNISER.last_steps), straight
 
     def _searched(self, last: Views, pose: Array) -> tuple[Hypotheses, float]:
         """Return rough fits to the last picture, and the free distance in straight pipe, m.
 
         The camera is at about ``pose`` (6,).
         """
-        joints = self._fit.joints(self._forms[0], pose, last, self._level(1, 4.0))
+        joints = self._fit.joints(self._forms[0], pose, last, self._level(1, RECOGNISER.last_loss))
         if last.prior is not CENTRED:
             # A fitting that follows another directly begins at the port itself.
             joints = [float(last.prior.mean[DISTANCE]), *joints]
         begin, straight, near = self._starts(last, pose, joints)
-        begin = self._fit.costs(begin, last, self._level(0, 8.0))
-        rough = self._fit.refined(self._best_rows(begin, 0), last, self._level(0, 8.0), 2)
+        wide = self._level(0, RECOGNISER.start_loss)
+        begin = self._fit.costs(begin, last, wide)
+        rough = self._fit.refined(self._best_rows(begin, 0), last, wide, 2)
         best: dict[int, int] = {}
         for i in np.argsort(rough.cost):
             best.setdefault(id(rough.forms[i]), int(i))  # of each form
         rough = self._best_rows(rough.take(list(best.values())), 1)
-        rough = self._best_neighbours(rough, joints, last, self._level(0, 6.0))
+        rough = self._best_neighbours(rough, joints, last, self._level(0, RECOGNISER.compared_loss))
         rough = joined([rough, *self._restarted(rough, pose, joints, last)])
         rough = joined([rough, *self._between_joints(rough, last)])
         first = int(rough.cost.argmin())
@@ -360,8 +364,7 @@ class Recogniser:
         pixels, stand = self._grids[grid]
         weight = self._edge if edge else np.ones(len(pixels))
         which = np.array([letter in free for letter in "aattdr"])
-        reach = ((0.004, 0.09), (0.002, 0.05))[grid]
-        return Level(pixels, stand, rough, which, weight, reach)
+        return Level(pixels, stand, rough, which, weight, RECOGNISER.edge_reach[grid])
 
     def _best_neighbours(
         self, fits: Hypotheses, joints: Sequence[float], views: Views, level: Level
@@ -408,7 +411,7 @@ class Recogniser:
                 turns=[numbers[TURN]],
                 stands=np.unique([pose[:DISTANCE], 0 * pose[:DISTANCE]], axis=0),
             )
-            part = self._fit.costs(part, views, self._level(0, 6.0))
+            part = self._fit.costs(part, views, self._level(0, RECOGNISER.compared_loss))
             each = part.cost.reshape(len(sizes), -1).argmin(axis=1)
             each += np.arange(len(sizes)) * (len(part.forms) // len(sizes))
             each = each[np.argsort(part.cost[each], kind="stable")[: RECOGNISER.restart_sizes]]
@@ -453,7 +456,9 @@ class Recogniser:
         begin = [self._reducer_starts(fits, behind, views) for behind in few]
         both = [
             part.take([int(part.cost.argmin())])
-            for part in self._refined([joined(rows) for rows in begin], views, 4)
+            for part in self._refined(
+                [joined(rows) for rows in begin], views, RECOGNISER.chain_steps
+            )
         ]
         alone = [
             self._second_fitting(chain, behind) for chain, behind in zip(both, few, strict=True)
@@ -506,13 +511,15 @@ class Recogniser:
             numbers = behind.numbers.copy()
             numbers[0, DISTANCE] = max(far - length, nearest)
             rows.append(hypotheses([chain], numbers, np.array([[start[0], length, *further]]), 1))
-        return _best(self._fit.costs(joined(rows), views, self._level(0, 6.0)))
+        return _best(self._fit.costs(joined(rows), views, self._level(0, RECOGNISER.compared_loss)))
 
     def _refined(self, rows: Sequence[Hypotheses], views: Views, steps: int) -> list[Hypotheses]:
         """Return several rows after steps of the search, made for all together."""
         if not rows:
             return []
-        every = self._fit.refined(joined(rows), views, self._level(0, 5.0), steps)
+        every = self._fit.refined(
+            joined(rows), views, self._level(0, RECOGNISER.search_loss), steps
+        )
         return every.split([len(row.forms) for row in rows])
 
     def _near_candidates(
@@ -527,7 +534,7 @@ class Recogniser:
         for row in near.tolist():
             best.setdefault(int(self._library.entries.form[row]), row)
         begin = self._from_library(np.array([*best.values()], np.intp), pose)
-        begin = self._fit.refined(begin, views, self._level(0, 6.0), 2)
+        begin = self._fit.refined(begin, views, self._level(0, RECOGNISER.compared_loss), 2)
         return [begin, *self._restarted(begin, pose, joints, views)]
 
     def _lamp_candidates(self, pose: Array, views: Views) -> list[Hypotheses]:
@@ -547,7 +554,7 @@ class Recogniser:
                 turns=np.arange(0.0, form.period, step) if form.period else [0.0],
                 stands=[pose[:DISTANCE]],
             )
-            part = self._fit.costs(part, views, self._level(0, 6.0))
+            part = self._fit.costs(part, views, self._level(0, RECOGNISER.compared_loss))
             rows.append(part.take([int(part.cost.argmin())]))
         return self._refined(rows, views, 2)
 
@@ -557,9 +564,14 @@ class Recogniser:
         It shows straight wall.
         """
         begin = hypotheses([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
-        wide = self._fit.refined(begin, views, self._level(0, 12.0, free="at", edge=True), 2)
-        edge = self._fit.refined(wide, views, self._level(0, 5.0, free="at", edge=True), 2)
-        return self._fit.refined(edge, views, self._level(1, 4.0, free="at"), 2).numbers[0]
+        for grid, rough, edge in (
+            (0, RECOGNISER.pose_loss, True),
+            (0, RECOGNISER.search_loss, True),
+            (1, RECOGNISER.last_loss, False),
+        ):
+            level = self._level(grid, rough, free="at", edge=edge)
+            begin = self._fit.refined(begin, views, level, 2)
+        return begin.numbers[0]
 
     def _best_rows(self, fits: Hypotheses, stage: int) -> Hypotheses:
         """Return the best rows, the best ones of the best forms, and the straight pipe.
@@ -638,7 +650,7 @@ class Recogniser:
 
         By a lamp coarse pictures of shallow reducers are hardly those of straight pipe.
         """
-        entries, level = self._library.entries, self._level(0, 6.0)
+        entries, level = self._library.entries, self._level(0, RECOGNISER.compared_loss)
         plain = hypotheses([self._forms[0]], np.zeros((1, PLACES)), np.zeros((1, SIZES)), 1)
         plain.numbers[:, :DISTANCE] = pose[:DISTANCE]
         most = self._fit.costs(plain, views, level).cost[0]
@@ -699,7 +711,7 @@ class Recogniser:
 
     def _detection(self, fits: Hypotheses, straight: float, views: Views) -> Detection:
         """Return the most probable of the forms, with its confidence."""
-        level = self._level(0 if fits.gains.shape[1] > 1 else 1, 4.0)
+        level = self._level(0 if fits.gains.shape[1] > 1 else 1, RECOGNISER.last_loss)
         score = self._fit.scores(fits, views, level, self._alike)
         names = [self._name(form, at) for form, at in zip(fits.forms, fits.numbers, strict=True)]
         least = {

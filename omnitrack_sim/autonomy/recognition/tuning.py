@@ -48,6 +48,9 @@ class RecogniserSettings:
         rings: (14,) angles of the rings from the axis, as parts of half the field of view.
         library_distances: (24,) bores, distances of a form in the library; negative ones are those
             of a lens that is in the fitting already.
+        exposed_part: part of half the field of view from which on rays stand for the whole picture
+            in its exposure: they see nearly straight pipe, whatever lies ahead.
+        exposed_rays: about how many of them.
         library_blur: standard deviations by which a coarse picture is off besides the library's
             steps: the camera's pose is roughly known, and sizes are those of the starts.
         library_cap: most that a ray of a coarse picture can cost.
@@ -101,6 +104,23 @@ class RecogniserSettings:
         min_own: smallest share of pixels that show no more than the form.
         misfit_confidence: most probability of a form in such a picture.
         confidence: probability from which on a detection is unambiguous.
+        pixel_steps: pixels between those that are compared, near the picture's axis and outside,
+            of a rough comparison and of a close one: what lies ahead is small and at the middle.
+        inner_part: part of half the field of view that counts as near the axis.
+        border_part: part of half the field of view from which on a picture shows straight wall
+            alone, which tells how the camera stands.
+        pose_loss: residual, in standard deviations, from which on a pixel hardly counts, in the
+            search for the camera's pose in the pipe, which begins on its axis: the less is known,
+            the farther off a pixel may be.
+        start_loss: the same, of the starts of a form.
+        compared_loss: the same, of rows that differ by a step of a grid.
+        search_loss: the same, of rows that follow gradients.
+        last_loss: the same, at the end.
+        last_steps: steps of the search at the end.
+        chain_steps: steps of the search for a reducer with another fitting behind it: they have
+            more sizes than one has.
+        edge_reach: m along the pipe and rad about it, of a rough comparison and of a close one:
+            differences by a lamp, wide enough to move the edges of shadows by a pixel.
         camera_std: (6,) m and rad, prior standard deviations of the camera's six numbers; distance
             and direction are unknown.
         bend_std: (6,) the same of a camera that looks out of a bend: its angle on the map is off by
@@ -134,6 +154,8 @@ class RecogniserSettings:
         )
     )
     library_distances: Array = field(default_factory=lambda: np.arange(-0.6, 3.8, 0.1875))
+    exposed_part: float = 0.9
+    exposed_rays: int = 150
     library_blur: float = 3.0
     library_cap: float = 9.0
     # Search
@@ -176,6 +198,17 @@ class RecogniserSettings:
     misfit_confidence: float = 0.5
     confidence: float = 0.95
     # Fit
+    pixel_steps: tuple[tuple[int, int], tuple[int, int]] = ((2, 4), (1, 3))
+    inner_part: float = 0.56
+    border_part: float = 0.75
+    pose_loss: float = 12.0
+    start_loss: float = 8.0
+    compared_loss: float = 6.0
+    search_loss: float = 5.0
+    last_loss: float = 4.0
+    last_steps: int = 3
+    chain_steps: int = 4
+    edge_reach: tuple[tuple[float, float], tuple[float, float]] = ((0.004, 0.09), (0.002, 0.05))
     camera_std: Array = field(default_factory=lambda: numbers(0.004, 0.03, FREE, FREE))
     bend_std: Array = field(default_factory=lambda: numbers(0.008, 0.1, FREE, FREE))
     port_std: float = 0.01

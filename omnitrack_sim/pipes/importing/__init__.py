@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from omnitrack_sim.base.errors import Fault, NetworkError
-from omnitrack_sim.base.reading import faults_of
+from omnitrack_sim.base.reading import faults_of, is_file
 from omnitrack_sim.pipes.importing.assumptions import Import, ImportSettings, check_schedule
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.epanet import read_epanet
@@ -44,7 +44,7 @@ def import_network(file: str | Path, **settings: Any) -> Import:
         keys = tuple(ImportSettings.model_fields)
         raise NetworkError(faults_of(error, lambda _: keys, lambda _: None)) from None
     check_schedule(asked.schedule)
-    if not path.is_file():
+    if not is_file(path):
         raise NetworkError(Fault(str(path), "no such file"))
     name = re.sub(r"[./\\\x00-\x1f\x7f-\x9f]", "_", path.stem) or "network"
     if path.suffix.lower() == ".inp":
@@ -53,6 +53,9 @@ def import_network(file: str | Path, **settings: Any) -> Import:
         raise NetworkError(Fault(path.name, "is neither EPANET's .inp nor a .pcf"))
     if path.stat().st_size > MAX_BYTES:
         raise NetworkError(Fault(path.name, f"is too large: at most {MAX_BYTES} bytes are read"))
-    # Isometrics are of ASCII; other letters stand in descriptions only.
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        # Isometrics are of ASCII; other letters stand in descriptions only.
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise NetworkError(Fault(path.name, f"cannot be read: {error.strerror}")) from error
     return build_plant(name, *read_pcf(text, asked.schedule))

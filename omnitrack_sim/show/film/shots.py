@@ -257,10 +257,10 @@ AROUND_WAY = 0.3
 """Distance from the robot's path up to which the camera ``side`` shows pipes, m."""
 SHADOW_REACH = 0.17
 """Length of the robot's shadow, m."""
-_MARGIN = 1.06
-_PANEL_WIDE = 0.28  # of its width
+_MARGIN = 1.06  # distance over that at which the pipes touch the picture's edges
+_PANEL_WIDE = 0.28  # part of the picture's width that panels take
 _HALF = np.tan(np.radians(FIELD_OF_VIEW / 2))  # half of the picture's height at 1 m
-_CLEAR = 0.12  # how much is left of a pipe that is in the way
+_CLEAR = 0.12  # opacity of a pipe that is in the way: enough to see that there is one
 _ONBOARD_NEAR = 0.004  # m, what is nearer to a camera on board is not seen
 _FAR = 30.0  # m seen by the moving cameras
 

@@ -31,7 +31,6 @@ TURN_LIMIT = np.pi
 Half a turn either way reaches every equal orientation.
 """
 ROUNDING = 1e-9  # rad, by which a plan may lie outside the border of a range
-_MIN_NO_MOTION_MARGIN = 1e-6  # rad, keeps off the line itself if no margin is asked
 
 
 class Obstacle(IntEnum):
@@ -133,7 +132,6 @@ def plan_roll(
         raise InputError(Fault("radius_ratio", "must be positive"))
     if not turn_limit >= 0:
         raise InputError(Fault("turn_limit", f"is {turn_limit}; it must not be negative"))
-    clearance = np.maximum(clearance, _MIN_NO_MOTION_MARGIN)
     error, period = orientation_error(theta5, best, modules), 2 * np.pi / modules
     change, exists = _shortest_roll(error, roll, margin, ratio, clearance, turn_limit, period)
     obstacle = np.select(

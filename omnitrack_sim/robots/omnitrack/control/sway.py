@@ -76,7 +76,9 @@ class SwayProfile:
     Attributes:
         progress: rotation so far at which ``lean`` stands, as parts of the turn.
         lean: lean there, as parts of the largest; linear between. The swing back begins early: a
-            robot follows it by about a ninth of the turn later.
+            robot follows it by about a ninth of the turn later. On slippery walls (friction 0.5 to
+            0.62, 20 to 34 N, 0.6 and more of the weight down the run, no retry) 76 of 90 turns
+            pass, 70 without the first swing to the other side, 33 without any lean.
         judged: part of the turn after which its slip is no longer measured. Farther on the inner
             module may have lost its wall, and its belt then turns nothing on a dry wall either.
         min_turn: rad, rotation by the belts that is enough to tell how much of it slips.
@@ -92,8 +94,6 @@ class SwayProfile:
 
 
 SWAY = SwayProfile()
-MAX_SLIP = 0.9
-"""Slip beyond which no more is made of it: a robot may also be turned back."""
 
 
 class Lean(NamedTuple):
@@ -102,8 +102,8 @@ class Lean(NamedTuple):
     Attributes:
         aside: (n, 3) added to the unit vector of the wanted heading, world frame.
         limit: (n,) largest size of ``aside`` in this turn.
-        slip: (n,) that of the turn at the first attempt, up to ``MAX_SLIP``, where robots try
-            again; 0 of the others.
+        slip: (n,) that of the turn at the first attempt, where robots try again, beyond 1 of those
+            that were turned back; 0 of the others.
     """
 
     aside: Array
@@ -261,7 +261,7 @@ def sway_of(robot, passage, profile, modules, period):
     """Update a robot's state, and what is asked of it; see ``Sway.step``."""
     turns, full = robot[TURNS] > 0.0, robot[FULL] > 0.0
     if not full:
-        robot[SLIPPED] = min(max(robot[TURN_SLIP], 0.0), MAX_SLIP)
+        robot[SLIPPED] = max(robot[TURN_SLIP], 0.0)
     robot[AGAIN] = robot[SLIPPED] if full and turns else 0.0
     robot[SLIDES] = robot[LEAN_BY] = 0.0
     put_vector(robot, ASIDE_BY, (0.0, 0.0, 0.0))

@@ -59,7 +59,7 @@ LEADS = 7
 STEEP, STEEPEST = 0.5, 0.8
 """Weight against a robot, as parts of it, between which the parameters of steep runs set in."""
 TINY = 1e-12
-"""Length by which nothing smaller is divided."""
+"""Least divisor: what is divided by less is cut to a cap anyway, or is 0."""
 FALLING = 0.75
 """Weight against a robot, as a part of it, beyond which it falls where its belts give way."""
 SLIPPERY = 0.5
@@ -326,8 +326,8 @@ def wanted_of(robot, passage, segments, first, last):
     gain = robot[GAIN] + steep * (robot[UPWARD_GAIN] - robot[GAIN])
     limit = robot[LIMIT] + steep * (robot[UPWARD_LIMIT] - robot[LIMIT])
     # The distance by which the heading lags behind an arc, where belts give 1 - slip of the
-    # rotation that is asked.
-    lag = robot[SLIP] / ((1.0 - robot[SLIP]) * robot[GAIN])
+    # rotation that is asked. Belts that give none, or a gain of 0, lag without end.
+    lag = robot[SLIP] / max((1.0 - robot[SLIP]) * robot[GAIN], TINY)
     lead = robot[LEAD] + steep * robot[UPWARD_LEAD] + min(lag, robot[SLIP_LEAD])
     target, chosen = tangent_ahead(robot, segments, first, last, lead)
     target = aimed(robot, target)
