@@ -175,15 +175,20 @@ def test_ten_minutes_of_pictures_take_little_memory(tmp_path):
     """6000 pictures are kept and written by parts: no array of all of them is ever there."""
     import tracemalloc
 
-    album, rng = Album(Coding(48, "m"), 1), np.random.default_rng(1)
     end, active = np.ones(1, int), np.ones(1, bool)
-    noise = 0.3 + 0.01 * rng.standard_normal((1, 48 * 48))
+    noise = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((1, 48 * 48))
+
+    def write(count: int) -> None:
+        album = Album(Coding(48, "m"), 1)
+        for number in range(count):
+            album.add(np.full(1, 0.1 * number), end, noise, active)
+        (pictures,) = album.pictures()
+        with whole_folder(tmp_path / f"run_{count}", "mark") as folder:
+            pictures.write(folder / PICTURES_FILE)
+
+    write(1)  # what is imported as a picture is written is none of it
     tracemalloc.start()
-    for number in range(6000):
-        album.add(np.full(1, 0.1 * number), end, noise, active)
-    (pictures,) = album.pictures()
-    with whole_folder(tmp_path / "run", "mark") as folder:
-        pictures.write(folder / PICTURES_FILE)
+    write(6000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 12e6

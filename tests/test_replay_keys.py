@@ -157,7 +157,11 @@ def test_events_are_told_under_the_pointer(browser, place):
     events = [Remark(0, 1.0, f"met {reason}")]
     trajectory = sample_trajectory()
     trajectory = type(trajectory)(
-        trajectory.time, trajectory.channels, (MARKUP, "turn", "leave"), trajectory.qpos
+        trajectory.time,
+        trajectory.channels,
+        (MARKUP, "turn", "leave"),
+        trajectory.qpos,
+        trajectory.schema,
     )
     result = sample_result(trajectory, scenario=scenario, events=events, reason=reason)
     path = place / "markup.html"
