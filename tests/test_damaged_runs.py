@@ -330,6 +330,6 @@ def test_a_run_of_a_robot_whose_module_is_not_here_says_what_to_do(run):
     scenario = json.loads(file.read_text(encoding="utf-8"))
     scenario["robot"] = {"kind": "no_such_rover:Rover"}
     file.write_text(json.dumps(scenario), encoding="utf-8")
-    told = "names what is not here: robot.kind: .*no_such_rover.* add that to PYTHONPATH"
+    told = "names what is not here: robot.kind: .*no_such_rover.* add that to PYTHONPATH: "
     with pytest.raises(OutputError, match=told):
         load_result(run)

@@ -136,10 +136,11 @@ def _imported(
     try:
         thing: Any = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:  # whatever a module does while it is imported
-        searched = ", ".join(dict.fromkeys(map(str, folders)))
+        # A process that reads many files has many folders; this file's is the last.
+        searched = " and ".join(dict.fromkeys(map(str, (folders[0], folders[-1]))))
         problem = (
-            f"is {name!r}: module {module_name!r} cannot be imported ({error}); it is looked for "
-            f"on Python's path and in {searched}: start in its folder, or add that to PYTHONPATH"
+            f"is {name!r}: module {module_name!r} cannot be imported ({error}); start in its "
+            f"folder, or add that to PYTHONPATH: it is looked for on Python's path, in {searched}"
         )
         raise InputError(Fault(where, problem, (*known, "module:Object"))) from error
     _refuse_twin(thing, name, where)
