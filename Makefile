@@ -94,7 +94,7 @@ $(READY): $(PACKAGE)
 # The lowest releases that pyproject.toml allows, but for the tools of `make check`.
 lowest: $(READY)
 	$(PIP) uv
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv pip install --resolution lowest-direct --only-binary :all: \
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv pip install --upgrade --resolution lowest-direct --only-binary :all: \
 	  --no-binary omnitrack_sim --editable . --group test
 
 # Offscreen rendering needs Mesa's EGL. Without it everything but pictures works.
