@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,10 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from fuzzing.bases import TOWN
 
 BORE = 0.16
 
@@ -155,38 +161,11 @@ def test_part_of_a_network_lies_where_the_whole_does():
         network.around(["nothing"])
 
 
-INP = """[JUNCTIONS]
-A 10
-B 11
-C 10
-D 0
-[RESERVOIRS]
-R 12
-[PIPES]
-p1 R A 100 200 100 0 Open
-p2 A B 50 200 100 0 Open
-p3 A C 40 100 100 0 Closed
-p4 B D 30 100 100 0 Open
-[PUMPS]
-u B C POWER 5
-[COORDINATES]
-R 0 0
-A 100 0
-B 150 0
-C 100 40
-D 150 30
-[OPTIONS]
-UNITS LPS
-HEADLOSS H-W
-[END]
-"""
-
-
 def test_a_town_of_epanet(tmp_path):
     """Pumps are left out, a closed pipe has a plate, a height of 0 among others is mended; the
     command lists all of it."""
     file, toml = tmp_path / "small.inp", tmp_path / "small.toml"
-    file.write_text(INP)
+    file.write_text(TOWN)
     run = CliRunner().invoke(app, ["import", str(file), "--out", str(toml)], env={"COLUMNS": "200"})
     assert run.exit_code == 0, run.output
     for text in ("link u", "is a pump", "pipe p3", "is closed", "220.0 m"):
@@ -194,7 +173,7 @@ def test_a_town_of_epanet(tmp_path):
     network = ot.load_network(toml)
     assert network.name == "small"
     assert {"R", "D"} <= set(network.ports)
-    schematic = INP.replace("B 150 0", "B 900 0").replace("D 150 30", "D 900 700")
+    schematic = TOWN.replace("B 150 0", "B 900 0").replace("D 150 30", "D 900 700")
     file.write_text(schematic.replace("A 100 0", "A 10 0"))
     with pytest.raises(ot.NetworkError, match="schematic drawing"):
         ot.import_network(file)
@@ -205,7 +184,7 @@ def test_a_pipe_lies_level_and_rises_at_one_end(tmp_path, profile, height):
     """By option at the height of its lower or higher end, joined to the other by a slope of 45
     degrees; the parts know their pipe, and the assumption is listed."""
     file = tmp_path / "small.inp"
-    file.write_text(INP)
+    file.write_text(TOWN)
     imported = ot.import_network(file, profile=profile)
     network = imported.network
     pipes = zip(network.fittings, network.pipes.parts, strict=True)
