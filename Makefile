@@ -45,7 +45,7 @@ mutants: $(READY)
 	$(BIN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT) $(if $(ROOM),--room $(ROOM))
 
 # Laws of every room, in less than a minute: for use while editing.
-QUICK := rotations writing pipes network metrics events walls kinematics motors control_laws \
+QUICK := rotations writing pipes network metric_laws events walls kinematics motors control_laws \
   singularity readings pose_filter planning maps scenario result monitor sweep_spec study_search \
   gym_refusals verdicts trials_bar
 quick: $(READY)

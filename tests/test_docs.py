@@ -101,6 +101,14 @@ def test_sweeps_and_their_keys_are_documented():
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
 
+def test_laws_for_use_while_editing_are_there():
+    """`make quick` names test files that exist: pytest over several processes tells of no other."""
+    rule = (ROOT / "Makefile").read_text().partition("QUICK := ")[2].partition("quick:")[0]
+    named = rule.replace("\\", "").split()
+    assert len(named) > 20
+    assert not [name for name in named if not (ROOT / f"tests/test_{name}.py").is_file()]
+
+
 def test_studies_and_their_keys_are_documented():
     """optimise.md names every shipped study, every key of a study file, every column and
     file; its example is valid, and its Python has none but public names."""
