@@ -54,7 +54,7 @@ class Outcome(StrEnum):
     )
     LEFT_PIPE = (
         "left_pipe",
-        "The robot's centre left its way, out of a pipe or past a tee into another one: check "
+        "The robot's centre left the pipes, or it fell into another one too often: check "
         "start.distance, gravity against the friction, and that the controller heeds the gear.",
     )
     TIMED_OUT = "timed_out", "Time ran out while the robot still moved: raise run.time_limit."

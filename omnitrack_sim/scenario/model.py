@@ -223,19 +223,6 @@ class Scenario(Table):
         """Return the goal of an exploration at a nose (3,) m, world frame; "" at none."""
         return "" if self.exploration is None else self.exploration.goal_at(nose)
 
-    def holds(self, position: Array, axis: Array) -> bool:
-        """Return whether a robot may go on from a pose off its route.
-
-        It may if it is in a pipe of its network. Plain pipes are no network.
-
-        Args:
-            position: (3,) m, of its centre, world frame.
-            axis: (3,) unit vector to its nose, world frame.
-        """
-        if self.exploration is not None:
-            return self.exploration.holds(position)
-        return self.planner is not None and self.planner.locate(position, axis) is not None
-
     def is_done_at(self, position: Array, axis: Array, error: float) -> bool:
         """Return whether a robot that takes itself to be at its last goal is there.
 

@@ -155,9 +155,6 @@ class MonitorTable(Table):
     """A robot also hangs this far behind the farthest point."""
     memory: Annotated[Part, Unit("s")] = 0.5
     """Time constant of the averages that the outcome is judged by, for D = 160 mm."""
-    tee_room: Annotated[Part, Unit("pipe radii")] = 1.5
-    """Offset from the centreline beyond which a robot in a tee turn is off its route
-    (`left_pipe`, or in a mission a fall); elsewhere 1."""
     falls: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
     """Falls into another pipe of the network after which a robot replans; 0 to 1000."""
     lost_contact: Annotated[Part, Unit("robot weights")] = 0.102
