@@ -130,6 +130,27 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Overloaded(Event):
+    """A part of a robot pressed the wall harder than the model of its contacts stands for.
+
+    Attributes:
+        part: of the robot, such as "module 1".
+        force: N, the largest normal force.
+        times: what that is in units of ``unit``.
+        unit: "the preload", or "the robot's weight".
+    """
+
+    part: str
+    force: float
+    times: float
+    unit: str
+    sentence = (
+        "{part}: normal force of {force:.0f} N, {times:.0f} times {unit}; forces of this run are "
+        "not to be relied on"
+    )
+
+
+@dataclass(frozen=True)
 class Remark(Event):
     """An event without a kind of its own, such as a message of a user's controller.
 
