@@ -189,4 +189,4 @@ def _sharpest_bend(scenario: Scenario, route: Route) -> float:
     if scenario.mission is None:
         return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
     fittings = [part.fitting for part in route.network.parts]
-    return max((f.sharpest_bend(scenario.control.arcs) for f in fittings), default=0.0)
+    return max((f.sharpest_bend(scenario.arcs) for f in fittings), default=0.0)
