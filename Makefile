@@ -3,8 +3,8 @@
 # make test: run the tests of what the program computes, in some six minutes; adds what tests,
 # checks and pages need. Both set up EGL first. Another Python, or a second environment:
 # PYTHON=python3.13 VENV=.venv-3.13
-# make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, killed
-# processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
+# make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, examples
+# of the docs, killed processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
 # make coverage: measure which lines and branches `make test` runs, and print a row for each room.
 # make quick: run laws of every room in less than a minute.
 # make docs: build the documentation into out/site, strictly.
