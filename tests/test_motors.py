@@ -191,7 +191,7 @@ def test_the_maker_s_stall_torques_ask_for_gears_of_like_losses():
 
 def test_a_current_has_no_jump_where_a_motor_begins_to_brake():
     """From driving to braking the current falls steadily through that of friction alone, to nothing
-    where friction holds the load, and grows again beyond."""
+    where friction holds the load, and grows again beyond, up to that of the limit."""
     torque = np.linspace(-1.0, 1.0, 2001)
     current = LINE.current(torque, np.full(2001, 2.0))
     assert np.abs(np.diff(current)).max() < 1e-3
@@ -200,6 +200,8 @@ def test_a_current_has_no_jump_where_a_motor_begins_to_brake():
     assert LINE.backdriving_torque == pytest.approx(held)
     assert LINE.current(np.array([-held]), np.array([2.0])) == pytest.approx([0.0])
     assert np.array_equal(current, LINE.current(-torque, np.full(2001, -2.0)))
+    weak, sign = LINE.model_copy(update={"torque_limit": 0.3}), np.array([1.0, -1.0])
+    assert weak.current(3.0 * sign, np.full(2, 0.1)) == pytest.approx([LINE.current(0.3, 0.0)] * 2)
 
 
 def test_electric_power_is_mechanical_power_and_losses():

@@ -219,6 +219,7 @@ class Motor(NamedTable):
 
         Driving, the gears take their part and friction comes on top. Against its direction of
         turning the motor has to give only what these do not hold. At rest it counts as driving.
+        Beyond ``max_torque`` losses hold the rest.
 
         Args:
             torque: (...,) N m at the shaft.
@@ -236,7 +237,8 @@ class Motor(NamedTable):
         """
         driving, size = torque * speed >= 0, np.abs(torque)
         before = np.where(driving, size / self.efficiency, -size * self.efficiency)
-        return np.abs(before + self.friction_torque) / self._torque_of(1.0)
+        most = self.max_torque / self.efficiency + self.friction_torque
+        return np.minimum(np.abs(before + self.friction_torque), most) / self._torque_of(1.0)
 
     def electric_power(self, torque: Array, speed: Array) -> Array:
         """Return the power (...,) W that the motor takes from its supply, at 20 °C.
