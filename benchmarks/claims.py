@@ -15,9 +15,6 @@ from omnitrack_sim.paper.claim import Finding, tally
 from omnitrack_sim.paper.reproduce import CLAIMS_FILE, reproduce
 from omnitrack_sim.robots.kinds import DEFAULT
 
-MOTORS = {"pololu_1000_hpcb": "published"}
-"""What the table calls motors, so that it stays narrow."""
-
 
 def cell(text: str) -> str:
     """Return a text for a cell of a table of Markdown."""
@@ -25,11 +22,9 @@ def cell(text: str) -> str:
 
 
 def row(finding: Finding) -> list[str]:
-    """Return a row: verdict, source, motors, what the paper says, what is measured."""
+    """Return a row: verdict, source, what the paper says, what is measured."""
     claim, measured = finding.claim, finding.measurement.measured
-    motors = ", ".join(MOTORS.get(name, name) for name in finding.motors) or "-"
-    texts = (finding.label, claim.source, motors, claim.paper, measured)
-    return [cell(text) for text in texts]
+    return [cell(text) for text in (finding.label, claim.source, claim.paper, measured)]
 
 
 def main() -> None:
@@ -50,8 +45,7 @@ def main() -> None:
     changed = "\n".join(f"* {finding.difference}" for finding in findings if finding.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")
-    heads = ("verdict", "source", "motor", "paper", "measured")
-    table("claims", heads, map(row, findings))
+    table("claims", ("verdict", "source", "paper", "measured"), map(row, findings))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -126,42 +126,7 @@ class Claim:
                 asked for.
             quick: the measurement is that of the quick form.
         """
-        if not isinstance(given, Mapping):
-            return Finding(self, self.measure(given, **self.limits), quick)
-        runs = _RunsTaken(given)
-        measurement = self.measure(runs, **self.limits)
-        return Finding(self, measurement, quick, runs.motors, runs.controllers)
-
-
-class _RunsTaken(Mapping[str, Sequence[Result]]):
-    """Runs by name that remember which of them were taken."""
-
-    def __init__(self, runs: Mapping[str, Sequence[Result]]) -> None:
-        self._runs, self._taken = runs, dict[str, Sequence[Result]]()
-
-    def __getitem__(self, name: str) -> Sequence[Result]:
-        self._taken[name] = self._runs[name]
-        return self._taken[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._runs)
-
-    def __len__(self) -> int:
-        return len(self._runs)
-
-    @property
-    def motors(self) -> tuple[str, ...]:
-        """Motors of the robots of the runs that were taken, each once."""
-        return self._each(lambda scenario: scenario.robot.motor.name)
-
-    @property
-    def controllers(self) -> tuple[str, ...]:
-        """Controllers of the runs that were taken, each once."""
-        return self._each(lambda scenario: scenario.control.kind)
-
-    def _each(self, name: Callable[[Any], str]) -> tuple[str, ...]:
-        runs = (result for group in self._taken.values() for result in group)
-        return tuple(dict.fromkeys(name(result.scenario) for result in runs))
+        return Finding(self, self.measure(given, **self.limits), quick)
 
 
 def claim(**fields: Any) -> Callable[[Callable[..., Measurement]], Claim]:
@@ -185,7 +150,6 @@ class Finding:
         claim: what was measured.
         measurement: what came out.
         quick: these are the runs of the quick form.
-        motors, controllers: of the runs that it was measured on, where these are known.
 
     Raises:
         ValueError: a study is judged, or a claim is not.
@@ -194,8 +158,6 @@ class Finding:
     claim: Claim
     measurement: Measurement
     quick: bool = False
-    motors: tuple[str, ...] = ()
-    controllers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         study = ClaimVerdict.STUDY
@@ -257,8 +219,6 @@ class Finding:
             "changed": self.changed,
             "reason": self.reason,
             "how": claim.how,
-            "motors": self.motors,
-            "controllers": self.controllers,
             "note": claim.note,
             "figures": claim.figures,
         }

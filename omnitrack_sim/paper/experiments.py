@@ -44,13 +44,6 @@ FEW_LUGS = {"robot.lugs_per_track": 5}
 PRIMITIVES = {"physics.collider": "primitives"}
 """Walls of all claims. The paper simulates a track as a row of balls, and so do these walls; on
 exact ones it is a smooth line."""
-PUBLISHED_MOTOR = {"robot.motor": "pololu_1000_hpcb"}
-BUILT = (
-    *("map_", "elbow_90_", "aligned", "slippery", "few_lugs", "straight_over_", "preload"),
-    *("orient_climb_turn", "no_motion_line", "pololu"),
-)
-"""Beginnings of the names of runs that speak of the robot that was built, in Section VI: they have
-its motor. The others have the prescribed speeds of the paper's simulation."""
 _UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
     "jacobian": {"control.kind": "jacobian"},
@@ -70,12 +63,11 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     lists = {name: [_of_primitives(f"paper/{name}")] for name in SINGLE}
     lists["vertical_climb"] = [_of_primitives("vertical_climb")]
     lists |= _elbows_and_tees(quick) | _straight_pipes(quick)
+    # The published motor in the shipped scenarios.
     names = ("vertical_climb", "elbow", "elbow_short", "tee_turn", "tee_straight")
-    lists["pololu"] = [_of_primitives(name) for name in names]
-    return {
-        name: [override(one, PUBLISHED_MOTOR) for one in group] if name.startswith(BUILT) else group
-        for name, group in lists.items()
-    }
+    pololu = {"robot.motor": "pololu_1000_hpcb"}
+    lists["pololu"] = [override(_of_primitives(name), pololu) for name in names]
+    return lists
 
 
 def _of_primitives(name: str) -> Scenario:

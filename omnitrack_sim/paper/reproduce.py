@@ -403,8 +403,6 @@ def _article(finding: Finding) -> str:
         ("how sure", measurement.uncertainty),
         ("expected", claim.expected),
         ("how", claim.how),
-        ("motor", ", ".join(finding.motors)),
-        ("controller", ", ".join(finding.controllers)),
         ("why", finding.reason),
         ("beside it", claim.note),
     )
