@@ -306,7 +306,7 @@ def test_forces_and_places_that_should_not_be_are_noted() -> None:
     force, slide = run["normal_force"].copy(), run["slide"].copy()
     force[50, 1], slide[70, 2] = 21 * robot.preload, robot.slide_range[1] + 0.0012
     loaded, beyond = robot.strains(sample_trajectory(normal_force=force, slide=slide))
-    assert (loaded.time, loaded.module) == (run.time[50], 2)
+    assert (loaded.time, loaded.part) == (run.time[50], "module 2")
     assert (beyond.time, beyond.module) == (run.time[70], 3)
     assert "21 times the preload" in loaded.text
     assert "1.2 mm beyond its stop" in beyond.text

@@ -89,6 +89,7 @@ class RouteMap:
         is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
             out_of_branch: (Q,) bool.
         bend_radius: (Q,) m, of the centreline; nan where it does not bend.
+        sharpness: (Q,) radius of the bore over that of the bend; 0 where it does not bend.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
             the route's direction there. turn: (Q,) rad, by which it turns; a right angle where
@@ -143,6 +144,7 @@ class RouteMap:
         self.directions = each(lambda p: p.turn_direction, np.zeros(3))
         self.radius = each(lambda p: p.radius, 0.0)
         self.corner_radius = each(lambda p: p.corner_radius, 0.0)
+        self.sharpness = np.nan_to_num(self.radius / self.bend_radius)
         self.directions[self.last] = end_directions
         self.radius[self.last] = self.corner_radius[self.last] = last_radius
         # The end entries begin at infinity, where no tangent can be looked up.

@@ -171,10 +171,24 @@ class Settings:
     """Settings of all controllers; each field is (n,). See docs/reference/scenarios.md."""
 
     cruise_speed: Array  # m/s
+    min_cruise_speed: Array  # m/s, in the sharpest bend of the way; see ``speed_in``
+    top_speed: Array  # m/s, of the robot's fastest part, that the drive holds
     align: NDArray[np.bool_]
     retry: NDArray[np.bool_]
     speed_limit: Array  # m/s
     safe_margin: Array  # rad; nan: by the reach
+
+    def speed_in(self, sharpness: Array) -> Array:
+        """Return the cruise speed (..., n) m/s in bends of a sharpness (..., n).
+
+        The outer side of a robot goes 1 + sharpness times as far as its centre, and no faster than
+        the drive holds.
+
+        Args:
+            sharpness: radius of the bore over that of the bend, 0 where the way is straight; see
+                ``RouteMap``.
+        """
+        return np.minimum(self.cruise_speed, self.top_speed / (1 + sharpness))
 
     def with_rows(self, robots: NDArray[np.intp], rows: Settings) -> Settings:
         """Copy with the values of ``robots`` (k,) taken from the k ``rows``."""

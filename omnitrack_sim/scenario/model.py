@@ -346,9 +346,28 @@ class Scenario(Table):
         return self.time_for(self.route.centreline.length)
 
     def time_for(self, length: float) -> float:
-        """Simulated seconds that a way of ``length`` m may take: four times cruising, and 20 s."""
+        """Simulated seconds that a way of ``length`` m may take: four times cruising, and 20 s.
+
+        It is longer by as much as the drive slows the robot down in the sharpest bend.
+        """
         # Room for rolls, retries and slow turns; the constant serves short routes.
-        return 4 * length / self.control.cruise_speed + 20.0
+        wanted = self.control.cruise_speed
+        return (4 * length / wanted + 20.0) * (wanted / self.min_cruise_speed)
+
+    @cached_property
+    def sharpest_bend(self) -> float:
+        """Largest radius of a bore over that of a bend on the route, or in a mission's network."""
+        if self.mission is None:
+            bends = (p.radius / p.bend_radius for p in self.route.passages if p.is_turn)
+        else:
+            parts = self.route.network.parts
+            bends = (part.fitting.sharpest_bend(self.arcs) for part in parts)
+        return max(bends, default=0.0)
+
+    @property
+    def min_cruise_speed(self) -> float:
+        """Cruise speed in the sharpest bend, m/s: the motors hold that of the outer side."""
+        return min(self.control.cruise_speed, self.robot.top_speed / (1 + self.sharpest_bend))
 
     @property
     def hash(self) -> str:

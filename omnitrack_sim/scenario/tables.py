@@ -212,7 +212,8 @@ class RunTable(Table):
     at the end of the route."""
     time_limit: Annotated[Positive | None, Unit("s")] = None
     """Simulated time after which the run is over; of a mission that of its first leg, and further
-    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
+    legs add their own. Left out: four route lengths at cruise speed, and 20 s; longer where the
+    motors slow the robot down in bends."""
     expected_outcome: Outcome | None = None
     """`omnitrack run` says whether it came true: `reached_goal`, `motion_singularity`, `stalled`,
     `stuck`, `wedged`, `slipping`, `held_by_tether`, `no_motion_line`, `left_pipe`, `timed_out`,

@@ -54,7 +54,7 @@ class Monitor:
         robot: its length is a unit of the limits, and it finds causes of failures.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
         start: (n,) m, arc lengths where they begin.
-        cruise_speed: (n,) m/s.
+        cruise_speed: (n,) m/s, in the sharpest bend of the way.
         time_limit: (n,) s.
         period: s, between two looks.
         sample_every: looks between two samples of the averages.
