@@ -281,3 +281,13 @@ def test_windings_of_similar_motors_have_equal_currents_and_temperatures():
     time, current = np.linspace(0.0, 30.0, 301), np.full((301, 1), 0.5)
     hot = stated.winding.temperature(time, current)
     assert large.winding.temperature(time * 2.0**0.5, current) == pytest.approx(hot)
+
+
+def test_the_efficiency_that_reach_assumes_is_near_that_of_the_published_motor():
+    """Work of the rotor over electric energy in a climb, as docs/how-to/towns.md says it."""
+    robot = ot.Omnitrack(motor=LINE)
+    torque, speed = robot.climbing_torque, robot.feasible_belt_speed / robot.lug_radius
+    taken = LINE.electric_power(np.array([torque]), np.array([speed]))[0]
+    part = torque * speed / LINE.efficiency / taken
+    assert part == pytest.approx(0.32, abs=0.005)
+    assert ot.Supply().efficiency == pytest.approx(part, rel=0.1)
