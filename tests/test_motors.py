@@ -85,6 +85,11 @@ def test_a_figure_of_a_motor_is_overridden_by_its_path():
             "robot.motor.torque_limit",
             "from 1e-07 to 1e+07 N m",
         ),
+        (
+            {"motor": {"like": "pololu_1000_hpcb", "winding": {"current_limit": 0.08}}},
+            "robot.motor.winding.current_limit",
+            "must be over no_load_current, 0.08 A",
+        ),
         ({"motor": 3}, "robot.motor", "a table"),
     ],
 )
@@ -265,8 +270,14 @@ def test_what_a_driver_lets_through_limits_the_torque():
 
 def test_a_motor_without_a_winding_tells_no_current():
     """The question is refused with the motor's name."""
-    with pytest.raises(ValueError, match="'simulation' has no winding"):
-        ot.MOTORS["simulation"].torque_at(0.2)
+    motor, one = ot.MOTORS["simulation"], np.ones(1)
+    for ask in (
+        lambda: motor.torque_at(0.2),
+        lambda: motor.current(one, one),
+        lambda: motor.electric_power(one, one),
+    ):
+        with pytest.raises(ValueError, match="'simulation' has no winding"):
+            ask()
 
 
 def test_windings_of_similar_motors_have_equal_currents_and_temperatures():
@@ -281,3 +292,13 @@ def test_windings_of_similar_motors_have_equal_currents_and_temperatures():
     time, current = np.linspace(0.0, 30.0, 301), np.full((301, 1), 0.5)
     hot = stated.winding.temperature(time, current)
     assert large.winding.temperature(time * 2.0**0.5, current) == pytest.approx(hot)
+
+
+def test_the_efficiency_that_reach_assumes_is_near_that_of_the_published_motor():
+    """Work of the rotor over electric energy in a climb, as docs/how-to/towns.md says it."""
+    robot = ot.Omnitrack(motor=LINE)
+    torque, speed = robot.climbing_torque, robot.feasible_belt_speed / robot.lug_radius
+    taken = LINE.electric_power(np.array([torque]), np.array([speed]))[0]
+    part = torque * speed / LINE.efficiency / taken
+    assert part == pytest.approx(0.32, abs=0.005)
+    assert ot.Supply().efficiency == pytest.approx(part, rel=0.1)
