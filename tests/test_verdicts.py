@@ -8,14 +8,24 @@ import numpy as np
 import pytest
 from claim_samples import sample_finding
 from samples import sample_result, sample_trajectory
+from scipy import stats
 from typer.testing import CliRunner
 
 from omnitrack_sim.cli import app
-from omnitrack_sim.paper import driving
-from omnitrack_sim.paper.claim import ClaimVerdict, Measurement, Sample, tally
+from omnitrack_sim.paper import driving, turns
+from omnitrack_sim.paper.claim import (
+    ClaimVerdict,
+    Measurement,
+    Sample,
+    claim,
+    difference,
+    tally,
+)
 from omnitrack_sim.paper.reproduce import ReportFigure, page
 from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity
+from omnitrack_sim.robots.omnitrack.motors import MOTORS
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
+from omnitrack_sim.scenario import override
 
 HOLDS, CALIBRATED, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
@@ -76,8 +86,8 @@ def test_what_does_not_hold_has_a_reason():
     not expected to hold cannot be made without one."""
     assert sample_finding(FAILS).reason == "it slips"
     assert sample_finding(CONTRADICTION).reason == "it slips"
-    for claim in (sample_finding(HOLDS, FAILS), sample_finding(STUDY), sample_finding(CALIBRATED)):
-        assert claim.reason == ""
+    for found in (sample_finding(HOLDS, FAILS), sample_finding(STUDY), sample_finding(CALIBRATED)):
+        assert found.reason == ""
     assert sample_finding(FAILS, HOLDS).reason == "Not known; expected was: holds."
     for verdict in (CONTRADICTION, FAILS):
         with pytest.raises(ValueError, match="gives no reason"):
@@ -101,13 +111,90 @@ def test_the_quick_form_changes_only_what_its_runs_decide(sample, changed):
     none. In the full form each other verdict is a change."""
     opposite = {HOLDS: FAILS, FAILS: HOLDS}
     for verdict, expected in opposite.items():
-        claim = sample_finding(verdict, expected, sample=sample)
-        assert claim.changed
-        assert claim.difference == f"a_b: expected {expected}, came out {verdict}"
+        found = sample_finding(verdict, expected, sample=sample)
+        assert found.changed
+        assert found.difference == f"a_b: expected {expected}, came out {verdict}"
         quick = sample_finding(verdict, expected, sample=sample, quick=True)
         assert quick.changed == (verdict in changed)
         assert quick.difference.endswith("too few runs to decide") == (verdict not in changed)
     assert not sample_finding(FAILS, sample=sample, quick=True).difference
+
+
+def test_a_difference_is_that_of_pairs_and_turns_round_with_them():
+    """What all draws share does not widen the interval: it is SciPy's of paired samples. The other
+    way round it has the other sign; a single pair says nothing, and other draws are no pairs."""
+    rng = np.random.default_rng(5)
+    shared, gain = rng.normal(100, 50, 12), rng.normal(-5, 2, 12)
+    one, two = shared + gain, shared
+    less = difference(one, two)
+    ends = stats.ttest_rel(one, two).confidence_interval()
+    assert (less.low, less.high) == pytest.approx((ends.low, ends.high))
+    assert less.under
+    assert not less.over()
+    more = difference(two, one)
+    assert (more.low, more.high) == pytest.approx((-less.high, -less.low))
+    assert more.over(2.0)
+    assert not more.over(6.0)
+    assert more.text("mm").startswith(f"{two.mean():.0f} against {one.mean():.0f} mm (")
+    single = difference([1.0], [2.0])
+    assert not single.under
+    assert not single.over()
+    with pytest.raises(ValueError, match="have no pairs"):
+        difference(one, two[1:])
+
+
+def test_a_difference_of_noise_is_found_in_one_of_twenty():
+    """Of draws without a difference one interval in twenty leaves zero out."""
+    rng = np.random.default_rng(6)
+    noise = [difference(*rng.exponential(1.0, (2, 12))) for _ in range(1000)]
+    share = np.mean([one.under or one.over() for one in noise])
+    assert 0.03 < share < 0.07
+
+
+def slipping(*millimetres: float, **changes: object):
+    """Results that slip by so much, all modules together."""
+    metrics = sample_result().metrics
+    return [
+        sample_result(metrics=metrics | {"slip_distance_m": [slip / 3000] * 3}, **changes)
+        for slip in millimetres
+    ]
+
+
+@pytest.mark.parametrize(
+    ("preferred", "verdict"),
+    [((50, 62, 55), HOLDS), ((50, 80, 55), FAILS), ((150, 162, 155), FAILS)],
+    ids=["less in each draw", "less on average", "more"],
+)
+def test_the_preferred_orientation_has_to_slip_less_whatever_the_draws(preferred, verdict):
+    """A mean that is less by chance does not count."""
+    runs = {"inner_paper": slipping(*preferred), "two_inner_paper": slipping(60, 71, 66)}
+    assert turns.preferred_orientation(runs).verdict is verdict
+
+
+def test_a_finding_says_what_drove_the_runs_that_it_was_measured_on():
+    """Controllers and motors of the lists that the claim reads, and of no other."""
+    base = sample_result()
+
+    def driven(**changes):
+        return [sample_result(scenario=override(base.scenario, changes))]
+
+    runs = {
+        "a": driven(**{"control.kind": "paper"}),
+        "b": driven(**{"robot.motor": "pololu_1000_hpcb", "robot.drive": "differential"}),
+        "c": driven(**{"control.kind": "equal"}),
+    }
+
+    @claim(source="s", paper="p", statement="t", how="h")
+    def reads(runs):
+        return Measurement(str(len(runs["a"]) + len(runs["b"])), True)
+
+    told = reads(runs).driven
+    limit = MOTORS["pololu_1000_hpcb"].torque_limit
+    assert told == (
+        "as written: simulation up to 1.18 N m; feedback with one motor, differential: "
+        f"pololu_1000_hpcb up to {limit:.3g} N m"
+    )
+    assert reads(runs).row()["driven"] == told
 
 
 def _printed(claims, monkeypatch, *options):
@@ -149,12 +236,12 @@ def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
 
 def test_claims_go_to_json(monkeypatch):
     """Verdict, the expected one, the reason, and whether it is decided and changed."""
-    claim = sample_finding(FAILS, HOLDS, sample=Sample.AVERAGE, quick=True, figures=("elbow_90",))
-    _, text, _ = _printed([claim], monkeypatch, "--json")
+    found = sample_finding(FAILS, HOLDS, sample=Sample.AVERAGE, quick=True, figures=("elbow_90",))
+    _, text, _ = _printed([found], monkeypatch, "--json")
     (row,) = json.loads(text)
     assert (row["verdict"], row["expected"]) == ("does not come out", "holds")
     assert (row["decided"], row["changed"]) == (False, False)
-    assert row["reason"] == claim.reason == "Not known; expected was: holds."
+    assert row["reason"] == found.reason == "Not known; expected was: holds."
     assert row["figures"] == ["elbow_90"]
     assert {"id", "source", "paper", "statement", "measured", "uncertainty", "how", "note"} < set(
         row

@@ -249,7 +249,7 @@ FIGURES: dict[str, tuple[str, Callable[[Runs], Figure]]] = {
     ),
     "fig13_as_written": (
         "Fig. 13: shaft speeds with the paper's open-loop speeds.",
-        lambda runs: angular_velocity_figure(runs["tee_turn_as_written"][0]),
+        lambda runs: angular_velocity_figure(runs["written"][0]),
     ),
     "fig13_feedback": (
         "The same turn with feedback along the centreline.",
@@ -384,10 +384,11 @@ def _chip(finding: Finding) -> str:
 def _row(finding: Finding) -> str:
     """Return a finding in the table of verdicts."""
     claim, measured = finding.claim, _text(finding.measurement.measured)
-    reason = f"<br><small>{_text(finding.reason)}</small>" if finding.reason else ""
+    beside = [text for text in (finding.driven, finding.reason) if text]
+    small = "".join(f"<br><small>{_text(text)}</small>" for text in beside)
     return (
         f'<tr><td>{_chip(finding)}</td><td><a href="#{_text(claim.id)}">{_text(claim.paper)}</a>'
-        f"<br><small>{_text(claim.source)}</small></td><td>{measured}{reason}</td></tr>"
+        f"<br><small>{_text(claim.source)}</small></td><td>{measured}{small}</td></tr>"
     )
 
 
@@ -399,6 +400,7 @@ def _article(finding: Finding) -> str:
         ("source", claim.source),
         ("paper", claim.paper),
         (question, claim.text),
+        ("driven by", finding.driven),
         ("measured", measurement.measured),
         ("how sure", measurement.uncertainty),
         ("expected", claim.expected),
