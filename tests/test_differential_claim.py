@@ -33,8 +33,8 @@ def claim(slip: float, equal: float, **changes: object):
     runs = {
         f"elbow_{place}": [slipping(value + more, **changes) for more in (0.0, 1.0)]
         for value, places in (
-            (slip, ("240_differential_published", "90_differential")),
-            (equal, ("240_equal_published", "90_equal")),
+            (slip, ("240_differential_real", "90_differential")),
+            (equal, ("240_equal_real", "90_equal")),
         )
         for place in places
     }

@@ -50,7 +50,7 @@ def runs(quick):
         "rolling_upright",
         "rolling_flat",
         "bores",
-        "published",
+        "straights",
     )
     return run_all({name: quick[name] for name in names})
 

@@ -478,11 +478,11 @@ def _climbs(result: Result) -> bool:
 def motor_stall(runs: Runs) -> Measurement:
     """Stall with the published motor."""
     groups = {
-        "straights": runs["published"],
+        "straights": runs["straights"],
         "90 mm elbows by feedback": runs["elbow_90_jacobian"],
         "as written": runs["elbow_90_paper"],
-        "tee turns by feedback": runs["aligned_published"],
-        "tee turns as written": runs["written_published"],
+        "tee turns by feedback": runs["aligned_real"],
+        "tee turns as written": runs["written_real"],
     }
     stalled = {name: [_stalled_modules(r) for r in group] for name, group in groups.items()}
     inner = {name: sum(one for one, _ in stalls) for name, stalls in stalled.items()}
@@ -519,7 +519,7 @@ def _stalled_modules(result: Result) -> tuple[bool, bool]:
 )
 def published_speed(runs: Runs, percent: float) -> Measurement:
     """100 mm/s with the published motor."""
-    up, level = (1e3 * speed_of(result, 1.0) for result in runs["published"])
+    up, level = (1e3 * speed_of(result, 1.0) for result in runs["straights"])
     return Measurement(
         f"{up:.1f} mm/s up, {level:.1f} mm/s level",
         max(abs(up - 100), abs(level - 100)) < percent,

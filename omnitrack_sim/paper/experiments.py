@@ -38,12 +38,14 @@ SINGLE = ("tee_turn_misaligned", "orient_climb_turn", "rolled_past_180", "no_mot
 """Scenarios below ``paper/`` that are run as they are, once each."""
 FEW_LUGS = {"robot.lugs_per_track": 5}
 PRIMITIVES = {"physics.collider": "primitives"}
-"""Walls of most runs. The paper simulates a track as a row of balls, and so do these walls; on
-exact ones it is a smooth line."""
+"""Walls of the runs of Section V. Its simulation has a track as a row of balls, and so do these
+walls; on exact ones it is a smooth line."""
 EXACT = {"physics.collider": "exact"}
 PUBLISHED = {"robot.motor": "pololu_1000_hpcb"}
-"""The motor that Section VI names, of runs that its claims are measured on. Those of Section V have
-the motor ``simulation``, of which the speeds are prescribed as in the paper's simulation."""
+"""The motor that Section VI names. Runs of Section V have the motor ``simulation``, whose speeds
+are prescribed, as in the paper's simulation."""
+REAL = PUBLISHED | EXACT
+"""Changes that make a run one of the real robot, of Section VI."""
 UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 AS_WRITTEN = {"control.kind": "paper"}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
@@ -128,7 +130,7 @@ def _elbows(quick: bool) -> dict[str, list[Scenario]]:
     # Eq. 20 begun with the robot's centre at the bend, to show why it fails with the head there.
     ways["240_paper_late"] = "240", AS_WRITTEN | {"control.parameters.elbow_delay": half}
     for kind in ("equal", "differential"):
-        ways[f"240_{kind}_published"] = "240", ELBOW_DRIVES[kind] | PUBLISHED
+        ways[f"240_{kind}_real"] = "240", ELBOW_DRIVES[kind] | PUBLISHED
     lists = {
         f"elbow_{name}": drawn(override(base[radius], changes), angles)[:: 3 if quick else 1]
         for name, (radius, changes) in ways.items()
@@ -147,19 +149,19 @@ def _tees(quick: bool) -> dict[str, list[Scenario]]:
     tee, many, few = _of_primitives("tee_turn"), 24 if quick else 200, 12 if quick else 100
     turn = np.arange(-60, 60, 10 if quick else 2)
     lists = {
-        f"map_{kind}": _orientations(tee, turn, PUBLISHED | UNAIDED | {"control.kind": kind})
+        f"map_{kind}": _orientations(tee, turn, REAL | UNAIDED | {"control.kind": kind})
         for kind in ("jacobian", "paper")
     }
-    published, few_lugs = override(tee, PUBLISHED), override(tee, FEW_LUGS)
+    real, few_lugs = override(tee, REAL), override(tee, FEW_LUGS)
     lists["aligned"] = random_tee_turns(tee, many, (0.8, 1.0))
-    lists["aligned_published"] = random_tee_turns(published, many, (0.8, 1.0))
+    lists["aligned_real"] = random_tee_turns(real, many, (0.8, 1.0))
     lists["written"] = random_tee_turns(override(tee, AS_WRITTEN), few, (0.8, 1.0))
-    lists["written_published"] = random_tee_turns(override(published, AS_WRITTEN), few, (0.8, 1.0))
+    lists["written_real"] = random_tee_turns(override(real, AS_WRITTEN), few, (0.8, 1.0))
     lists["slippery"] = random_tee_turns(tee, many, (0.6, 0.8))
     lists["few_lugs"] = random_tee_turns(few_lugs, few, (0.8, 1.0))
     lists["few_lugs_slippery"] = random_tee_turns(few_lugs, few, (0.6, 0.8))
     for play in PLAYS:
-        arms = override(published, EXACT | {"robot.pitch_limit": float(np.radians(play))})
+        arms = override(real, {"robot.pitch_limit": float(np.radians(play))})
         lists[f"play_{play:g}"] = random_tee_turns(arms, few, (0.8, 1.0))
     draws = 1 if quick else 4
     for state in ("aligned", "unaligned"):
@@ -179,16 +181,15 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
     """Rolling on the spot, and climbing with other motors, preloads and bores."""
     holonomic = load_scenario("paper/holonomic_alignment")
     angles, draws = np.arange(-60, 60, 20 if quick else 5), 4 if quick else 12
-    climb = load_scenario("vertical_climb", PRIMITIVES | PUBLISHED)
+    climb = load_scenario("vertical_climb", REAL)
     level = {"world.gravity": [-GRAVITY, 0.0, 0.0]}
     return {
         "holonomic": _orientations(override(holonomic, PRIMITIVES), angles, {}),
         "rolling_upright": drawn(holonomic, [60.0] * draws),
         "rolling_flat": drawn(override(holonomic, level), [60.0] * draws),
-        "climbs": drawn(load_scenario("vertical_climb"), [0.0] * draws),
-        "published": [climb, override(climb, level)],
+        "straights": [climb, override(climb, level)],
         "bores": [
-            override(climb, EXACT | {"pipes.0.inner_diameter": bore, "run.time_limit": 3.0})
+            override(climb, {"pipes.0.inner_diameter": bore, "run.time_limit": 3.0})
             for bore in BORES
         ],
         "preload": [
@@ -210,7 +211,7 @@ def _straight_pipes(quick: bool) -> dict[str, list[Scenario]]:
 def _network(quick: bool) -> dict[str, list[Scenario]]:
     """Drives between open ends of the network of Fig. 14, on exact walls."""
     pairs = [(start, goal) for start in ENDS for goal in ENDS if start != goal]
-    kinds = {"jacobian": PUBLISHED, "simulation": {}, "paper": PUBLISHED | AS_WRITTEN}
+    kinds = {"jacobian": REAL, "simulation": EXACT, "paper": REAL | AS_WRITTEN}
     return {
         f"network_{kind}": [
             load_scenario("missions/fig14", {"mission.start": start, "mission.goals": [goal]} | own)

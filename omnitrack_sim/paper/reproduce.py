@@ -57,11 +57,14 @@ STRIPS = {
 STILLS = 6
 TEE_TURNS = {
     "aligned": "aligned, friction 0.8 to 1.0",
+    "aligned_real": "the same, motor and walls of Section VI",
+    "written": "aligned, as written",
+    "written_real": "the same, motor and walls of Section VI",
     "slippery": "aligned, friction 0.6 to 0.8",
     "few_lugs": "5 lugs a track, friction 0.8 to 1.0",
     "few_lugs_slippery": "5 lugs a track, friction 0.6 to 0.8",
-    "map_jacobian": "not aligned, feedback",
-    "map_paper": "not aligned, as written",
+    "map_jacobian": "not aligned, feedback, Section VI",
+    "map_paper": "not aligned, as written, Section VI",
 }
 """Lists of tee turns whose success rates are compared, with their labels."""
 DRIVES = {
@@ -118,7 +121,7 @@ def reproduce(
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     pictures = _draw(runs, Path(directory) / "figures", format) if standard else {}
     missing = ", ".join(name for name, picture in pictures.items() if picture is None)
-    remarks = [REMARK, *([WALLS_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
+    remarks = [REMARK, *([DRIVES_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
     if missing:
         remarks.append(f"These figures could not be drawn: {missing}.")
     figures = [picture for picture in pictures.values() if picture is not None]
@@ -294,10 +297,12 @@ REMARK = (
     "tolerance. Its verdict follows from the measurement, with the reason as far as it is known "
     "where it does not hold. What nobody has stated is a study, without verdict."
 )
-WALLS_REMARK = (
-    "What the robot's reach was inferred from is calibrated. Tracks are rows of lugs on walls of "
-    'primitives (physics.collider = "primitives"), as the paper simulates them; by default they '
-    "are smooth lines on exact walls."
+DRIVES_REMARK = (
+    "What the robot's reach was inferred from is calibrated. Claims of Section V have a motor "
+    "whose speeds are prescribed, and walls of primitives, on which tracks are rows of lugs, as in "
+    "the paper's simulation; those of Section VI have the motor that it names, and exact walls, on "
+    "which tracks are smooth lines. Where two numbers are compared, friction, preload, walls and "
+    "some degrees of orientation are drawn by lot, and the interval of the difference decides."
 )
 QUICK_REMARK = (
     "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "

@@ -80,6 +80,9 @@ def rate_difference_interval(passed: int, total: int, other: int, of: int) -> tu
     if total == 0 or of == 0:
         return -1.0, 1.0
     one, two = passed / total, other / of
-    (low, high), (other_low, other_high) = wilson_interval(passed, total), wilson_interval(other, of)
+    (low, high), (other_low, other_high) = (
+        wilson_interval(passed, total),
+        wilson_interval(other, of),
+    )
     down, up = math.hypot(one - low, other_high - two), math.hypot(high - one, two - other_low)
     return one - two - down, one - two + up
