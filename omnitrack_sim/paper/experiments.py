@@ -34,8 +34,6 @@ PRELOAD_FACTORS = (0.8, 0.9, 0.95, 1.05, 1.1, 1.2)
 """Preloads of the climbing test, as multiples of the least one by the friction law."""
 FRICTIONS = (0.2, 0.4, 0.8)
 SEED = 7
-SINGLE = ("tee_turn_misaligned", "orient_climb_turn", "rolled_past_180", "no_motion_line")
-"""Scenarios below ``paper/`` that are run as they are, once each."""
 FEW_LUGS = {"robot.lugs_per_track": 5}
 PRIMITIVES = {"physics.collider": "primitives"}
 """Walls of the runs of Section V. Its simulation has a track as a row of balls, and so do these
@@ -46,6 +44,14 @@ PUBLISHED = {"robot.motor": "pololu_1000_hpcb"}
 are prescribed, as in the paper's simulation."""
 REAL = PUBLISHED | EXACT
 """Changes that make a run one of the real robot, of Section VI."""
+SINGLE: dict[str, Mapping[str, Any]] = {
+    "paper/tee_turn_misaligned": PRIMITIVES,
+    "paper/rolled_past_180": PRIMITIVES,
+    "paper/no_motion_line": REAL,
+    "paper/orient_climb_turn": REAL,
+    "vertical_climb": PRIMITIVES,
+}
+"""Scenarios that are run once each, with the changes that make them Section V's or VI's."""
 UNAIDED: dict[str, Any] = {"control.align": False, "control.retry": False}
 AS_WRITTEN = {"control.kind": "paper"}
 ELBOW_DRIVES: dict[str, dict[str, Any]] = {
@@ -85,13 +91,8 @@ def scenarios(quick: bool) -> dict[str, list[Scenario]]:
     Args:
         quick: fewer orientations and trials of the same physics.
     """
-    lists = {name: [_of_primitives(f"paper/{name}")] for name in SINGLE}
-    lists["vertical_climb"] = [_of_primitives("vertical_climb")]
+    lists = {name.rpartition("/")[2]: [load_scenario(name, own)] for name, own in SINGLE.items()}
     return lists | _elbows(quick) | _tees(quick) | _straight_pipes(quick) | _network(quick)
-
-
-def _of_primitives(name: str) -> Scenario:
-    return load_scenario(name, PRIMITIVES)
 
 
 def drawn(base: Scenario, theta5_deg: Sequence[float], spread: float = _ASIDE) -> list[Scenario]:
@@ -146,7 +147,11 @@ def _elbows(quick: bool) -> dict[str, list[Scenario]]:
 
 def _tees(quick: bool) -> dict[str, list[Scenario]]:
     """Turns over the start orientation, random tee turns, and straight over a tee."""
-    tee, many, few = _of_primitives("tee_turn"), 24 if quick else 200, 12 if quick else 100
+    tee, many, few = (
+        load_scenario("tee_turn", PRIMITIVES),
+        24 if quick else 200,
+        12 if quick else 100,
+    )
     turn = np.arange(-60, 60, 10 if quick else 2)
     lists = {
         f"map_{kind}": _orientations(tee, turn, REAL | UNAIDED | {"control.kind": kind})
