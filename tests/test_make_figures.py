@@ -106,6 +106,7 @@ def test_counts_of_trials_stand_between_marks(page):
     assert re.findall(r"\b\d+ of \d+\b|\d passe[ds]\b|\d % pass", text) == []
 
 
+@pytest.mark.long
 def test_figures_are_of_todays_physics():
     """Of each part that is not marked as older, the short runs give today what they gave when it
     was made. Otherwise its figures are silently stale: make them, or mark them."""

@@ -147,7 +147,7 @@ class SpeedLoop:
     Args:
         drive: number of motors, and the gears between them and the belts.
         motor: ``robot.motor``.
-        torque_limit: (n,) N m, overrides the motor's own.
+        torque_limit: (n,) N m, in place of the motor's ``max_torque``.
         lug_radius: m, belt speed over shaft speed (Eq. 1).
         n: number of robots.
 
@@ -171,6 +171,7 @@ class SpeedLoop:
                 motor.efficiency,
                 motor.speed_droop,
                 motor.speed_integral_time,
+                motor.friction_torque,
             ]
         )
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
@@ -213,6 +214,7 @@ class SpeedLoop:
 
 # Constants of a speed loop.
 LUG_RADIUS, SIZE, STALL_TORQUE, NO_LOAD_SPEED, EFFICIENCY, DROOP, INTEGRAL_TIME = range(7)
+FRICTION = 7
 AT_LIMIT = 0.999
 """Part of the limit from which a motor counts as at it: forces come back through gears, rounded."""
 
@@ -228,17 +230,19 @@ def torque_range(motor, limit, speed):
     """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s.
 
     Driving, the torque-speed line and the limit hold as the maker states them, at the output
-    shaft. Against its direction of turning the gears' losses help the motor twice: once for
-    what it does not lose on the way out, and once for what it does lose on the way in.
+    shaft. Against its direction of turning losses help the motor twice: the gears' and the
+    rotor's friction once for what it does not lose on the way out, and once for what it does
+    lose on the way in.
     """
     line = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED]
     highest = within(motor[STALL_TORQUE] - line * speed, limit)
     lowest = -within(motor[STALL_TORQUE] + line * speed, limit)
     braking = 1.0 / (motor[EFFICIENCY] * motor[EFFICIENCY])
+    friction = 2.0 * motor[FRICTION] / motor[EFFICIENCY]
     if speed > 0.0:
-        lowest *= braking
+        lowest = lowest * braking - friction
     elif speed < 0.0:
-        highest *= braking
+        highest = highest * braking + friction
     return lowest, highest
 
 

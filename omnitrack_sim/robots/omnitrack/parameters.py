@@ -26,7 +26,7 @@ from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop, Overloaded
-from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
+from omnitrack_sim.robots.omnitrack.metrics import BeltRun, metrics_of
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.quantity import (
     ROUNDING,
@@ -546,7 +546,7 @@ class Omnitrack(Robot):
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """See ``Robot``."""
-        return METRICS
+        return metrics_of(self.motor)
 
     def run_record(self, trajectory: Trajectory, no_load_slip: float, timestep: float) -> BeltRun:
         """See ``Robot``."""
@@ -555,9 +555,8 @@ class Omnitrack(Robot):
             self.mass * GRAVITY,
             no_load_slip,
             self.lug_radius,
-            self.motor.torque_limit,
+            motor=self.motor,
             drive=drive_of(self.drive),
-            efficiency=self.motor.efficiency,
             slip_excess=self.slip_excess(timestep),
         )
 
@@ -569,7 +568,7 @@ class Omnitrack(Robot):
             trajectory["normal_force"],
             trajectory["slip_velocity"],
             trajectory["slip_ratio"],
-            run.power / run.efficiency,
+            run.power / self.motor.efficiency,
         )
 
     def advice(self, outcome: Outcome) -> str:
