@@ -1,6 +1,7 @@
 """The verdicts of a reproduction: how they follow from numbers, and what tells that one changed."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -224,9 +225,11 @@ def test_the_report_shows_verdicts_reasons_and_counts(monkeypatch):
     """Of all kinds."""
     claims = [sample_finding(verdict, id=verdict.name.lower()) for verdict in ClaimVerdict]
     long = sample_finding(HOLDS, id="a_claim_with_a_long_name", measured="1.0 mm " * 60)
+    long = replace(long, driven="feedback: a motor")
     _, text, _ = _printed([*claims, long], monkeypatch)
     assert "a_claim_with_a_long_name" in text
     text = " ".join(text.split())
+    assert "feedback: a motor" in text
     assert "fails: does not come out. it slips" in text
     assert "contradiction: the paper contradicts itself. it slips" in text
     counts = "holds: 2, calibrated: 1, the paper contradicts itself: 1, does not come out: 1"
@@ -253,7 +256,7 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
     top."""
     claims = [
         sample_finding(FAILS, id="slips", figures=("elbow_90",)),
-        sample_finding(HOLDS, FAILS, id="turns"),
+        replace(sample_finding(HOLDS, FAILS, id="turns"), driven="feedback: a motor"),
         sample_finding(STUDY, id="asks"),
     ]
     pictures = [
@@ -265,6 +268,7 @@ def test_the_page_shows_verdicts_with_reasons_and_figures_with_their_claims():
     assert f'<figcaption>elbow_90<br>{chip}<a href="#slips">slips</a></figcaption>' in text
     assert "<figcaption>elbow_240</figcaption>" in text
     assert "<dt>why</dt><dd>it slips</dd>" in text
+    assert text.count("<dt>driven by</dt><dd>feedback: a motor</dd>") == 1
     assert "turns: expected does not come out, came out holds." in text
     assert text.count("<dt>asked</dt>") == 1
     assert text.count("<dt>true if</dt>") == 2
