@@ -23,10 +23,10 @@ from omnitrack_sim.paper.claim import (
     tally,
 )
 from omnitrack_sim.paper.reproduce import ReportFigure, page
-from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity
+from omnitrack_sim.robots.omnitrack.kinematics import angular_velocity, elbow_speeds
 from omnitrack_sim.robots.omnitrack.motors import MOTORS
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
-from omnitrack_sim.scenario import override
+from omnitrack_sim.scenario import load_scenario, override
 
 HOLDS, CALIBRATED, CONTRADICTION, FAILS, STUDY = ClaimVerdict
 
@@ -80,6 +80,26 @@ def test_the_lever_is_l_or_half_of_the_bore_or_neither(lever, verdict, monkeypat
     monkeypatch.setattr(driving, "lever_of", lambda results: (lever, lever))
     runs = {f"elbow_{radius}_jacobian": [sample_result()] for radius in (240, 90)}
     assert driving.eq18_jacobian(runs).verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("lever", "verdict"), [(0.0524, HOLDS), (0.08, CONTRADICTION), (0.12, FAILS)]
+)
+def test_the_radius_of_curvature_is_that_of_the_bend_by_l_or_half_of_the_bore(lever, verdict):
+    """Of robots whose modules run round the bend at some distance from its centre, which is l in
+    Eq. 18 and D/2 in Eq. 20; slip that is taken off counts for nothing."""
+    runs = {}
+    for name, scenario in (("240", "elbow"), ("90", "elbow_short")):
+        elbow = override(load_scenario(scenario), {"start.theta5_deg": 20.0})
+        bend = elbow.route.passages[1]
+        speeds = elbow_speeds(np.full(1, 0.1), np.radians([20.0]), bend.bend_radius, lever)
+        record = sample_trajectory(
+            distance=np.linspace(0.0, elbow.route.centreline.length, 201),
+            wall_speed=np.repeat(speeds + 0.02, 201, axis=0),
+            slip_velocity=np.full((201, 3), 0.02),
+        )
+        runs[f"elbow_{name}_jacobian"] = [sample_result(record, scenario=elbow)] * 2
+    assert driving.eq19_radius(runs).verdict is verdict
 
 
 def test_what_does_not_hold_has_a_reason():

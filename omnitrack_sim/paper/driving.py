@@ -83,6 +83,7 @@ def eq9_mean_speed(runs: Runs, percent: float, crosswise: float) -> Measurement:
     limits={"more": 2},
     how="paper/holonomic_alignment with gravity along and across the pipe; friction, preload, "
     "orientation and walls by lot",
+    sample=Sample.AVERAGE,
 )
 def eq8_unequal_arms(runs: Runs, more: float) -> Measurement:
     """Eq. 8: rolling in a horizontal pipe, where the arms differ, stresses the robot."""

@@ -593,6 +593,7 @@ def _tilt_over_opening(result: Result) -> float:
     "out of the turn tilted by more than 12 degrees, does not right itself, and turns over in "
     "the branch, as it does after the elbow by Eq. 20.",
     figures=("fig13_as_written",),
+    sample=Sample.EVERY,
 )
 def fig13_shaft_speeds(runs: Runs) -> Measurement:
     """Figs. 12 and 13: a tee turn with the paper's speeds."""
