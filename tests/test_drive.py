@@ -91,9 +91,19 @@ def test_a_droop_shares_the_load():
 def test_losses_of_the_gears_help_to_brake():
     """With an efficiency of 0.5 the same rotor torque holds four times the load that it lifts."""
     motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
-    _, lowest, highest = _advance(_drive(motor), 0.02, 0.02)
+    _, lowest, highest = _advance(_drive(motor), 0.05, 0.05)
     assert np.allclose(highest, motor.torque_limit / R)
     assert np.allclose(lowest, -4 * motor.torque_limit / R)
+
+
+def test_losses_stop_a_motor_and_do_not_turn_it_back():
+    """What losses hold beyond the limit falls to nothing with the speed: in a period of 10 ms it
+    takes no more than the rotor's momentum away."""
+    motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
+    for speed in (0.0, 1e-3, 5e-3):
+        _, lowest, _ = _advance(_drive(motor), 0.05, speed)
+        beyond = -lowest[0, 0] * R - motor.torque_limit
+        assert beyond == pytest.approx(motor.reflected_inertia * speed / R / 0.01)
 
 
 def test_friction_of_the_rotor_helps_to_brake():
@@ -103,7 +113,7 @@ def test_friction_of_the_rotor_helps_to_brake():
     friction, part = motor.friction_torque, motor.efficiency
     assert friction == pytest.approx(986.41 * 0.003 * 0.08)
     for way in (1, -1):
-        _, *limits = _advance(_drive(motor), way * 0.02, way * 0.02)
+        _, *limits = _advance(_drive(motor), way * 0.05, way * 0.05)
         driving, braking = (limits[1], limits[0])[::way]
         assert np.allclose(driving, way * 0.3 / R)
         assert np.allclose(braking, -way * (0.3 / part + 2 * friction) / part / R)

@@ -264,11 +264,11 @@ COIL, TURN = MOTOR.winding, 2.0
 assert COIL is not None
 KN = COIL.torque_constant * MOTOR.gear_ratio  # N m/A at the shaft
 CURRENTS = [
-    (0.4 / EFFICIENCY + MOTOR.friction_torque) / KN,
+    (0.25 / EFFICIENCY + MOTOR.friction_torque) / KN,
     COIL.no_load_current,
     (0.6 * EFFICIENCY - MOTOR.friction_torque) / KN,
 ]
-"""Of motors with 0.4, 0 and -0.6 N m at the shaft, A."""
+"""Of motors with 0.25, 0 and -0.6 N m at the shaft, A."""
 EXACT: tuple[tuple[str, dict[str, Any], dict[Metric, Any]], ...] = (
     (
         "headway is that of each leg; arc lengths of different legs are not subtracted",
@@ -388,7 +388,7 @@ EXACT: tuple[tuple[str, dict[str, Any], dict[Metric, Any]], ...] = (
         "a motor that drives, one that runs free, and one that brakes harder than friction does",
         {
             "belt_speed": np.full((T, 3), TURN * RADIUS),
-            "motor_torque": np.tile([0.4, 0.0, -0.6], (T, 1)),
+            "motor_torque": np.tile([0.25, 0.0, -0.6], (T, 1)),
         },
         {
             BELTS["motor_current_max_a"]: CURRENTS,
@@ -450,10 +450,10 @@ def test_the_current_of_a_belt_is_that_of_its_motor(monkeypatch) -> None:
     share a motor have its figures."""
     monkeypatch.setitem(ot.DRIVES, PAIR.name, PAIR)
     robot = ot.Omnitrack(motor=MOTOR, drive=PAIR.name)
-    torque = 1.5 * np.array([[0.4, 0.1, 0.1]])  # the shared motor has 0.2 N m a size of one
+    torque = 1.5 * np.array([[0.25, 0.1, 0.1]])  # the shared motor has 0.2 N m a size of one
     speed = np.full((T, 3), TURN * RADIUS)
     trajectory = record(motor_torque=np.tile(torque, (T, 1)), belt_speed=speed)
-    each = [(part / EFFICIENCY + MOTOR.friction_torque) / KN for part in (0.4, 0.2, 0.2)]
+    each = [(part / EFFICIENCY + MOTOR.friction_torque) / KN for part in (0.25, 0.2, 0.2)]
     found = figure(BELTS["motor_current_max_a"], trajectory, robot)
     assert found == pytest.approx([1.5 * current for current in each])
     assert COIL is not None

@@ -85,6 +85,11 @@ def test_a_figure_of_a_motor_is_overridden_by_its_path():
             "robot.motor.torque_limit",
             "from 1e-07 to 1e+07 N m",
         ),
+        (
+            {"motor": {"like": "pololu_1000_hpcb", "winding": {"current_limit": 0.08}}},
+            "robot.motor.winding.current_limit",
+            "must be over no_load_current, 0.08 A",
+        ),
         ({"motor": 3}, "robot.motor", "a table"),
     ],
 )
@@ -191,7 +196,7 @@ def test_the_maker_s_stall_torques_ask_for_gears_of_like_losses():
 
 def test_a_current_has_no_jump_where_a_motor_begins_to_brake():
     """From driving to braking the current falls steadily through that of friction alone, to nothing
-    where friction holds the load, and grows again beyond."""
+    where friction holds the load, and grows again beyond, up to that of the limit."""
     torque = np.linspace(-1.0, 1.0, 2001)
     current = LINE.current(torque, np.full(2001, 2.0))
     assert np.abs(np.diff(current)).max() < 1e-3
@@ -200,6 +205,8 @@ def test_a_current_has_no_jump_where_a_motor_begins_to_brake():
     assert LINE.backdriving_torque == pytest.approx(held)
     assert LINE.current(np.array([-held]), np.array([2.0])) == pytest.approx([0.0])
     assert np.array_equal(current, LINE.current(-torque, np.full(2001, -2.0)))
+    weak, sign = LINE.model_copy(update={"torque_limit": 0.3}), np.array([1.0, -1.0])
+    assert weak.current(3.0 * sign, np.full(2, 0.1)) == pytest.approx([LINE.current(0.3, 0.0)] * 2)
 
 
 def test_electric_power_is_mechanical_power_and_losses():
@@ -263,8 +270,14 @@ def test_what_a_driver_lets_through_limits_the_torque():
 
 def test_a_motor_without_a_winding_tells_no_current():
     """The question is refused with the motor's name."""
-    with pytest.raises(ValueError, match="'simulation' has no winding"):
-        ot.MOTORS["simulation"].torque_at(0.2)
+    motor, one = ot.MOTORS["simulation"], np.ones(1)
+    for ask in (
+        lambda: motor.torque_at(0.2),
+        lambda: motor.current(one, one),
+        lambda: motor.electric_power(one, one),
+    ):
+        with pytest.raises(ValueError, match="'simulation' has no winding"):
+            ask()
 
 
 def test_windings_of_similar_motors_have_equal_currents_and_temperatures():
@@ -279,3 +292,13 @@ def test_windings_of_similar_motors_have_equal_currents_and_temperatures():
     time, current = np.linspace(0.0, 30.0, 301), np.full((301, 1), 0.5)
     hot = stated.winding.temperature(time, current)
     assert large.winding.temperature(time * 2.0**0.5, current) == pytest.approx(hot)
+
+
+def test_the_efficiency_that_reach_assumes_is_near_that_of_the_published_motor():
+    """Work of the rotor over electric energy in a climb, as docs/how-to/towns.md says it."""
+    robot = ot.Omnitrack(motor=LINE)
+    torque, speed = robot.climbing_torque, robot.feasible_belt_speed / robot.lug_radius
+    taken = LINE.electric_power(np.array([torque]), np.array([speed]))[0]
+    part = torque * speed / LINE.efficiency / taken
+    assert part == pytest.approx(0.32, abs=0.005)
+    assert ot.Supply().efficiency == pytest.approx(part, rel=0.1)

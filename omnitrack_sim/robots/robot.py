@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -75,6 +76,8 @@ class Robot(Sized, ABC):
         tether: that it drags along; None: it has none.
         modules: number of its alike parts, numbered from 1, that its metrics ``per_module`` have a
             value of each of; 0: it has none.
+        built: keys of ``[robot]`` that make it the robot that was built, where its defaults are
+            those of a simulation; benches and passports take them.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
 
@@ -107,6 +110,7 @@ class Robot(Sized, ABC):
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
     modules: ClassVar[int] = 0
+    built: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     own_values: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, ValidationError
+from pydantic import BeforeValidator, ValidationError, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from omnitrack_sim.base.naming import ByName
@@ -61,6 +61,14 @@ class Winding(QuantityModel):
         40.0, "K/W", "assumed", "thermal, from the housing to what is around it", (1e-3, 1e4)
     )
     housing_time: float = quantity(220.0, "s", "assumed", "in which the housing warms", (1e-2, 1e6))
+
+    @field_validator("current_limit")
+    @classmethod
+    def _moves_the_rotor(cls, value: float | None, info: ValidationInfo) -> float | None:
+        friction = info.data.get("no_load_current", 0.0)
+        if value is not None and value <= friction:
+            raise ValueError(f"must be over no_load_current, {friction:g} A, to turn the rotor")
+        return value
 
     def temperature(self, time: Array, current: Array) -> Array:
         """Return temperatures (T, ...) °C of the winding with currents (T, ...) A at times (T,) s.
@@ -201,7 +209,8 @@ class Motor(NamedTable):
 
     def _torque_of(self, current: float) -> float:
         """Torque, N m, that a current, A, would have at the shaft without any loss."""
-        assert self.winding is not None
+        if self.winding is None:
+            raise ValueError(f"motor {self.name!r} has no winding, which tells its current")
         return self.gear_ratio * self.winding.torque_constant * current
 
     def torque_at(self, current: float) -> float:
@@ -210,8 +219,6 @@ class Motor(NamedTable):
         Raises:
             ValueError: the motor has no ``winding``.
         """
-        if self.winding is None:
-            raise ValueError(f"motor {self.name!r} has no winding, which tells its current")
         return self.efficiency * max(0.0, self._torque_of(current) - self.friction_torque)
 
     def current(self, torque: Array, speed: Array) -> Array:
@@ -219,6 +226,7 @@ class Motor(NamedTable):
 
         Driving, the gears take their part and friction comes on top. Against its direction of
         turning the motor has to give only what these do not hold. At rest it counts as driving.
+        Beyond ``max_torque`` losses hold the rest.
 
         Args:
             torque: (...,) N m at the shaft.
@@ -236,7 +244,8 @@ class Motor(NamedTable):
         """
         driving, size = torque * speed >= 0, np.abs(torque)
         before = np.where(driving, size / self.efficiency, -size * self.efficiency)
-        return np.abs(before + self.friction_torque) / self._torque_of(1.0)
+        most = self.max_torque / self.efficiency + self.friction_torque
+        return np.minimum(np.abs(before + self.friction_torque), most) / self._torque_of(1.0)
 
     def electric_power(self, torque: Array, speed: Array) -> Array:
         """Return the power (...,) W that the motor takes from its supply, at 20 °C.

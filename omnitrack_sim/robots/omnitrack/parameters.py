@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -93,6 +94,7 @@ class Omnitrack(Robot):
     colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
     rolls: ClassVar[bool] = True
     modules: ClassVar[int] = MODULES
+    built: ClassVar[Mapping[str, Any]] = MappingProxyType({"motor": "pololu_1000_hpcb"})
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
@@ -378,8 +380,9 @@ class Omnitrack(Robot):
         return 0.1
 
     def similar_to(self, bore: float) -> dict[str, Any]:
-        """See ``Robot``."""
-        return {"scale": self.scale_for(bore)}
+        """See ``Robot``. A product does not scale; the motor of the simulation takes its place."""
+        motor = {} if self.motor.scale else {"motor": "simulation"}
+        return {"scale": self.scale_for(bore)} | motor
 
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
