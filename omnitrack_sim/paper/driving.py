@@ -160,8 +160,8 @@ def _rotations(result: Result, slipping: bool) -> tuple[Array, Array]:
     source="Section III, Eq. 18",
     paper="module speeds and rotation belong together by l, the module centre "
     f"({1e3 * Omnitrack().module_distance:.1f} mm)",
-    statement="the interval of the lever that fits module speeds less slip to the rotation in elbows "
-    "lies about l, within half of the distance from l to the D/2 of Eq. 20",
+    statement="the interval of the lever that fits module speeds less slip to the rotation in "
+    "elbows lies about l, within half of the distance from l to the D/2 of Eq. 20",
     how="elbows of 240 and 90 mm, all orientations, default controller",
     expected=ClaimVerdict.CONTRADICTION,
     why="Eq. 18 takes l, Eq. 20 takes D/2, and what comes out is nearer to D/2: tracks touch "

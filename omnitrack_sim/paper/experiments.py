@@ -142,6 +142,9 @@ def _elbows(quick: bool) -> dict[str, list[Scenario]]:
         lists[f"inner_{kind}"] = drawn(elbow, [0.0] * draws)
         if kind != "preset":
             lists[f"two_inner_{kind}"] = drawn(elbow, [60.0] * draws)
+    # By the golden ratio any number of them lies evenly over a third of a turn.
+    anywhere = [120 * (0.618034 * k % 1) - 60 for k in range(draws)]
+    lists["any_paper"] = drawn(override(base["90"], AS_WRITTEN), anywhere)
     return lists
 
 

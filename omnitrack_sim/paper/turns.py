@@ -202,14 +202,12 @@ def _smoother(runs: Runs, kind: str) -> Measurement:
 def preset_speeds(runs: Runs) -> Measurement:
     """Speeds computed beforehand, in the preferred orientation."""
     preset, own = runs["inner_preset"], runs["inner_paper"]
-    any_orientation = runs["elbow_90_paper"]
-    count = min(len(preset), len(any_orientation))
-    least = difference(slips(preset[:count]), slips(any_orientation[:count]))
+    least = difference(slips(preset), slips(runs["any_paper"]))
     beside = difference(slips(preset), slips(own))
     return Measurement(
         f"slip, any orientation: {least.text('mm')}; the same orientation: {beside.text('mm')}",
         least.under,
-        uncertainty=f"Student's t, {count} and {len(preset)} pairs of draws",
+        uncertainty=f"Student's t, {len(preset)} pairs of draws",
     )
 
 
@@ -304,8 +302,8 @@ def slots_of_the_arms(runs: Runs) -> Measurement:
     low, high = paired_rate_interval(gained, lost, len(tight))
     rates = ", ".join(f"{own.sum()} with {play:g}" for play, own in passed.items())
     return Measurement(
-        f"passed of {len(tight)}: {rates} degrees; {100 * (loose.mean() - tight.mean()):.0f} % more "
-        f"(95 % interval {100 * low:.0f} to {100 * high:.0f})",
+        f"passed of {len(tight)}: {rates} degrees; {100 * (loose.mean() - tight.mean()):.0f} % "
+        f"more (95 % interval {100 * low:.0f} to {100 * high:.0f})",
         low > 0,
         uncertainty="Bonett and Price, the same trials with each play",
     )
@@ -446,7 +444,7 @@ def falls_into_place(runs: Runs) -> Measurement:
     back = sum(bool((force > 1.0).all()) for force in ends)
     return Measurement(
         f"{text} of those in the region; {back} of the {passed} end on three modules",
-        0 < back and passed < total,
+        back > 0 and passed < total,
         uncertainty="even steps of orientation",
     )
 
