@@ -203,6 +203,21 @@ class RouteMap:
         """
         return [*self.centreline.tables, *pointers(self._passages)]
 
+    def has_left(self, location: Location) -> NDArray[np.bool_]:
+        """Return which located robots (n,) have their centres in no bore of their routes.
+
+        Beyond the ends of a route its bores go on.
+        """
+        # In a bore that does not branch none is farther from the centreline than its radius. In a
+        # turn at a branch many are, and the wall inside the corner is nearer, where none gets.
+        left = location.offset > self.radius.take(location.passage)
+        for robot in np.flatnonzero(left).tolist() if np.count_nonzero(left) else ():
+            route, s = self.routes[location.route[robot]], float(location.distance[robot])
+            if 0 <= s <= route.length:
+                point = route.centreline.at(np.array([s]))[0][0] + location.aside[robot]
+                left[robot] = route.passages[route.index_at(s)].depth(point) <= 0
+        return left
+
     def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
         """Return theta5 (n,) rad, in [-pi, pi), of located robots for ``passage`` (n,).
 

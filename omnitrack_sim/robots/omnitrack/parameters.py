@@ -18,7 +18,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.display import SingularRange
-from omnitrack_sim.record.events import Event, Outcome
+from omnitrack_sim.record.events import Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
@@ -26,7 +26,7 @@ from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop, Overloaded
+from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop
 from omnitrack_sim.robots.omnitrack.metrics import BeltRun, metrics_of
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.quantity import (
@@ -589,7 +589,8 @@ class Omnitrack(Robot):
         force, preload = float(forces[sample, module]), max(self.preload, self.mass * GRAVITY)
         if force > MAX_PRELOADS * preload:
             time = float(trajectory.time[sample])
-            events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
+            part, times = f"module {module + 1}", force / preload
+            events.append(Overloaded(0, time, part, force, times, "the preload"))
         sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)
         depth = float(beyond[sample, arm])
         if depth > STOP_ROOM * self.scale:
