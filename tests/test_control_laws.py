@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from documents import page
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import (
@@ -277,6 +278,17 @@ def test_a_robot_made_for_another_bore_is_told() -> None:
     fitting = {"robot.scale": 0.625, "pipes.*.inner_diameter": 0.1, "control.cruise_speed": 0.05}
     fitting["physics.timestep"] = 0.001
     assert notes_on("straight", **fitting) == []
+
+
+def test_notes_of_the_bore_begin_where_the_page_says() -> None:
+    """Where the springs press with twice the preload, and with half of it."""
+    robot = ot.Omnitrack()
+    low = 2 * (robot.nominal_pipe_radius - robot.preload / robot.module_stiffness)
+    high = 2 * (robot.nominal_pipe_radius + robot.preload / robot.module_stiffness / 2)
+    said = f"below {1e3 * low:.4g} mm or above {1e3 * high:.4g} mm for the standard robot"
+    assert said in page("scenarios")
+    for bore, notes in ((low - 1e-6, 1), (low + 1e-6, 0), (high - 1e-6, 0), (high + 1e-6, 1)):
+        assert len(list(robot.notes([bore], 0.001))) == notes, bore
 
 
 def test_the_springs_press_with_the_force_of_their_law() -> None:

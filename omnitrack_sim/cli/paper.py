@@ -271,7 +271,9 @@ def _print_findings(findings: Sequence[Finding], folder: Path) -> None:
     table = WordTable("verdict", "claim", "measured")
     table.columns[1].no_wrap = True
     for finding in findings:
-        table.add_row(_verdict(finding), finding.claim.id, plain(finding.measurement.measured))
+        driven = f"\n[dim]{plain(finding.driven)}[/]" if finding.driven else ""
+        measured = plain(finding.measurement.measured) + driven
+        table.add_row(_verdict(finding), finding.claim.id, measured)
     out.print(table)
     for finding in findings:
         if finding.reason:

@@ -177,7 +177,7 @@ class Omnitrack(Robot):
         math.radians(6.0),
         "rad",
         "assumed",
-        "slot clearance on the shafts (Section II.A); with 4 degrees turns jam in tees",
+        "slot clearance on the shafts (Section II.A)",
         (1e-3, 0.5),
     )
     slide_damping: float = quantity(
@@ -629,7 +629,7 @@ class Omnitrack(Robot):
         """
         forces = {bore: self.spring_force(bore / 2) for bore in bores}
         narrowest, widest = min(forces), max(forces)
-        # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
+        # The springs of the standard robot stay within these limits from 135 to 172.5 mm.
         if forces[narrowest] > 2 * self.preload:
             bore = narrowest
         elif forces[widest] < self.preload / 2:
