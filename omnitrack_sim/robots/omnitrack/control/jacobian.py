@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import TURNED
+from omnitrack_sim.base.rotations import TURNED, ordered_sum
 from omnitrack_sim.base.table import NotNegative, Table, Unit
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.alignment import Aligner, AlignmentTable
@@ -140,6 +140,8 @@ class JacobianController:
         self.tracking = Tracking(setup, "tracking")
         self._steers = drive_of(setup.robot.drive).steers
         self._turn_speed = setup.each("tracking.turn_speed")
+        droop = setup.robot.motor.speed_droop * setup.robot.lug_radius  # m/s for 1 N m
+        self._turn_yield = setup.each("tracking.turn_yield") * droop
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale
         # A low pass of first order by the backward Euler rule, which is stable for any period.
@@ -245,7 +247,13 @@ class JacobianController:
         if not self._steers:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
-        belt_speed = wall_speed * self.aligner.rolls.belt_sign(observation.roll)
+        sign = self.aligner.rolls.belt_sign(observation.roll)
+        yielding = turning & self.sway.grips & ~again & self._steers
+        if np.count_nonzero(yielding):
+            load = observation.motor_torque * sign
+            beyond = load - ordered_sum(load)[:, None] / load.shape[1]
+            wall_speed = wall_speed - (self._turn_yield * yielding)[:, None] * beyond
+        belt_speed = wall_speed * sign
         if np.count_nonzero(aligning):
             belt_speed = np.where(aligning[:, None], 0.0, belt_speed)
         roll = self.aligner.rolls.now.copy()

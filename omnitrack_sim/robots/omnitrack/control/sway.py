@@ -164,6 +164,11 @@ class Sway:
         """Slip of the turn (n,), 1; zero as long as it is not known."""
         return self._rows[:, TURN_SLIP]
 
+    @property
+    def grips(self) -> NDArray[np.bool_]:
+        """Robots (n,) that are known to turn with so little slip that they are left alone."""
+        return self.known & (self.slip <= self._rows[:, SLIP_FROM])
+
     def step(
         self,
         observation: Observation,
