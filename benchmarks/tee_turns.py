@@ -8,6 +8,8 @@ Trials have any gravity, and theta5 within 11 degrees of the best if a study doe
 * weak: friction 0.6 to 0.8, preload 15 to 20 N, theta5 within 60 degrees; how tracks back off.
 * motors: friction 0.6 to 1.0, preload 15 to 35 N, any theta5, standard retries; the motor that the
   paper names by its own line, up to stall and with limits, beside `simulation`.
+* torque: friction 0.6 and 1, any theta5, standard retries; preload against limits of the published
+  motor, a table for each friction.
 * length, shafts, preload: sizes of the robot, at friction 0.8 to 1.0.
 * steps: time steps, at friction 0.8 to 1.0 and preload 15 to 35 N. Compared are turns that pass at
   all steps, with the finest: the ratio of the means, and the median of the ratios.
@@ -15,7 +17,7 @@ Trials have any gravity, and theta5 within 11 degrees of the best if a study doe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -124,16 +126,18 @@ class Study:
     """
 
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    draws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    draws: Mapping[Hashable, Mapping[str, Any]] = field(default_factory=dict)
     trials: int = 96
     seed: int = 1
     turns: Mapping[str, Any] = field(default_factory=dict)
     columns: Mapping[str, Callable[[Sequence[Row]], str]] = field(default_factory=lambda: SIZES)
     head: str = "variant"
 
-    def draw(self, trials: int, seed: int) -> dict[str, list[Scenario]]:
+    def draw(self, trials: int, seed: int) -> dict[Hashable, list[Scenario]]:
         """Draw the turns of each variant."""
-        arguments = {name: {"changes": changes} for name, changes in self.variants.items()}
+        arguments: dict[Hashable, Mapping[str, Any]] = {
+            name: {"changes": changes} for name, changes in self.variants.items()
+        }
         return {
             name: random_tee_turns(trials, seed=seed, **self.turns, **own)
             for name, own in (arguments | dict(self.draws)).items()
@@ -145,6 +149,8 @@ NO_SWAY = {"control.parameters.sway.lean_deg": 0.0}
 PUBLISHED = "pololu_1000_hpcb"
 LIMITS = {"limit 0.6 N m": 0.6, "limit 0.4 N m": 0.4, "recommended limit, 0.245 N m": 0.245}
 """Limits of the published motor, N m."""
+FRICTIONS, PRELOADS = (0.6, 1.0), (15.0, 20.0, 25.0, 30.0)
+"""Friction and preload, N a module, of the map of limits."""
 STEPS = (0.00025, 0.001, 0.002, 0.0025, 0.005)
 """Time steps, s; the finest first."""
 STUDIES = {
@@ -200,6 +206,21 @@ STUDIES = {
         },
         head="motor",
     ),
+    "torque": Study(
+        draws={
+            (friction, preload, limit): {
+                "friction": (friction, friction),
+                "preload": (preload, preload),
+                "changes": AGAIN | {"robot.motor": {"like": PUBLISHED, "torque_limit": limit}},
+            }
+            for friction in FRICTIONS
+            for preload in PRELOADS
+            for limit in LIMITS.values()
+        },
+        trials=40,
+        seed=37,
+        turns={"theta5_deg": 180.0},
+    ),
     "length": Study(
         {
             f"contact length {1000 * x:.0f} mm": {"robot.contact_length": x}
@@ -250,6 +271,17 @@ def print_steps(runs: Mapping[str, Sequence[Row]]) -> None:
     table("steps", ["step, ms", "passed", *heads], lines, text)
 
 
+def print_torque(runs: Mapping[Any, Sequence[Row]]) -> None:
+    """Print how many turns pass by preload and limit of the motor, a table for each friction."""
+    heads = ["preload, N", *(f"{limit:g} N m" for limit in LIMITS.values())]
+    for friction in FRICTIONS:
+        cells = (
+            [f"{preload:g}", *(rate(runs[friction, preload, limit]) for limit in LIMITS.values())]
+            for preload in PRELOADS
+        )
+        table(f"friction {friction:g}", heads, cells, f"Friction {friction:g}:")
+
+
 def main() -> None:
     """Run the studies that are asked for, and print their tables."""
     arguments = Arguments(__doc__, workers=True)
@@ -267,6 +299,8 @@ def main() -> None:
             compare("headline", runs, BY_PRELOAD, study.head)
         if name == "steps":
             print_steps(runs)
+        elif name == "torque":
+            print_torque(runs)
         else:
             compare(name, runs, study.columns, study.head)
 

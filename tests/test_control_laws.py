@@ -100,6 +100,28 @@ class Bench:
         return float((self.routes.start[number] + self.routes.end[number]) / 2)
 
 
+@pytest.mark.parametrize(("slip", "droops"), [(0.0, 2.0), (0.0, 0.5), (0.6, 2.0)])
+def test_belts_give_way_in_a_turn_that_grips(slip: float, droops: float) -> None:
+    """Each by ``turn_yield`` droops for its torque beyond the mean of all, so that the mean of the
+    speeds stays; none in a turn that slips, nor before the turn."""
+    path = "control.parameters.tracking.turn_yield"
+    scenario = scenario_of("tee_turn", **{path: droops, "robot.motor.speed_droop": 1.5})
+    inside = float(Bench(scenario).routes.start[0]) + 0.005
+    torque = np.array([-0.3, 0.2, 0.04])
+    for distance, gives in ((inside, slip == 0.0), (0.2, False)):
+        loaded, idle = Bench(scenario), Bench(scenario)
+        plane = cross(loaded.routes.ahead[0], loaded.routes.directions[0])
+        normal = loaded.observe(distance).rotation[0].T @ plane
+        belts = module_speeds(0.0, normal[0], normal[1], 0.08)
+        moving = {"wall_speed": belts, "angular_velocity": (1.0 - slip) * normal}
+        for _ in range(20):  # until the slip is known
+            a = loaded.step(distance, motor_torque=torque, **moving)
+            b = idle.step(distance, **moving)
+        droop = 1.5 * scenario.robot.lug_radius
+        expected = -droops * droop * (torque - torque.mean()) * gives
+        assert a.belt_speed - b.belt_speed == pytest.approx(expected[None], abs=1e-9)
+
+
 @pytest.mark.parametrize("gain", [0.0, 1.0, 4.0])
 @pytest.mark.parametrize("name", WAYS)
 def test_each_fitting_has_its_own_damping(name: str, gain: float) -> None:
