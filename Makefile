@@ -3,8 +3,9 @@
 # make test: run the tests of what the program computes, in some six minutes; adds what tests,
 # checks and pages need. Both set up EGL first. Another Python, or a second environment:
 # PYTHON=python3.13 VENV=.venv-3.13
-# make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, killed
-# processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
+# make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, examples
+# of the docs, killed processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
+# make coverage: measure which lines and branches `make test` runs, and print a row for each room.
 # make quick: run laws of every room in less than a minute.
 # make docs: build the documentation into out/site, strictly.
 # make figures: make the figures and tables of README and docs anew, hours; PARTS="NAME ..." of
@@ -24,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # spinning, would cost recognition a twentieth of its time.
 test test-long: export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-long mutants quick check docs figures models bench tutorial lowest egl screen clean
+.PHONY: demo test test-long mutants coverage quick check docs figures models bench tutorial lowest egl screen clean
 
 demo: $(PACKAGE) egl
 	$(BIN)/omnitrack run scenarios/tee_turn.toml --out out/tee_turn
@@ -43,6 +44,14 @@ SEED ?= 1
 COUNT ?= 40
 mutants: $(READY)
 	$(BIN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT) $(if $(ROOM),--room $(ROOM))
+
+# What each test process leaves is put together; then a line for each room with its totals.
+coverage: $(READY) egl
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest -n 0 -m "not long"
+	$(BIN)/python -m coverage combine --quiet
+	@for room in omnitrack_sim/*/; do \
+	  echo "$$room $$($(BIN)/python -m coverage report --include="$$room*" | tail -n 1)"; done
 
 # Laws of every room, in less than a minute: for use while editing.
 QUICK := rotations writing pipes network metric_laws events walls kinematics motors control_laws \

@@ -22,9 +22,10 @@ def cell(text: str) -> str:
 
 
 def row(finding: Finding) -> list[str]:
-    """Return a row: verdict, source, what the paper says, what is measured."""
+    """Return a row: verdict, source, what the paper says, what is measured, and driven by what."""
     claim, measured = finding.claim, finding.measurement.measured
-    return [cell(text) for text in (finding.label, claim.source, claim.paper, measured)]
+    texts = (finding.label, claim.source, claim.paper, measured, finding.driven or "-")
+    return [cell(text) for text in texts]
 
 
 def main() -> None:
@@ -38,14 +39,17 @@ def main() -> None:
     made = json.loads((given.out / CLAIMS_FILE).read_text(encoding="utf-8"))["provenance"]
     counts = "; ".join(f"{verdict}: {count}" for verdict, count in tally(findings).items())
     extent = f"The {made['form']} form"
-    if given.robot == DEFAULT:
+    standard = given.robot == DEFAULT
+    if standard:
         extent += f", seed {made['seed']}: {made['runs']} runs, "
         extent += f"{made['simulated_s']:.0f} simulated seconds"
     print(f"## extent\n\n{fill(f'{extent}. {counts}.', 100)}\n")
     changed = "\n".join(f"* {finding.difference}" for finding in findings if finding.difference)
     if changed:
         print(f"## changed\n\n{changed}\n")
-    table("claims", ("verdict", "source", "paper", "measured"), map(row, findings))
+    # Robots with one controller and one motor of their own need no column that says so.
+    heads = ("verdict", "source", "paper", "measured", "driven by")[: 5 if standard else 4]
+    table("claims", heads, (row(finding)[: len(heads)] for finding in findings))
 
 
 if __name__ == "__main__":

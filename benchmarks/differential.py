@@ -8,7 +8,8 @@ symmetrical, so that an orientation and its mirror image are one trial: no two o
 there. The ways to drive are three motors at equal speed, by Eq. 20 and with feedback; one motor and
 a differential; the same with friction in its gears (limited slip); and with brakes on its outputs
 that steer (scenarios/scripts/brake_steering.py). All run without retry; in elbows the robot is not
-rolled first, in tees it is, if the row does not say otherwise.
+rolled first, in tees it is, if the row does not say otherwise. The motors are those that the paper
+names, by their own line.
 
 Printed are medians over the trials of a cell, with intervals of 95 % by a seeded bootstrap, and
 success with Wilson's; then success by friction in elbows whose walls are slippery. --figures draws
@@ -106,6 +107,7 @@ def trials(cell: Cell, orientations: Sequence[float]) -> list[ot.Scenario]:
         "control.align": cell.place in (OVER, TURN),
         "control.retry": False,
         "world.friction": cell.friction,
+        "robot.motor": "pololu_1000_hpcb",
     }
     base = ot.override(ot.load_scenario(places[cell.place]), fixed | WAYS[cell.way])
     return [

@@ -9,7 +9,8 @@ longest first. A part that was made by today's physics is left out; one that was
 behind its last finished command, and its sweeps behind their last batch. What a part makes is put
 in place when all of it is there: pictures below docs, tables between the marks of the pages, and a
 record in docs/figures.json with commit, date, processor time, and what short runs (probes) measure.
-By these a test finds the parts whose physics has changed.
+By these a test finds the parts whose physics has changed. A sentence of a page that quotes a figure
+which its part no longer prints is named on standard error, with exit status 1: mend it by hand.
 
 --stale makes the parts whose physics has changed, of those that are made. --older runs nothing: it
 marks such parts, or those that are named, as made by older physics, and the pages say so. --quick
@@ -91,8 +92,13 @@ class Maker:
             and all((self.docs / picture).is_file() for picture in part.files)
         )
 
-    def make(self, name: str, again: bool = False) -> None:
-        """Run what is left of a part, and put its pictures, tables and record in place."""
+    def make(self, name: str, again: bool = False) -> list[str]:
+        """Run what is left of a part, and put its pictures, tables and record in place.
+
+        Returns:
+            Sentences of pages, each behind its page's name, that quote a figure which the part has
+            printed before and does not print any longer.
+        """
         part, folder = self.parts[name], self.out / name
         probes = {probe: self.physics[probe] for probe in part.probes}
         asked = {"commands": part.lines("OUT", quick=self.quick), "probes": probes}
@@ -122,10 +128,10 @@ class Maker:
             probes=probes,
         )
         with self._placing:
-            self._put(part, record, pages.pieces(printed))
+            return self._put(part, record, pages.pieces(printed))
 
-    def _put(self, part: Part, record: Record, made: Mapping[str, str]) -> None:
-        """Put what a part has made in place: pictures, then pages, then the record."""
+    def _put(self, part: Part, record: Record, made: Mapping[str, str]) -> list[str]:
+        """Put what a part has made in place: pictures, pages, then the record; see ``make``."""
         missing = [name for name in part.files.values() if not self._made(part, name).is_file()]
         wanted = {
             match["piece"]
@@ -140,8 +146,14 @@ class Maker:
         self.records = read_records(self.file) | {part.name: record}
         for target, source in part.files.items():
             write_file(self.docs / target, self._made(part, source).read_bytes())
+        stale = [
+            f"{page.relative_to(self.docs.parent)}: {sentence}"
+            for page in pages.pages_of(self.docs)
+            for sentence in pages.stale_sentences(page.read_text("utf-8"), part.name, made)
+        ]
         self.fill({part.name: made})
         write_records(self.records, self.file)
+        return stale
 
     def _made(self, part: Part, name: str) -> Path:
         return self.out / part.name / name
@@ -269,15 +281,17 @@ def make_all(maker: Maker, names: list[str], again: bool, workers: int) -> list[
 
 
 def make_one(maker: Maker, name: str, again: bool) -> bool:
-    """Make a part and say how it went; returns whether it was made."""
+    """Make a part and say how it went; returns whether it was made, and no sentence is stale."""
     print(f"{name}: about {maker.parts[name].minutes:g} min of one core", flush=True)
     try:
-        maker.make(name, again)
+        stale = maker.make(name, again)
     except Failed as fault:
         print(f"{name}: {fault}", file=sys.stderr, flush=True)
         return False
     print(f"{name}: {pages.minutes(maker.records[name].cpu_s)}", flush=True)
-    return True
+    for sentence in stale:
+        print(f"{name} no longer prints a figure of {sentence}", file=sys.stderr, flush=True)
+    return not stale
 
 
 def show(maker: Maker, names: list[str]) -> None:

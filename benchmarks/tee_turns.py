@@ -6,6 +6,8 @@ Trials have any gravity, and theta5 within 11 degrees of the best if a study doe
 
 * rates: friction 0.5 to 0.8, preload 20 to 35 N; sway, alignment and retries.
 * weak: friction 0.6 to 0.8, preload 15 to 20 N, theta5 within 60 degrees; how tracks back off.
+* motors: friction 0.6 to 1.0, preload 15 to 35 N, any theta5, standard retries; the motor that the
+  paper names by its own line, up to stall and with limits, beside `simulation`.
 * length, shafts, preload: sizes of the robot, at friction 0.8 to 1.0.
 * steps: time steps, at friction 0.8 to 1.0 and preload 15 to 35 N. Compared are turns that pass at
   all steps, with the finest: the ratio of the means, and the median of the ratios.
@@ -82,6 +84,23 @@ def mean_time(rows: Sequence[Row]) -> str:
     return f"{np.mean(times):.2f} s" if times else "-"
 
 
+def preloaded(rows: Sequence[Row], low: float, high: float) -> list[Row]:
+    """Return the turns with a preload from ``low`` to ``high`` N a module."""
+    return [row for row in rows if low <= row["preload"] < high]
+
+
+def figure_of(rows: Sequence[Row], metric: str, digits: int) -> str:
+    """Return the mean, over turns that passed, of the module with the most of a metric."""
+    each = [modules_of(row, metric) for row in rows if row["success"]]
+    largest = [max(values) for values in each if values and None not in values]
+    return f"{np.mean(largest):.{digits}f}" if largest else "-"
+
+
+BY_PRELOAD = {
+    f"passed, {low} to {high} N": lambda rows, low=low, high=high: rate(preloaded(rows, low, high))
+    for low, high in ((15, 20), (20, 35))
+}
+"""Rates by preload, N a module: below 20 N turns are harder."""
 SIZES = {
     "passed": lambda rows: f"{sum(row['success'] for row in rows)} of {len(rows)}",
     "mean time": mean_time,
@@ -123,6 +142,9 @@ class Study:
 
 AGAIN = {"control.align": True, "control.retry": True}
 NO_SWAY = {"control.parameters.sway.lean_deg": 0.0}
+PUBLISHED = "pololu_1000_hpcb"
+LIMITS = {"limit 0.6 N m": 0.6, "limit 0.4 N m": 0.4, "recommended limit, 0.245 N m": 0.245}
+"""Limits of the published motor, N m."""
 STEPS = (0.00025, 0.001, 0.002, 0.0025, 0.005)
 """Time steps, s; the finest first."""
 STUDIES = {
@@ -154,6 +176,29 @@ STUDIES = {
         turns={"friction": (0.6, 0.8), "preload": (15.0, 20.0), "theta5_deg": 60.0},
         columns={"passed": rate, "of those that backed off": rate_after_backing_off},
         head="before backing off",
+    ),
+    "motors": Study(
+        {
+            "`simulation`, speeds prescribed": AGAIN,
+            "published line, up to stall (1.18 N m)": AGAIN | {"robot.motor": PUBLISHED},
+        }
+        | {
+            f"published line, {name}": AGAIN
+            | {"robot.motor": {"like": PUBLISHED, "torque_limit": limit}}
+            for name, limit in LIMITS.items()
+        },
+        trials=300,
+        seed=31,
+        turns={"friction": (0.6, 1.0), "theta5_deg": 180.0},
+        columns={
+            **BY_PRELOAD,
+            "time, s": lambda rows: figure_of(rows, "duration_s", 1),
+            "above 0.245 N m, s": lambda rows: figure_of(rows, "time_above_recommended_s", 1),
+            "largest current, A": lambda rows: figure_of(rows, "motor_current_max_a", 2),
+            "winding, °C": lambda rows: figure_of(rows, "winding_temperature_max_c", 0),
+            "others": ends,
+        },
+        head="motor",
     ),
     "length": Study(
         {
@@ -217,7 +262,9 @@ def main() -> None:
         study = STUDIES[name]
         trials = given.trials or (8 if given.quick else study.trials)
         turns = study.draw(trials, study.seed if given.seed is None else given.seed)
-        runs = Trials(name, turns).run(given.workers)
+        runs = Trials(name, turns, {"preload": lambda one: one.robot.preload}).run(given.workers)
+        if name == "motors":
+            compare("headline", runs, BY_PRELOAD, study.head)
         if name == "steps":
             print_steps(runs)
         else:

@@ -64,6 +64,7 @@ from .robots.omnitrack.drive import DRIVES as DRIVES
 from .robots.omnitrack.drive import Drive as Drive
 from .robots.omnitrack.motors import MOTORS as MOTORS
 from .robots.omnitrack.motors import Motor as Motor
+from .robots.omnitrack.motors import Winding as Winding
 from .robots.omnitrack.parameters import Omnitrack as Omnitrack
 from .robots.omnitrack.policy.file import Policy as Policy
 from .robots.omnitrack.policy.file import load_policy as load_policy

@@ -17,11 +17,8 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
-from omnitrack_sim.robots.omnitrack.drive import DRIVES
-from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.scenario import validate
 
-LUG_RADIUS, TORQUE_LIMIT = 0.0276, 0.245
 JOINT_POSITIONS = Omnitrack().joint_count
 
 
@@ -60,8 +57,7 @@ def sample_result(trajectory: Trajectory | None = None, **changes: object) -> Re
         "reason": "reached 0.5 m",
         "duration_s": float(trajectory.time[-1]),
         "metrics": summarise(
-            BeltRun(trajectory, 9.81, 1e-4, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"]),
-            METRICS,
+            scenario.robot.run_record(trajectory, 1e-4, 0.0), scenario.robot.metrics
         ),
         "trajectory": trajectory,
         "provenance": provenance_of(scenario),

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from policy_samples import driver
 
+import omnitrack_sim as ot
 from omnitrack_sim import run_trials, shipped_files
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.cli import main
@@ -20,7 +21,7 @@ from omnitrack_sim.robots.omnitrack.control import open_loop
 from omnitrack_sim.trials import dispatch
 from omnitrack_sim.trials.bench import Bench
 from omnitrack_sim.trials.bench_table import page, rows_of
-from omnitrack_sim.trials.entries import Changes, robot_of
+from omnitrack_sim.trials.entries import Changes, robot_entry, robot_of
 from omnitrack_sim.trials.suite import Course, load_suite, min_friction
 
 CONTROL = load_suite("control")
@@ -478,3 +479,14 @@ def test_a_folder_of_another_form_is_left_alone(tmp_path):
         OutputError, match="holds a different bench: quick is false there and true here"
     ):
         run_trials(other, out=tmp_path)
+
+
+def test_a_robot_by_its_kind_is_the_one_that_was_built():
+    """It has the motor that its paper names, and so has its passport; its sister, whose motor is
+    not known, and a similar robot for another bore have that of the simulation."""
+    assert robot_of(robot_entry("omnitrack").changes).motor is ot.MOTORS["pololu_1000_hpcb"]
+    assert ot.PassportPlan.of("omnitrack").changes["robot.motor"] == "pololu_1000_hpcb"
+    assert "robot.motor" not in robot_entry("climber").changes
+    small = robot_of(robot_entry("omnitrack@0.1").changes).motor
+    assert small.name == "simulation"
+    assert small.stall_torque == pytest.approx(12.0 * 0.625**4)

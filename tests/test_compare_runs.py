@@ -118,6 +118,7 @@ def test_the_figure_has_both_runs_in_every_panel():
         "B: world.friction = 0.5; stuck after 6.00 s",
     ]
     assert {type(handle) for handle in legend.legend_handles} == {Line2D}
+    assert [handle.get_marker() for handle in legend.legend_handles] == ["o", "X"]
 
 
 def test_a_table_of_one_run_alone_is_told_by_its_size_or_kind():

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from documents import page
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import (
@@ -60,7 +61,7 @@ class Bench:
     def __init__(self, scenario: ot.Scenario) -> None:
         self.scenario, self.time = scenario, 0.0
         self.routes, self.route = RouteMap([scenario.route]), np.zeros(1, np.intp)
-        settings, _ = settings_of([scenario], self.routes, self.route)
+        settings, _ = settings_of([scenario])
         self.setup = ControlSetup(
             self.routes,
             scenario.robot,
@@ -210,14 +211,14 @@ def test_the_limit_of_the_belts_is_what_the_motor_holds() -> None:
         ({"control.cruise_speed": 0.5}, "to 0.2 m/s: control.speed_limit .* without it 0.4"),
         (
             {"robot.motor": "pololu_1000_hpcb"},
-            r"from 0.1 to 0.0692 m/s: motor pololu_.*robot.motor",
+            r"0.1 to 0.09227 m/s, and to 0.0692 m/s in bends: motor pololu_.*robot.motor.* 1.33 ",
         ),
     ],
 )
 def test_a_cruise_speed_that_is_not_driven_is_told(changes: dict, told: str | None) -> None:
     """The note names the smaller cap, its key, and on a straight the robot drives no faster."""
     scenario = scenario_of("elbow", **changes)
-    (notes,) = settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1]
+    (notes,) = settings_of([scenario])[1]
     assert len(notes) == (told is not None)
     if told is None:
         return
@@ -229,10 +230,38 @@ def test_a_cruise_speed_that_is_not_driven_is_told(changes: dict, told: str | No
     assert speed == pytest.approx(named, rel=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["jacobian", "paper", "eq20"])
+def test_a_robot_slows_down_where_its_belts_would_have_to_be_faster(kind: str) -> None:
+    """Before an elbow its belts run as fast as the motor holds; from where its nose is inside they
+    run as much slower as the outer side of the bend is longer than its centreline."""
+    changes = {"robot.motor": "pololu_1000_hpcb", "control.kind": kind}
+    bench = Bench(scenario_of("elbow", **changes))
+    held, sharp = bench.scenario.robot.feasible_belt_speed, 0.08 / 0.24
+    before = bench.step(0.1, 0.0).belt_speed
+    assert before[0] == pytest.approx([held] * 3)
+    inside = bench.step(bench.routes.start[0] - 0.05, 0.0).belt_speed
+    assert inside.mean() == pytest.approx(held / (1 + sharp), rel=0.02)
+    assert inside.max() <= held
+
+
+def test_time_limits_follow_the_speed() -> None:
+    """A run may take longer by as much as its robot is slowed in the sharpest bend; patience is
+    that of a robot which is as slow."""
+    usual = scenario_of("tee_turn")
+    slow = scenario_of("tee_turn", **{"robot.motor": "pololu_1000_hpcb"})
+    factor = 0.1 / slow.min_cruise_speed
+    assert 1.5 < factor < 3.0
+    assert slow.time_limit_s == pytest.approx(factor * usual.time_limit_s)
+    lengths = {"hesitation": 0.04, "patience": 0.15, "back_off": 0.6}
+    recovery = Bench(slow).controller.recovery  # type: ignore[attr-defined]
+    for name, way in lengths.items():
+        assert getattr(recovery, f"_{name}") == pytest.approx(way / slow.min_cruise_speed), name
+
+
 def notes_on(name: str, **changes: Any) -> list[str]:
     """Notes on a shipped scenario with changes."""
     scenario = ot.load_scenario(name, changes)
-    return settings_of([scenario], RouteMap([scenario.route]), np.zeros(1, np.intp))[1][0]
+    return settings_of([scenario])[1][0]
 
 
 def test_a_robot_made_for_another_bore_is_told() -> None:
@@ -249,6 +278,17 @@ def test_a_robot_made_for_another_bore_is_told() -> None:
     fitting = {"robot.scale": 0.625, "pipes.*.inner_diameter": 0.1, "control.cruise_speed": 0.05}
     fitting["physics.timestep"] = 0.001
     assert notes_on("straight", **fitting) == []
+
+
+def test_notes_of_the_bore_begin_where_the_page_says() -> None:
+    """Where the springs press with twice the preload, and with half of it."""
+    robot = ot.Omnitrack()
+    low = 2 * (robot.nominal_pipe_radius - robot.preload / robot.module_stiffness)
+    high = 2 * (robot.nominal_pipe_radius + robot.preload / robot.module_stiffness / 2)
+    said = f"below {1e3 * low:.4g} mm or above {1e3 * high:.4g} mm for the standard robot"
+    assert said in page("scenarios")
+    for bore, notes in ((low - 1e-6, 1), (low + 1e-6, 0), (high - 1e-6, 0), (high + 1e-6, 1)):
+        assert len(list(robot.notes([bore], 0.001))) == notes, bore
 
 
 def test_the_springs_press_with_the_force_of_their_law() -> None:

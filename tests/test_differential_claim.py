@@ -13,7 +13,7 @@ from samples import sample_result, sample_trajectory
 import omnitrack_sim as ot
 from omnitrack_sim.paper import turns
 from omnitrack_sim.paper.claim import ClaimVerdict
-from omnitrack_sim.paper.experiments import ELBOW_DRIVES, _elbows
+from omnitrack_sim.paper.experiments import scenarios
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -28,12 +28,15 @@ def slipping(millimetres: float, **changes: object) -> ot.Result:
     return sample_result(metrics=metrics, **changes)
 
 
-def claim(slip: dict[str, float], **changes: object):
-    """The claim, measured where every drive slips by the same in both elbows."""
+def claim(slip: float, equal: float, **changes: object):
+    """The claim, measured where each drive slips by the same in both elbows to a millimetre."""
     runs = {
-        f"elbow_{radius}_{kind}": [slipping(slip[kind], **changes)]
-        for radius in ("240", "90")
-        for kind in ELBOW_DRIVES
+        f"elbow_{place}": [slipping(value + more, **changes) for more in (0.0, 1.0)]
+        for value, places in (
+            (slip, ("240_differential_real", "90_differential")),
+            (equal, ("240_equal_real", "90_equal")),
+        )
+        for place in places
     }
     return turns.differential_slips_less(runs)
 
@@ -48,24 +51,24 @@ def claim(slip: dict[str, float], **changes: object):
     ids=["less slip", "more slip", "stuck"],
 )
 def test_the_differential_has_to_pass_and_to_slip_less_than_equal_speeds(slip, outcome, verdict):
-    """What feedback does, with less slip than either, does not count."""
-    others = {"equal": 100.0, "paper": 90.0, "jacobian": 20.0}
-    found = claim(others | {"differential": slip}, outcome=outcome)
+    """In both elbows."""
+    found = claim(slip, 100.0, outcome=outcome)
     assert found.verdict is verdict
-    assert f"differential {slip:.0f} and {slip:.0f} mm" in found.measurement.measured
+    assert f"{slip + 0.5:.0f} against 100 mm ({slip - 100:.0f} more" in found.measurement.measured
     assert found.changed == (verdict is ClaimVerdict.FAILS)
 
 
-def test_its_runs_have_one_motor_and_the_orientations_of_the_others():
-    """In both elbows, as many as every other drive."""
-    lists = _elbows(np.array([0.0, 30.0]))
-    for radius in ("240", "90"):
-        one, three = lists[f"elbow_{radius}_differential"], lists[f"elbow_{radius}_equal"]
-        assert {s.robot.drive for s in one} == {"differential"}
-        assert [s.start for s in one] == [s.start for s in three]
-        assert [s.route.centreline.length for s in one] == [
-            s.route.centreline.length for s in three
-        ]
+def test_its_runs_have_one_motor_and_the_draws_of_the_others():
+    """In both elbows, as many as every other drive, with the motor that the paper names."""
+    lists = scenarios(quick=True)
+    for one, three in turns.ONE_MOTOR.items():
+        assert {s.robot.drive for s in lists[one]} == {"differential"}
+        assert {s.robot.drive for s in lists[three]} == {"three_motors"}
+        for a, b in zip(lists[one], lists[three], strict=True):
+            assert (a.start, a.world, a.robot.preload) == (b.start, b.world, b.robot.preload)
+            assert a.physics == b.physics
+            assert a.robot.motor.name == b.robot.motor.name == "pololu_1000_hpcb"
+            assert a.route.centreline.length == b.route.centreline.length
 
 
 @pytest.mark.parametrize("cell", study.cells(quick=False), ids=str)

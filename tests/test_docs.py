@@ -44,6 +44,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_python_of_the_readme_runs(capsys, monkeypatch):
     """The README's Python runs as it stands, in a checkout, and prints two outcomes."""
     monkeypatch.chdir(ROOT)
@@ -65,6 +66,7 @@ SHORTER = {
 """What the test runs less of: it passes through the same code."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "script", sorted((ROOT / "scenarios" / "scripts").glob("*.py")), ids=lambda p: p.stem
 )
@@ -159,6 +161,7 @@ def test_networks_and_their_keys_are_documented():
     assert sorted(key for key in keys if f"`{key}`" not in text) == []
 
 
+@pytest.mark.long
 def test_examples_of_the_network_page_run(capsys):
     """The TOML of networks.md is a network, and its Python runs."""
     text = page("networks")
@@ -173,6 +176,7 @@ def test_examples_of_the_network_page_run(capsys):
     assert "bridge" not in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_examples_of_the_mission_page_run(capsys):
     """The TOML of missions.md is a scenario, its Python prints five legs, and it names all
     missions."""

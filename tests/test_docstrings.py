@@ -21,6 +21,7 @@ def examples(name: str) -> list[doctest.DocTest]:
     return [test for test in found if test.examples]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(ot.__all__))
 def test_the_examples_of_a_public_name_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -7,11 +7,13 @@ from omnitrack_sim.robots.omnitrack import MOTORS
 from omnitrack_sim.robots.omnitrack.drive import DRIVES, SpeedLoop
 
 R = 0.0276
+LINE = MOTORS["pololu_1000_hpcb"]
+LOSSLESS = LINE.model_copy(update={"efficiency": 1.0, "winding": None, "torque_limit": 0.245})
+"""The published motor at its recommended torque, with gears that lose nothing."""
 
 
-def _drive(name="pololu_1000_hpcb", limit=None):
-    motor = MOTORS[name]
-    return SpeedLoop(DRIVES["three_motors"], motor, [limit or motor.torque_limit], R, 1)
+def _drive(motor=LOSSLESS, limit=None):
+    return SpeedLoop(DRIVES["three_motors"], motor, [limit or motor.max_torque], R, 1)
 
 
 def _advance(drive, command, speed, torque=0.0):
@@ -21,10 +23,9 @@ def _advance(drive, command, speed, torque=0.0):
 
 def test_no_torque_beyond_the_no_load_speed():
     """At the no-load speed the motor cannot push, but it can brake up to its limit."""
-    motor = MOTORS["pololu_1000_hpcb"]
-    _, lowest, highest = _advance(_drive(), 0.2, motor.no_load_speed * R)
+    _, lowest, highest = _advance(_drive(), 0.2, LOSSLESS.no_load_speed * R)
     assert np.allclose(highest, 0.0)
-    assert np.allclose(lowest, -motor.torque_limit / R)
+    assert np.allclose(lowest, -LOSSLESS.torque_limit / R)
 
 
 def test_torque_limit_holds_at_rest():
@@ -70,7 +71,7 @@ def test_a_motor_is_the_same_in_both_directions():
 def test_recommended_torque_carries_a_third_of_the_robot():
     """The recommended 0.245 N m at the belt is more than a third of a 1 kg robot's weight, as
     climbing needs."""
-    assert MOTORS["pololu_1000_hpcb"].torque_limit / R > 9.81 / 3
+    assert LINE.recommended_torque / R > 9.81 / 3
 
 
 def test_a_droop_shares_the_load():
@@ -89,17 +90,39 @@ def test_a_droop_shares_the_load():
 
 def test_losses_of_the_gears_help_to_brake():
     """With an efficiency of 0.5 the same rotor torque holds four times the load that it lifts."""
-    motor = MOTORS["pololu_1000_hpcb"].model_copy(update={"efficiency": 0.5})
-    loop = SpeedLoop(DRIVES["three_motors"], motor, [motor.torque_limit], R, 1)
-    _, lowest, highest = _advance(loop, 0.02, 0.02)
+    motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
+    _, lowest, highest = _advance(_drive(motor), 0.05, 0.05)
     assert np.allclose(highest, motor.torque_limit / R)
     assert np.allclose(lowest, -4 * motor.torque_limit / R)
+
+
+def test_losses_stop_a_motor_and_do_not_turn_it_back():
+    """What losses hold beyond the limit falls to nothing with the speed: in a period of 10 ms it
+    takes no more than the rotor's momentum away."""
+    motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
+    for speed in (0.0, 1e-3, 5e-3):
+        _, lowest, _ = _advance(_drive(motor), 0.05, speed)
+        beyond = -lowest[0, 0] * R - motor.torque_limit
+        assert beyond == pytest.approx(motor.reflected_inertia * speed / R / 0.01)
+
+
+def test_friction_of_the_rotor_helps_to_brake():
+    """Driving, the motor gives the torque that its maker states; braking, it is helped by the
+    friction that it had to overcome, and by the same once more."""
+    motor = LINE.model_copy(update={"torque_limit": 0.3})
+    friction, part = motor.friction_torque, motor.efficiency
+    assert friction == pytest.approx(986.41 * 0.003 * 0.08)
+    for way in (1, -1):
+        _, *limits = _advance(_drive(motor), way * 0.05, way * 0.05)
+        driving, braking = (limits[1], limits[0])[::way]
+        assert np.allclose(driving, way * 0.3 / R)
+        assert np.allclose(braking, -way * (0.3 / part + 2 * friction) / part / R)
 
 
 def test_one_motor_for_three_belts_is_as_strong_as_three():
     """The differential's motor is asked the mean of the speeds and gives three times the force; the
     modules count as saturated together."""
-    motor = MOTORS["pololu_1000_hpcb"]
+    motor = LOSSLESS
     loop = SpeedLoop(DRIVES["differential"], motor, [motor.torque_limit], R, 2)
     command = np.array([[0.1, 0.2, 0.0], [0.1, 0.1, 0.1]])
     torque = np.array([[0.245] * 3, [0.1] * 3])

@@ -14,6 +14,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.base.naming import installed
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
+from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.kinds import robot_class
 from omnitrack_sim.scenario import validate
 
@@ -102,6 +103,17 @@ def test_a_wrong_name_is_asked_back_with_those_of_distributions(crawlers):
         validate({"pipes": PIPES, "control": {"kind": "uprigt"}})
     with pytest.raises(InputError, match=r"did you mean 'bulge'\?"):
         fitting_class("bulg")
+
+
+def test_what_is_no_controller_is_told_with_those_of_distributions(crawlers):
+    """A name that leads to something else has the same choices as one that leads nowhere."""
+    faults = []
+    for kind in ("math:pi", "nowhere"):
+        with pytest.raises(InputError) as caught:
+            controller_of(kind, {"own": object})
+        faults.append(caught.value.faults[0])
+    assert faults[0].problem == "is 'math:pi', which is no class with a step"
+    assert faults[0].choices == faults[1].choices == ("own", "upright", "module:Object")
 
 
 def test_commands_know_the_names_of_distributions(crawlers):

@@ -1118,6 +1118,27 @@ def test_pipe_whose_end_was_never_seen_is_in_doubt():
     assert not belief.doubtful_sizes()
 
 
+def test_a_loop_closes_where_the_far_end_of_a_fitting_is_an_end_that_is_known():
+    """Nothing is driven to it again: the bend seen last comes out at the tee's own run."""
+    bends = [elbow(f"bend_{i}", mean_radius=0.09) for i in (1, 2, 3)]
+    pipes = [straight("over", 0.57), straight("down", 0.37), straight("arm", 0.5)]
+    ends = [
+        *("foot.end tee.run_start", "tee.run_end bend_1.start", "bend_1.end over.start"),
+        *("over.end bend_2.start", "bend_2.end down.start", "down.end bend_3.start"),
+        *("bend_3.end arm.start", "arm.end tee.branch"),
+    ]
+    ring = {
+        "fittings": [straight("foot"), {**tee("tee"), "run_length": 0.92}, *bends, *pipes],
+        "joints": [joint(*pair.split()) for pair in ends],
+    }
+    robot = explored(validate(ring))
+    (closed,) = of_kind(robot, LoopClosed)
+    assert closed.text == "closed a loop: elbow_3.start is tee_1.run_end, they missed by 0.0000 m"
+    assert closed.time == of_kind(robot, FittingFound)[-1].time
+    assert of_kind(robot, ExplorationComplete)
+    assert difference(robot).complete
+
+
 def test_a_loop_that_misses_is_in_doubt():
     """Any of its lengths may be wrong: the map is not called complete."""
 

@@ -250,7 +250,7 @@ def test_an_explorer_that_has_fallen_too_often_gives_up_at_once(monkeypatch):
         runs, pilot = simulation.runs, simulation.legs.pilots[0]
         fallen = Decision(None, events=events)
         monkeypatch.setattr(pilot, "on_fall", lambda *told, fallen=fallen: fallen)
-        runs.carry_out([Verdict(0, Outcome.LEFT_PIPE)])
+        runs.carry_out([Verdict(0, Hindrance.OFF_ROUTE)])
         assert runs.active[0] != over
 
 

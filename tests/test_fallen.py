@@ -357,7 +357,8 @@ def test_a_robot_without_a_way_from_where_it_lies_gives_up() -> None:
 
 
 def test_a_robot_in_plain_pipes_has_nowhere_to_fall() -> None:
-    """Past the branch of a tee its run is over at once, as ever."""
+    """Past the branch of a tee it drives on, and its run is over where its centre leaves the open
+    end, not in the middle of the bore."""
     pipes = [
         {"kind": "straight", "length": 0.4},
         {"kind": "tee"},
@@ -368,6 +369,9 @@ def test_a_robot_in_plain_pipes_has_nowhere_to_fall() -> None:
     (result,) = ot.run_batch([scenario], controller=Careless, no_load=False)
     assert result.outcome is ot.Outcome.LEFT_PIPE
     assert falls(result) == []
+    wye, end = scenario.route.passages[1], result.trajectory["position"][-1]
+    assert abs(float(wye.part.extent(end))) < 0.01
+    assert float(wye.part.signed_distance(end)[0]) > 0.06
     assert scenario.pilot(0).on_fall(1.0, MIDDLE, UP) == Decision(None)
 
 

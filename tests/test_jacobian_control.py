@@ -11,6 +11,7 @@ from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable
 from omnitrack_sim.robots.omnitrack.control.orientation import orientation_error, preferred_theta5
 from omnitrack_sim.robots.omnitrack.control.roll_plan import no_motion_distance
+from omnitrack_sim.robots.omnitrack.control.sway import Lean
 from omnitrack_sim.robots.omnitrack.events import NotAligned, Rolled
 from omnitrack_sim.robots.omnitrack.singularity import safe_margin, sector_angle
 from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
@@ -160,3 +161,40 @@ def test_a_robot_past_a_branch_comes_back_with_its_tracks_to_the_wall(
     without = override(scenario, {"control.parameters.recovery.square": False})
     passed = [result.success for result in run_batch([scenario, without], no_load=False)]
     assert passed == [True, False]
+
+
+def wanted_beyond_the_arc(axis: list[float], turn_deg: float, ahead_deg: float) -> np.ndarray:
+    """Rotation wanted per metre, about the axes of the tee, of a robot that looks past the arc of a
+    turn and has turned ``ahead_deg`` beyond the branch's direction."""
+    changes = {"start.axis": axis, "start.turn_deg": turn_deg}
+    simulation = Simulation([load_scenario("tee_turn", changes)])
+    routes, one = simulation.setup.routes, np.zeros(1, np.intp)
+    passage = routes.routes[0].passages[1]
+    s = np.array([passage.s_bend_end - 0.025])
+    place, own = routes.centreline.at(s, one)[0], passage.part.pose.rotation
+    angle = np.radians(90.0 + ahead_deg)
+    z, x = (
+        np.array([np.sin(angle), 0.0, np.cos(angle)]),
+        np.array([np.cos(angle), 0, -np.sin(angle)]),
+    )
+    frame = own @ np.stack([x, np.cross(z, x), z], axis=-1)
+    location = routes.locate(place, frame[None], one, s)
+    nothing, upright = np.zeros(1), Lean(np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    tracking = simulation.controller.tracking
+    wanted = tracking.wanted_rotation(location, frame[None], np.ones(1), nothing, upright)
+    return own.T @ wanted[0]
+
+
+@pytest.mark.parametrize("ahead_deg", [0.0, 2.0, -2.0])
+def test_rounding_does_not_decide_how_a_robot_leaves_a_turn(ahead_deg):
+    """Where all of the centreline ahead is straight, pipes that are turned in the world ask for the
+    same rotation, and a robot that points along the branch for none: the rest of the arc beneath
+    it, 11 rad/m, would turn it on."""
+    rng = np.random.default_rng(2)
+    asked = [wanted_beyond_the_arc([0.0, 0.0, 1.0], 0.0, ahead_deg)]
+    for _ in range(8):
+        axis = rng.normal(size=3).tolist()
+        asked.append(wanted_beyond_the_arc(axis, float(rng.uniform(-180, 180)), ahead_deg))
+    assert np.array(asked) == pytest.approx(np.tile(asked[0], (9, 1)), abs=1e-4)
+    expected = -40.0 * np.radians(ahead_deg)
+    assert asked[0] == pytest.approx([0.0, expected, 0.0], abs=0.2)

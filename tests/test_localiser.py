@@ -102,6 +102,16 @@ def test_a_branch_tells_how_a_robot_is_turned(turned):
     assert abs(trial.off) < 0.004
 
 
+def test_pixels_of_a_picture_deviate_from_the_right_map_as_much_as_is_stated():
+    """Half of them by less than 0.6745 standard deviations, as normal errors do; from a place 20 mm
+    off, by more."""
+    at_home = [Trial(before_tee(), along=0.4, seed=seed).look(2) for seed in "abcdefgh"]
+    misfits = [trial.localiser.misfit[0] for trial in at_home]
+    assert np.mean(misfits) == pytest.approx(0.6745, abs=0.06)
+    sure_and_wrong = Trial(before_tee(), along=0.4, std=(0.002, 0.01), off=0.02).look(1)
+    assert sure_and_wrong.localiser.misfit[0] > 0.85
+
+
 def test_a_straight_pipe_tells_neither_place_nor_rotation():
     """Of a robot of unknown rotation it stays so, however many pictures it takes; and where it is
     along the pipe it knows no better than before: all places and rotations look alike."""

@@ -93,6 +93,7 @@ def test_pieces_of_older_physics_say_so(page):
     for match in pages.MARK.finditer(page.read_text(encoding="utf-8")):
         body = match["body"].strip("\n")
         assert "/out/" not in body  # a path of the machine that made it
+        assert not re.search(r"\bnan\b", body)
         assert body == pages.with_note(body, match["part"], RECORDS.get(match["part"]))
 
 
@@ -105,6 +106,7 @@ def test_counts_of_trials_stand_between_marks(page):
     assert re.findall(r"\b\d+ of \d+\b|\d passe[ds]\b|\d % pass", text) == []
 
 
+@pytest.mark.long
 def test_figures_are_of_todays_physics():
     """Of each part that is not marked as older, the short runs give today what they gave when it
     was made. Otherwise its figures are silently stale: make them, or mark them."""
@@ -300,6 +302,40 @@ def test_a_part_that_was_killed_goes_on_and_then_fills_its_page(toy):
     told = shown([*options(toy), "--older", "toy"])
     assert told.returncode == 0, told.stderr
     assert "*Made by older physics, at commit" in (toy / "docs" / "page.md").read_text()
+
+
+QUOTES = """# Page
+
+It leans by 67.6 degrees, as said: that is 90
+times as much. By 67.65 it would fall. Within 10 s.
+
+<!-- made by: toy one -->
+0.75 against 67.6 degrees, 90 times, in 10 s
+<!-- end -->
+
+```
+67.6 degrees
+```
+"""
+
+
+def test_sentences_that_quote_a_figure_which_is_printed_no_longer_are_named(toy):
+    """By the figure with its fraction or its unit, whatever the line breaks; what the part still
+    prints, other numbers and code are not. All is put in place, and the exit status is 1."""
+    made = {"one": "0.77 against 32.4 degrees, 42 times, in 10 s"}
+    found = pages.stale_sentences(QUOTES, "toy", made)
+    assert found == ["It leans by 67.6 degrees, as said:", "that is 90 times as much."]
+    assert pages.stale_sentences(QUOTES, "other", made) == []
+    assert pages.stale_sentences(pages.filled(QUOTES, lambda _: made["one"]), "toy", made) == []
+    (toy / "out").mkdir()
+    (toy / "out" / "go").touch()
+    page = toy / "docs" / "page.md"
+    page.write_text(PAGE.replace("Between.", "There are 12.5 N.").replace("Old text.", "12.5 N"))
+    told = shown(options(toy))
+    assert told.returncode == 1
+    assert "toy no longer prints a figure of docs/page.md: There are 12.5 N." in told.stderr
+    assert "New text." in page.read_text()
+    assert shown(options(toy)).returncode == 0
 
 
 def test_a_part_that_leaves_a_piece_out_changes_nothing(toy):

@@ -169,8 +169,9 @@ def test_inner_module_is_judged_when_the_turn_begins():
 
 
 def test_no_turn_no_inner_module():
-    """Without a tee turn the modules have their numbers only."""
-    result = _result(codes=(0, 1, 2, 0))
+    """Without an elbow or a tee turn the modules have their numbers only."""
+    assert inner_module(_result(codes=(0, 1, 2, 0)).trajectory) == 0
+    result = _result(codes=(0, 1, 1, 0))
     assert inner_module(result.trajectory) is None
     assert _legend(along_figure(result))[:3] == ["module 1", "module 2", "module 3"]
 

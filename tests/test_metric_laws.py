@@ -260,6 +260,15 @@ STEADY = {"actuator_power": np.tile([7.0, 0.0, -3.0], (T, 1))}  # W
 STEPS = np.outer([0.0, 1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.25], [1.0, -2.0, 0.0])
 SHAKY = {"theta5": np.full(T, 3.1), "theta5_estimate": np.radians(np.arange(T)) - np.pi}
 LOST, SURE = np.full(T, 0.36), np.full(T, 0.34)  # rad; 20 degrees are 0.349
+COIL, TURN = MOTOR.winding, 2.0
+assert COIL is not None
+KN = COIL.torque_constant * MOTOR.gear_ratio  # N m/A at the shaft
+CURRENTS = [
+    (0.25 / EFFICIENCY + MOTOR.friction_torque) / KN,
+    COIL.no_load_current,
+    (0.6 * EFFICIENCY - MOTOR.friction_torque) / KN,
+]
+"""Of motors with 0.25, 0 and -0.6 N m at the shaft, A."""
 EXACT: tuple[tuple[str, dict[str, Any], dict[Metric, Any]], ...] = (
     (
         "headway is that of each leg; arc lengths of different legs are not subtracted",
@@ -370,6 +379,27 @@ EXACT: tuple[tuple[str, dict[str, Any], dict[Metric, Any]], ...] = (
         },
         {BELTS["time_at_limit_s"]: [1.25, 1.25, 0.0], BELTS["stall_time_s"]: [1.25, 0.0, 0.0]},
     ),
+    (
+        "torque counts beyond the recommended 0.245 N m, either way",
+        {"motor_torque": np.tile([0.2451, -0.2451, 0.245], (T, 1))},
+        {BELTS["time_above_recommended_s"]: [1.25, 1.25, 0.0]},
+    ),
+    (
+        "a motor that drives, one that runs free, and one that brakes harder than friction does",
+        {
+            "belt_speed": np.full((T, 3), TURN * RADIUS),
+            "motor_torque": np.tile([0.25, 0.0, -0.6], (T, 1)),
+        },
+        {
+            BELTS["motor_current_max_a"]: CURRENTS,
+            BELTS["motor_current_rms_a"]: CURRENTS,
+            BELTS["electric_energy_j"]: SECONDS
+            * sum(COIL.resistance * i**2 + KN * TURN * i for i in CURRENTS[:2]),
+            BELTS["winding_temperature_max_c"]: COIL.temperature(TIME, np.tile(CURRENTS, (T, 1)))[
+                -1
+            ],
+        },
+    ),
 )
 
 
@@ -397,6 +427,38 @@ def test_the_contact_force_of_modules_is_their_normal_force() -> None:
 
 PAIR = ot.Drive("pair", ((1, 0, 0), (0, 0.5, 0.5)), size=1.5)
 OPPOSED = ot.Drive("opposed", ((1, 0, -0.5),), size=2.0)
+
+
+def test_a_motor_of_unknown_winding_has_no_current() -> None:
+    """Robots have the metrics that the figures of their motors are enough for, and no others."""
+    electric = {
+        *("motor_current_max_a", "motor_current_rms_a"),
+        *("winding_temperature_max_c", "electric_energy_j"),
+    }
+    everything = set(BELTS)
+    for missing, names in (
+        ({}, set()),
+        ({"winding": None}, electric),
+        ({"recommended_torque": None}, {"time_above_recommended_s"}),
+    ):
+        robot = ot.Omnitrack(motor=MOTOR.model_copy(update=missing))
+        assert {one.name for one in robot.metrics} == everything - names
+
+
+def test_the_current_of_a_belt_is_that_of_its_motor(monkeypatch) -> None:
+    """Of three times the size a motor takes three times the current and is as hot; belts that
+    share a motor have its figures."""
+    monkeypatch.setitem(ot.DRIVES, PAIR.name, PAIR)
+    robot = ot.Omnitrack(motor=MOTOR, drive=PAIR.name)
+    torque = 1.5 * np.array([[0.25, 0.1, 0.1]])  # the shared motor has 0.2 N m a size of one
+    speed = np.full((T, 3), TURN * RADIUS)
+    trajectory = record(motor_torque=np.tile(torque, (T, 1)), belt_speed=speed)
+    each = [(part / EFFICIENCY + MOTOR.friction_torque) / KN for part in (0.25, 0.2, 0.2)]
+    found = figure(BELTS["motor_current_max_a"], trajectory, robot)
+    assert found == pytest.approx([1.5 * current for current in each])
+    assert COIL is not None
+    hot = COIL.temperature(TIME, np.tile(each, (T, 1)))[-1]
+    assert figure(BELTS["winding_temperature_max_c"], trajectory, robot) == pytest.approx(hot)
 
 
 @pytest.mark.parametrize("drive", [*ot.DRIVES.values(), PAIR, OPPOSED], ids=lambda one: one.name)

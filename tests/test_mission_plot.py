@@ -15,7 +15,7 @@ from omnitrack_sim import plot_mission
 from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.mission_figure import marks_of
+from omnitrack_sim.show.plots.mission_figure import _round_up, marks_of
 
 
 @pytest.fixture(scope="module")
@@ -212,3 +212,13 @@ def test_any_run_can_be_drawn(tmp_path, samples):
         sample_result(short, outcome=Outcome.DIVERGED, duration_s=0.0), path=tmp_path / "map.pdf"
     )
     assert (tmp_path / "map.pdf").stat().st_size > 5_000
+
+
+def test_scales_of_the_chart_end_at_the_next_round_number():
+    """In any decade at one of ten numbers a decade, that itself where it is one of them, and never
+    at more than half as much again."""
+    rounds = [float(f"{m}e{k}") for k in range(-4, 5) for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)]
+    assert [_round_up(value) for value in rounds] == pytest.approx(rounds)
+    for value, above in zip(rounds, [*rounds[1:], 1e5], strict=True):
+        assert _round_up(1.01 * value) == pytest.approx(above)
+    assert [_round_up(value) for value in (0.0, -3.0, float("nan"))] == [1.0] * 3

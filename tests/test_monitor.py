@@ -10,7 +10,7 @@ from samples import sample_trajectory
 
 import omnitrack_sim as ot
 from omnitrack_sim.autonomy.pilots import Hindrance
-from omnitrack_sim.base.rotations import rotation_about
+from omnitrack_sim.base.rotations import Array, rotation_about
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.scenario.tables import MonitorTable
@@ -104,11 +104,11 @@ def test_a_verdict_is_of_one_robot_and_is_given_again() -> None:
     ("more", "outcome"),
     [
         ({"diverged": np.array([True])}, ot.Outcome.DIVERGED),
-        ({"aside": 0.081}, ot.Outcome.LEFT_PIPE),
+        ({"aside": 0.081}, Hindrance.OFF_ROUTE),
         ({"time": 1e3}, ot.Outcome.TIMED_OUT),
     ],
 )
-def test_what_is_wrong_is_named(more: dict[str, Any], outcome: ot.Outcome) -> None:
+def test_what_is_wrong_is_named(more: dict[str, Any], outcome: ot.Outcome | Hindrance) -> None:
     """Broken physics, a place outside the pipe and the end of the time each have a verdict."""
     assert look(monitor(1), [0.3], **more) == [Verdict(0, outcome)]
 
@@ -118,8 +118,67 @@ def test_verdicts_come_in_the_order_in_which_they_count() -> None:
     has left the pipe that comes in between, and broken physics before all."""
     more = {"time": 1e3, "aside": 0.081, "diverged": np.array([True])}
     found = [verdict.found for verdict in look(monitor(1), [0.75], **more)]
-    names = ("DIVERGED", "REACHED_GOAL", "LEFT_PIPE", "TIMED_OUT")
-    assert found == [ot.Outcome[name] for name in names]
+    outcomes = ot.Outcome.DIVERGED, ot.Outcome.REACHED_GOAL, ot.Outcome.TIMED_OUT
+    assert found == [*outcomes[:2], Hindrance.OFF_ROUTE, outcomes[2]]
+
+
+WAYS = ("run_start", "branch"), ("branch", "run_end"), ("run_end", "branch")
+
+
+def points_of(fitting: ot.Fitting, port: str, count: int, rng: np.random.Generator) -> Array:
+    """Points (n, 3) of the bore from where the axes meet to a port, drawn about its axis."""
+    pose, room = fitting.ports[port], 0.999 * fitting.port_radius(port)
+    along = rng.uniform(0, float(np.linalg.norm(pose.position)), count)
+    around, out = rng.uniform(0, 2 * np.pi, count), room * np.sqrt(rng.uniform(0, 1, count))
+    beside = np.stack([out * np.cos(around), out * np.sin(around), along], axis=-1)
+    return beside @ pose.rotation.T
+
+
+def beside(fitting: ot.Fitting, port: str, points: Array) -> Array:
+    """Depths (n,) of points in the round bore about a port's axis, which goes on both ways."""
+    off = np.cross(points, fitting.ports[port].rotation[:, 2])
+    return fitting.port_radius(port) - np.linalg.norm(off, axis=-1)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=" to ".join)
+@pytest.mark.parametrize(
+    "fitting",
+    [ot.Tee(), ot.Wye(), ot.Wye(angle=1.0, branch_diameter=0.14), ot.Cross(angle=1.2)],
+    ids=str,
+)
+def test_a_robot_is_off_its_route_only_where_none_of_its_bores_is(
+    fitting: ot.Fitting, way: tuple[str, str]
+) -> None:
+    """In a turn anywhere in the arms that are passed, and where their bores cross, it is not, be
+    the arc of the centreline ever so far; beyond the mouths in another arm and in the wall it is,
+    where the arc is farther than the radius."""
+    rng = np.random.default_rng(1)
+    routes = RouteMap([ot.route([ot.Step("t", fitting, *way)])])
+    part = routes.routes[0].passages[0].part
+
+    def locate(points: Array) -> Location:
+        places, n = part.pose.apply(points), len(points)
+        turned, begin = np.tile(np.eye(3), (n, 1, 1)), np.full(n, 0.2)
+        return routes.locate(places, turned, np.zeros(n, np.intp), begin)
+
+    def off(points: Array) -> Any:
+        return routes.has_left(locate(points))
+
+    arms = np.concatenate([points_of(fitting, port, 500, rng) for port in way])
+    assert not off(arms).any()
+    for third in set(fitting.port_names) - {*way}:
+        points = points_of(fitting, third, 1000, rng)
+        depths = [beside(fitting, port, points) for port in way]
+        crossing = np.minimum(*depths) > 0
+        assert crossing.sum() > 100
+        assert not off(points[crossing]).any()
+        beyond = np.min(depths, axis=0) < -0.001
+        assert off(points[beyond & (locate(points).offset > fitting.radius)]).all()
+        assert beyond.sum() > 100
+    low, high = fitting.bounds
+    walls = rng.uniform(low, high, (2000, 3))
+    walls = walls[fitting.signed_distance(walls)[0] < -0.001]
+    assert off(walls[locate(walls).offset > fitting.radius]).all()
 
 
 @pytest.mark.parametrize(
@@ -247,7 +306,7 @@ def test_forces_and_places_that_should_not_be_are_noted() -> None:
     force, slide = run["normal_force"].copy(), run["slide"].copy()
     force[50, 1], slide[70, 2] = 21 * robot.preload, robot.slide_range[1] + 0.0012
     loaded, beyond = robot.strains(sample_trajectory(normal_force=force, slide=slide))
-    assert (loaded.time, loaded.module) == (run.time[50], 2)
+    assert (loaded.time, loaded.part) == (run.time[50], "module 2")
     assert (beyond.time, beyond.module) == (run.time[70], 3)
     assert "21 times the preload" in loaded.text
     assert "1.2 mm beyond its stop" in beyond.text

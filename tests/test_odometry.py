@@ -162,7 +162,7 @@ def test_odometry_that_cannot_be_read_is_refused_as_the_run_begins(told, monkeyp
     assert told in str(fault)
 
 
-@pytest.mark.parametrize("robot", ["presser", "climber"])
+@pytest.mark.parametrize("robot", [pytest.param("presser", marks=pytest.mark.long), "climber"])
 def test_other_robots_drive_through_fig14_by_their_own_sensors(robot):
     """Over two tees and round an elbow, and know where they are to centimetres."""
     result = ot.run(ot.load_scenario(f"robots/{robot}_fig14"))

@@ -81,7 +81,7 @@ def test_knots_are_joined_by_lines():
 def test_a_turn_knows_its_places(scenario):
     """The arc ends in the branch as far beside the run's axis as it is wide."""
     turn = Turn.of(scenario)
-    radius = scenario.control.tee_turn_radius
+    radius = scenario.arcs.turn
     assert turn.mouth @ turn.way_out == pytest.approx(radius)
     round_robot = np.stack([turn.way_in, np.cross(turn.way_out, turn.way_in), turn.way_out], axis=1)
     assert turn.left(turn.mouth[None], round_robot[None]) == pytest.approx(0.0, abs=1e-6)

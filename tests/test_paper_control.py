@@ -72,7 +72,7 @@ def test_two_modules_are_inner_in_the_worst_orientation():
     """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
     routes, route = RouteMap([scenario.route]), np.zeros(1, np.intp)
-    settings, _ = settings_of([scenario], routes, route)
+    settings, _ = settings_of([scenario])
     assert isinstance(settings, Settings)
     at = np.array([0.1])
     location = routes.locate(np.array([[0.0, 0.0, 0.1]]), np.eye(3)[None], route, at)

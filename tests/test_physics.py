@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from omnitrack_sim import Outcome, Result, Scenario, load_scenario, override, run, run_batch
+from omnitrack_sim.record.events import Overloaded
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable
-from omnitrack_sim.robots.omnitrack.events import Overloaded
 from omnitrack_sim.robots.omnitrack.kinematics import turn_from_roll
 
 G = 9.81

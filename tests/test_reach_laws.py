@@ -589,3 +589,23 @@ def test_pictures_show_all_pipes_in_true_proportion_and_where_the_robot_goes_in(
         for row, line in drawn:
             there = np.array([[float(x) for x in point.split(",")] for point in line.split()])
             assert there * [1, -1] == pytest.approx(lines[int(row)][:, plane], abs=1e-3)
+
+
+def test_pictures_name_openings_while_these_are_few():
+    """Up to six by name, in the title and at their marks; of more the number, and marks alone."""
+    network = ot.random_network(3, 20)
+    for count in (1, 6, 7):
+        openings = network.open_ends[:count]
+        reach = ot.map_reach(network, Stated(ROBOT, {}, {}, law=slope), openings)
+        (axes, *_) = ot.plot_reach(reach).axes
+        names = {*reach.openings} if count < 7 else set()
+        assert {text.get_text() for text in axes.texts} == names
+        assert len(axes.lines) == count
+        told = ", ".join(reach.openings) if names else "7 openings"
+        assert axes.get_title(loc="left").endswith(f" from {told}")
+
+
+def test_lengths_of_towns_are_told_to_three_digits_without_powers_of_ten():
+    """In kilometres from where metres would take a fourth digit."""
+    lengths = {4.0: "4 m", 999.4: "999 m", 999.6: "1 km", 5000.0: "5 km", 52_349.0: "52.3 km"}
+    assert {x: reach_files.length_text(x) for x in lengths} == lengths

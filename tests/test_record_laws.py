@@ -15,7 +15,12 @@ from scipy import stats
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Route
-from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval, wilson_interval
+from omnitrack_sim.record.statistics import (
+    mean_interval,
+    paired_rate_interval,
+    rate_difference_interval,
+    wilson_interval,
+)
 from omnitrack_sim.record.timeline import Touch, running_mean, timeline
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
@@ -182,3 +187,23 @@ def test_bodies_that_never_touch_are_no_parts_of_a_robot_s_contact() -> None:
     assert found.power.tolist() == force.tolist()
     assert found.slip_ratio is None
     assert robot.touch(data | {"wall_force": 0 * force}).force.shape == (2, 3)
+
+
+def test_the_interval_of_two_rates_is_the_published_one():
+    """Newcombe (1998), Table II, method 10: cases (a) to (h), to the digits that are printed."""
+    cases = {
+        (56, 70, 48, 80): (0.0524, 0.3339),
+        (9, 10, 3, 10): (0.1705, 0.8090),
+        (6, 7, 2, 7): (0.0582, 0.8062),
+        (5, 56, 0, 29): (-0.0381, 0.1926),
+        (0, 10, 0, 20): (-0.1611, 0.2775),
+        (0, 10, 0, 10): (-0.2775, 0.2775),
+        (10, 10, 0, 20): (0.6791, 1.0000),
+        (10, 10, 0, 10): (0.6075, 1.0000),
+    }
+    for counts, printed in cases.items():
+        low, high = rate_difference_interval(*counts)
+        assert (low, high) == pytest.approx(printed, abs=5e-5), counts
+        other = rate_difference_interval(*counts[2:], *counts[:2])
+        assert other == pytest.approx((-high, -low)), counts
+    assert rate_difference_interval(0, 0, 3, 4) == (-1.0, 1.0)

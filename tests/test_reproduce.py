@@ -12,11 +12,12 @@ from samples import sample_result
 from omnitrack_sim import Outcome, load_scenario, override
 from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.paper import claim as readings
-from omnitrack_sim.paper import driving, turns
+from omnitrack_sim.paper import driving
 from omnitrack_sim.paper import reproduce as command
 from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.experiments import (
     GRAVITIES,
+    PRESET,
     min_preload,
     random_tee_turns,
     run_all,
@@ -27,6 +28,7 @@ from omnitrack_sim.paper.reproduce import ReportFigure, by_friction, page, prefe
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
+from omnitrack_sim.sim.run import run_batch
 
 FINDING = sample_finding(ClaimVerdict.HOLDS, paper='says <b> & "c"')
 
@@ -47,6 +49,8 @@ def runs(quick):
         "tee_turn_misaligned",
         "rolling_upright",
         "rolling_flat",
+        "bores",
+        "straights",
     )
     return run_all({name: quick[name] for name in names})
 
@@ -63,6 +67,49 @@ def test_the_quick_form_is_a_part_of_the_full_one(quick):
         assert len(theta5) == 60
     for name, group in quick.items():
         assert {s.hash for s in group} <= {s.hash for s in full[name]}, name
+
+
+def test_lists_that_are_compared_share_their_draws(quick):
+    """Friction, preload, walls and how far a start is off its orientation are those of the other
+    list, pair by pair; both kinds of walls occur."""
+    pairs = [
+        ("inner_jacobian", "two_inner_jacobian"),
+        ("inner_paper", "two_inner_paper"),
+        ("inner_paper", "inner_preset"),
+        ("rolling_flat", "rolling_upright"),
+        ("straight_over_aligned", "straight_over_unaligned"),
+        ("elbow_240_paper", "elbow_240_equal"),
+    ]
+    for one, other in pairs:
+        assert {s.physics.collider for s in quick[one]} == {"exact", "primitives"}
+        for a, b in zip(quick[one], quick[other], strict=True):
+            assert a.world.friction == b.world.friction, (one, other)
+            assert (a.robot.preload, a.physics) == (b.robot.preload, b.physics), (one, other)
+            off = (a.start.theta5_deg - b.start.theta5_deg) % 60
+            assert off == pytest.approx(0, abs=1e-9) or off == pytest.approx(60), (one, other)
+
+
+def test_speeds_set_beforehand_are_those_of_the_preferred_orientation():
+    """A few degrees beside it, and for the module that faces the inside, whichever it is; the
+    paper's own controller takes those of the orientation that it has."""
+    angles = (0.0, 4.0, -4.0, 116.0)
+    beside = {"start.distance": 0.22, "run.time_limit": 0.3, "control.kind": "paper"}
+    base = load_scenario("elbow_short", beside)
+    put = [override(base, {"start.theta5_deg": angle}) for angle in angles]
+    own, preset = (
+        [_turn_speeds(result) for result in run_batch([override(s, kind) for s in put])]
+        for kind in ({}, PRESET)
+    )
+    for speeds, inner in zip(preset, (0, 0, 0, 2), strict=True):
+        assert speeds == pytest.approx(np.roll(own[0], inner), abs=1e-3)
+    assert all(np.abs(own[k] - preset[k]).max() > 1e-3 for k in (1, 2, 3))
+
+
+def _turn_speeds(result):
+    """Belt speeds (3,) m/s that are asked for in the bend."""
+    trajectory = result.trajectory
+    bend = trajectory["phase"] == trajectory.phases.index("elbow")
+    return trajectory["belt_speed_command"][bend][-1]
 
 
 def test_random_trials_repeat_and_cover_all_gravities():
@@ -87,7 +134,7 @@ def test_claims_of_driving_hold(runs):
         driving.no_motion_line,
         driving.sign_change_after_alignment,
     )
-    for claim in (*claims, driving.eq8_unequal_arms, turns.asymmetrical_compression):
+    for claim in (*claims, driving.eq8_unequal_arms, driving.bore_compliance):
         found = claim(runs)
         assert found.verdict is ClaimVerdict.HOLDS, found
         assert not found.changed, found

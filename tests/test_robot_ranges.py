@@ -27,11 +27,11 @@ def test_every_number_of_robot_and_motor_has_a_range():
     """Only names, sources and the motors themselves have none."""
     without = {
         name
-        for model in (ot.Omnitrack, ot.Motor)
+        for model in (ot.Omnitrack, ot.Motor, ot.Winding)
         for name in model.model_fields
         if name not in _numbers(model)
     }
-    assert without == {"name", "source", "motor", "roll_motor", "drive", "tether"}
+    assert without == {"name", "source", "motor", "winding", "roll_motor", "drive", "tether"}
 
 
 @pytest.mark.parametrize("value", [-1e300, -1.0, 1e-300, 1e300])

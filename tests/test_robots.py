@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,7 @@ from omnitrack_sim.base.naming import name_of
 from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
 from omnitrack_sim.record.display import Moment, StatusText
+from omnitrack_sim.record.events import Overloaded
 from omnitrack_sim.robots.display import RobotDisplay
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.robots.presser import Presser
@@ -185,6 +187,71 @@ def test_a_robot_that_does_not_fit_is_refused():
     """A rod across a pipe is in the wall by half of what it is too long."""
     with pytest.raises(ot.InputError, match=r"does not fit: body 'chassis' is 20.* mm deep"):
         ot.run(ball(**{"robot.kind": name_of(Rod)}))
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.004])
+def test_a_body_that_is_wider_than_the_bore_is_refused_with_its_depth(depth):
+    """A rigid ball cannot give way: by a hundredth of the bore and more it is refused, also beside
+    one that fits."""
+    fits, does_not = (ball(**{"robot.radius": radius}) for radius in (0.05, 0.08 + depth))
+    with pytest.raises(ot.InputError, match=r"does not fit: body 'chassis'") as told:
+        ot.Simulation([does_not])
+    (said,) = re.findall(r"is ([\d.]+) mm deep in the wall of a bore of 160 mm", str(told.value))
+    assert float(said) == pytest.approx(1000 * depth, rel=0.15)
+    assert ot.Simulation([fits]).n == 1
+    with pytest.raises(ot.InputError, match="does not fit"):
+        ot.Simulation([narrowing(0.2), narrowing(0.9)])
+
+
+def narrowing(distance: float) -> ot.Scenario:
+    """A ball of 60 mm in a pipe that narrows to 100 mm."""
+    narrow = {"kind": "straight", "length": 0.5, "inner_diameter": 0.1}
+    pipes = [*PIPES, {"kind": "reducer", "length": 0.2, "end_diameter": 0.1}, narrow]
+    return ball(**{"robot.radius": 0.06, "pipes": pipes, "start.distance": distance})
+
+
+@pytest.mark.parametrize("kind", ["snake", "helix"])
+def test_a_robot_gives_way_to_a_narrower_bore_before_it_starts(kind):
+    """A helix that was made for a bore 3 % wider begins pressed by its own joints, with a few
+    weights, and not by how soft the wall is: its middle link is not held in there."""
+    narrow = {"pipes": [{"kind": "straight", "length": 1.6, "inner_diameter": 0.97 * 0.16}]}
+    simulation = ot.Simulation([ot.load_scenario(f"robots/{kind}_elbow", narrow)])
+    weight = simulation.scenarios[0].robot.mass * 9.81
+    assert simulation.readings["wall_force"].max() < 15 * weight
+
+
+def test_a_force_beyond_what_contacts_stand_for_is_noted():
+    """A snake in a bore that is 5 % too narrow jams itself: its result says which body presses
+    hardest, when, and with how many of its weights; in its own bore it says nothing."""
+    notes = {}
+    for bore in (0.16, 0.152):
+        pipes = [{"kind": "straight", "length": 1.6, "inner_diameter": bore}]
+        changes = {"pipes": pipes, "run.time_limit": 0.5, "run.expected_outcome": "timed_out"}
+        result = ot.run(ot.load_scenario("robots/snake_elbow", changes), no_load=False)
+        force = result.trajectory["wall_force"]
+        notes[bore] = [e for e in result.events if isinstance(e, Overloaded)]
+        weight = result.scenario.robot.mass * 9.81
+        assert len(notes[bore]) == (force.max() > 20 * weight)
+    (note,) = notes[0.152]
+    sample, body = np.unravel_index(force.argmax(), force.shape)
+    assert note.time == pytest.approx(result.trajectory.time[sample])
+    names = result.scenario.robot.channels["wall_force"].names
+    times = force.max() / weight
+    assert note.text.startswith(f"body {names[body]!r}: normal force of {force.max():.0f} N, ")
+    assert f"{times:.0f} times the robot's weight" in note.text
+    assert notes[0.16] == []
+
+
+def test_friction_is_that_of_all_of_a_pipe():
+    """Walls, sharp edges and plates have the friction of the scenario."""
+    pipes = [*PIPES, {"kind": "mitre"}, {"kind": "cap", "length": 0.1}]
+    simulation = ot.Simulation([ball(**{"pipes": pipes, "world.friction": 0.37})])
+    model = simulation.model
+    fixed = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
+    names = {model.geom(i).name.split("_")[0] for i in fixed}
+    assert names >= {"wall", "rim", "plate"}
+    friction = simulation.plant._friction[0, fixed, 0]
+    assert friction == pytest.approx(0.37)
 
 
 @pytest.mark.parametrize(

@@ -208,3 +208,45 @@ def test_robots_of_three_sizes_turn_alike():
         half = len(one) // 2
         assert other[:half] == pytest.approx(one[:half], abs=1e-6)
         assert other == pytest.approx(one, abs=2e-3)
+
+
+def _turn_of(s: float) -> ot.Scenario:
+    """A tee turn from askew, with all scaled that docs/explanation/physics.md lists."""
+    root, bore = math.sqrt(s), {"inner_diameter": 0.16 * s}
+    straight = {"kind": "straight", "length": 0.4 * s, **bore}
+    return validate(
+        {
+            "pipes": [straight, {"kind": "tee", **bore}, straight],
+            "robot": {"scale": s},
+            "start": {"distance": 0.12 * s, "theta5_deg": 50.0},
+            "world": {"gravity": [3.0, -5.0, -7.0]},
+            "control": {"cruise_speed": 0.1 * root, "speed_limit": 0.2 * root},
+            "physics": {"timestep": 0.002 * root, "control_period": 0.01 * root},
+            "record": {"period": 0.02 * root},
+        }
+    )
+
+
+@pytest.mark.parametrize("s", [0.625, 1.875, 3.0])
+def test_robots_of_four_sizes_turn_into_a_branch_alike(s: float) -> None:
+    """They take similar arcs, roll by the same angle, and go the same way in the same time over the
+    root of the scale until they are far into the turn."""
+    one, other = _turn_of(1.0), _turn_of(s)
+    bends = [scenario.route.passages[1].bend_radius for scenario in (one, other)]
+    assert bends[1] == pytest.approx(s * bends[0])
+    small, large = (ot.run(scenario, no_load=False) for scenario in (one, other))
+    assert small.success
+    assert large.success
+    assert large.duration_s == pytest.approx(math.sqrt(s) * small.duration_s, rel=0.02)
+    shapes = [_without_dimension(result)[:, :3] for result in (small, large)]
+    into = shapes[0][:, 2] < 0.55 / 0.16  # the arc begins at 0.47 m
+    count = int(into.sum())
+    assert shapes[1][:count] == pytest.approx(shapes[0][:count], abs=1e-3)
+
+
+@pytest.mark.parametrize("key", ["tee_turn_radius", "tee_merge_radius"])
+def test_a_radius_round_a_corner_is_for_160_mm(key: str) -> None:
+    """In a file it is that of the standard robot's pipe, whatever the size of the robot."""
+    changed = ot.override(_turn_of(3.0), {f"control.{key}": 0.1})
+    turn, merge = changed.arcs
+    assert (turn, merge) == pytest.approx((0.3, 0.42) if "turn" in key else (0.27, 0.3))

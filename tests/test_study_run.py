@@ -20,6 +20,8 @@ from omnitrack_sim.cli.trials import _print_study
 from omnitrack_sim.show.plots.style import PictureWarning
 from omnitrack_sim.trials import dispatch, study
 from omnitrack_sim.trials.search import Measured
+from omnitrack_sim.trials.search_plan import Objective
+from omnitrack_sim.trials.study import _unit_of_objective
 
 FILES = {
     "study.json",
@@ -67,6 +69,16 @@ def test_the_folder_holds_its_files(calm):
     summary = json.loads((calm / "summary.json").read_text())
     assert (summary["candidates"], summary["trials_each"]) == (19, 2)
     assert summary["start"]["values"] == {"control.cruise_speed": 0.1, "robot.preload": 25.0}
+
+
+@pytest.mark.parametrize(
+    ("metric", "unit"),
+    [("duration_s", "s"), ("attempts", "1"), ("success_rate", "1"), ("torque_rms_nm", "N m")],
+)
+def test_objectives_have_the_unit_of_what_they_are_of(metric, unit):
+    """Of a metric its own; of a trial, that of its figure; a rate has none."""
+    goal = "maximise" if metric == "success_rate" else "minimise"
+    assert _unit_of_objective(small_study(), Objective(metric=metric, goal=goal)) == unit
 
 
 def test_two_workers_give_the_same_bytes(calm, tmp_path):

@@ -13,7 +13,13 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import figure_bytes
-from omnitrack_sim.show.plots.success import SINGULAR_COLOUR, THETA5, Spread, sweep_figure
+from omnitrack_sim.show.plots.success import (
+    SINGULAR_COLOUR,
+    THETA5,
+    Spread,
+    success_figure,
+    sweep_figure,
+)
 from omnitrack_sim.trials.run import Status, TrialsResult
 from omnitrack_sim.trials.sweep_figure import CLASSES, draw_map, singular_range, spreads
 from omnitrack_sim.trials.sweep_file import load_sweep, resolve
@@ -83,6 +89,17 @@ def test_orientations_have_the_sector_of_the_case_behind_them():
     assert ends[:2] == pytest.approx([np.degrees(case.margin)] * 2)
     assert {to_hex(patch.get_facecolor()) for patch in shades(case)} == {SINGULAR_COLOUR}
     assert shades(None) == []
+
+
+@pytest.mark.parametrize(("sector", "shaded"), [(96.54, 96.54), (120.0, 120.0), (150.0, 120.0)])
+def test_rings_have_the_sector_three_times_up_to_the_whole_circle(sector, shaded):
+    """About 60, 180 and 300 degrees; a sector wider than the period covers all and overlaps
+    nowhere."""
+    ring = success_figure(np.arange(-60, 61), {"row": np.ones(121)}, sector).axes[1]
+    bars = [bar for bar in ring.patches if to_hex(bar.get_facecolor()) == SINGULAR_COLOUR]
+    assert np.degrees([bar.get_width() for bar in bars]) == pytest.approx([shaded] * 3)
+    middles = np.degrees([bar.get_x() + bar.get_width() / 2 for bar in bars])
+    assert middles == pytest.approx([60, 180, 300])
 
 
 def test_a_map_has_a_cell_a_grid_point_and_bins_of_draws():

@@ -8,9 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 from samples import (
-    LUG_RADIUS,
     PHASES,
-    TORQUE_LIMIT,
     drive,
     legs_trajectory,
     sample_result,
@@ -27,8 +25,6 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
-from omnitrack_sim.robots.omnitrack.drive import DRIVES
-from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
 from omnitrack_sim.scenario import validate
 
 WAY = np.arange(0.1, 1.2, 0.002)
@@ -50,7 +46,7 @@ def record(
 
 
 def visits(trajectory: Trajectory, *ways: Route) -> list[PassageRecord]:
-    return timeline(trajectory, ways, Omnitrack(lug_radius=LUG_RADIUS).touch(trajectory))
+    return timeline(trajectory, ways, Omnitrack().touch(trajectory))
 
 
 def test_one_row_for_each_fitting(bend):
@@ -73,10 +69,8 @@ def test_durations_energy_and_slip_add_up_to_the_run(bend):
     wave = np.sin(WAY / 0.03)[:, None] * [1.0, 0.5, -2.0]
     trajectory = record(bend, motor_torque=wave, slip_velocity=0.01 * wave)
     rows = visits(trajectory, bend)
-    whole = summarise(
-        BeltRun(trajectory, 9.81, 0.0, LUG_RADIUS, TORQUE_LIMIT, drive=DRIVES["three_motors"]),
-        METRICS,
-    )
+    robot = Omnitrack()
+    whole = summarise(robot.run_record(trajectory, 0.0, 0.0), robot.metrics)
     assert sum(row.duration_s for row in rows) == pytest.approx(trajectory.time[-1])
     assert sum(row.energy_j for row in rows) == pytest.approx(whole["energy_j"])
     assert sum(row.slip_distance_m for row in rows) == pytest.approx(
@@ -192,10 +186,9 @@ def test_a_leg_that_was_not_begun_has_no_rows():
     """A mission that ends on its first leg tells of that leg alone."""
     routes = two_legs()
     trajectory = legs_trajectory((routes[0],), [np.arange(0.1, 0.4, 0.002)], [1])
-    assert [
-        row.name
-        for row in timeline(trajectory, routes, Omnitrack(lug_radius=LUG_RADIUS).touch(trajectory))
-    ] == ["riser"]
+    assert [row.name for row in timeline(trajectory, routes, Omnitrack().touch(trajectory))] == [
+        "riser"
+    ]
 
 
 def test_broken_and_short_records_have_rows(bend):

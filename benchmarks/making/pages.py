@@ -27,6 +27,10 @@ MARK = re.compile(
 FOOT = re.compile(r"^<!-- made by -->\n(?P<body>.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(r"!\[[^\]]*\]\(([^)#]+)\)")
 HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+SENTENCE = re.compile(r"(?<=[.:])\s+|\n\s*\n")
+FIGURE = re.compile(r"(?<![\w.])\d+(?:\.\d+ ?|\s+(?=[a-zA-Z%]))(?:[a-zA-Z%]+)?")
+"""A number with a fraction, or one with the word behind it: "1.25 s", "90 times"."""
 OLD = "*Made by older physics"
 """How the note above a piece of a part begins that today's code has not made."""
 
@@ -65,6 +69,27 @@ def filled(text: str, body: Callable[[re.Match[str]], str | None]) -> str:
         return f"{head}\n{new}\n<!-- end -->"
 
     return MARK.sub(replaced, text)
+
+
+def quoted(text: str) -> set[str]:
+    """Return the figures of a text, as they are printed."""
+    return {" ".join(match[0].split()) for match in FIGURE.finditer(text)}
+
+
+def stale_sentences(text: str, name: str, made: Mapping[str, str]) -> list[str]:
+    """Return the sentences of a page that quote a figure which its part no longer prints.
+
+    Args:
+        text: of the page before it is filled.
+        name: of the part that is made anew.
+        made: its new pieces by name.
+    """
+    old = {m["piece"]: m["body"] for m in MARK.finditer(text) if m["part"] == name}
+    now = set[str]().union(*(quoted(made.get(piece, body)) for piece, body in old.items()))
+    gone = set[str]().union(*map(quoted, old.values())) - now
+    prose = CODE.sub("", FOOT.sub("", MARK.sub("", text)))
+    sentences = (" ".join(sentence.split()) for sentence in SENTENCE.split(prose))
+    return [sentence for sentence in sentences if quoted(sentence) & gone]
 
 
 def note(name: str, record: Record | None) -> str:

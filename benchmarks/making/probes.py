@@ -117,6 +117,12 @@ PROBES = {
         1.5,
         "one motor and a differential",
     ),
+    "published": Probe(
+        "tee_turn",
+        NEAR | {"start.theta5_deg": 8.0, "robot.motor": "pololu_1000_hpcb"},
+        3.0,
+        "a turn with the motor that the paper names",
+    ),
     "policy": Probe(
         "tee_turn",
         {"start.distance": 0.2, "control.kind": "policy", "control.parameters.policy": "tee_turn"},

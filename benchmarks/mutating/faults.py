@@ -402,7 +402,9 @@ class _Finder:
         if node.value is None or isinstance(node.value, ast.Constant):
             return
         new = list(DEFAULTS.get(self.returns.partition("[")[0], []))
-        if self.returns == "Array":
+        # What is zero already cannot be told from it.
+        is_zero = re.match(r"np\.zeros(_like)?\(", self._text(node.value))
+        if self.returns == "Array" and not is_zero:
             new = [f"0 * ({self._text(node.value)})"]
         if self.returns.endswith("| None"):
             new.append("None")

@@ -37,7 +37,7 @@ from omnitrack_sim.robots.omnitrack.control.driven import DrivenTable
 from omnitrack_sim.robots.omnitrack.control.jacobian import FeedbackTable
 from omnitrack_sim.robots.omnitrack.control.open_loop import PaperTable
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
-from omnitrack_sim.robots.omnitrack.motors import Motor
+from omnitrack_sim.robots.omnitrack.motors import Motor, Winding
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions, PolicyTable
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURE_SETS
 from omnitrack_sim.robots.tail import Tether
@@ -71,6 +71,7 @@ MODELS: dict[str, type[BaseModel]] = {
     **{name: model for name, model in subtables(Scenario) if name != "robot"},
     "robot.tether": Tether,
     "robot.motor": Motor,
+    "robot.motor.winding": Winding,
     **dict(subtables(FeedbackTable, "control.parameters.")),
     "control.parameters.paper": PaperTable,
     "control.parameters.driven": DrivenTable,

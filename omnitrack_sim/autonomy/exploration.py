@@ -103,10 +103,6 @@ class Exploration:
         goals = zip(self.mission.goals, self.ends[1:], strict=True)
         return next((name for name, end in goals if self._is_at(end, nose)), "")
 
-    def holds(self, position: Array) -> bool:
-        """Return whether the centre of a robot, ``position`` (3,) m, world frame, is in a pipe."""
-        return float(self.network.pipes.signed_distance(position[None])[0][0]) > 0
-
     def is_home(self, position: Array, axis: Array) -> bool:
         """Return whether a robot stands at the start, with either end.
 

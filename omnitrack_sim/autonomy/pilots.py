@@ -33,9 +33,13 @@ from omnitrack_sim.record.events import (
 
 
 class Hindrance(Enum):
-    """Finding of the monitor that need not end a run: the robot makes no headway, or leans over."""
+    """Finding of the monitor that need not end a run.
+
+    The robot makes no headway, is in no bore of its route, or leans over.
+    """
 
     NO_HEADWAY = "no_headway"
+    OFF_ROUTE = "off_route"
     LEANING = "leaning"
 
 
@@ -141,7 +145,7 @@ class Pilot(Protocol):
             return self._decide_on_blockage(robot)
         if found is Hindrance.LEANING:
             return self.on_fall(robot.time, robot.position, robot.axis)
-        if found is not Outcome.LEFT_PIPE:
+        if found is not Hindrance.OFF_ROUTE:
             return Decision(None)
         decision = self.on_fall(robot.time, robot.position, robot.axis)
         # One that explores, and has fallen too often, is where it takes itself to be: it has been

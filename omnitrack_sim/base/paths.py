@@ -105,12 +105,18 @@ class Document:
         """Return the valid keys of the table at a path; none where no table belongs."""
         return self._keys_in(reduce(below, keys, self.data), keys)
 
-    def paths(self, *before: str) -> Iterator[str]:
+    def paths(self) -> Iterator[str]:
         """Yield the paths of all keys, of those in lists only where the data has the list."""
-        place = reduce(below, before, self.data)
-        for key in self._keys_in({} if place is None else place, before):
-            yield ".".join([*before, key])
-            yield from self.paths(*before, key)
+        return self._paths_below(self.model, self.data, ())
+
+    def _paths_below(self, kind: Any, place: Any, before: tuple[str, ...]) -> Iterator[str]:
+        """Yield the paths of the keys of a value of a type at a path."""
+        for key in _keys_of(_model_of(kind, {} if place is None else place)):
+            keys = (*before, key)
+            yield ".".join(keys)
+            own = self.open_tables.get(keys)
+            inner = own(self.data) if own else _type_below(kind, place, key)
+            yield from self._paths_below(inner, below(place, key), keys)
 
     def expand(self, path: str) -> list[str]:
         """Return the paths of what a path with ``*`` stands for, or the path itself.
@@ -180,8 +186,7 @@ class Document:
 
     def _keys_in(self, place: Any, before: Keys) -> tuple[str, ...]:
         """Return the valid keys of the table ``place`` at the path ``before``."""
-        model = _model_of(self._type_at(before), place)
-        return () if model is None else (*getattr(model, "OTHER_KEYS", ()), *model.model_fields)
+        return _keys_of(_model_of(self._type_at(before), place))
 
     def _default(self, place: Any, before: Keys, key: str) -> Any:
         """Return the default of a key as plain data; an empty table where there is none."""
@@ -193,6 +198,10 @@ class Document:
 
 def _nowhere(key: str, choices: tuple[str, ...]) -> Fault:
     return Fault("", f"there is no {key!r} here", choices, given=key)
+
+
+def _keys_of(model: type[BaseModel] | None) -> tuple[str, ...]:
+    return () if model is None else (*getattr(model, "OTHER_KEYS", ()), *model.model_fields)
 
 
 def _model_of(kind: Any, value: Any) -> type[BaseModel] | None:

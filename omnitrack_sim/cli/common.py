@@ -13,7 +13,6 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 from typer.core import TyperGroup
 
@@ -21,6 +20,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError, gathered
 from omnitrack_sim.base.text import printable, strict_json
 from omnitrack_sim.cli import complete
+from omnitrack_sim.cli.word_table import WordTable
 
 
 class _Commands(TyperGroup):
@@ -71,14 +71,9 @@ def plain(text: str) -> str:
     return escape(printable(text))
 
 
-def plain_table(*heads: str, gap: int = 2) -> Table:
-    """Return an empty table without lines, with ``gap`` blanks beside each column."""
-    return Table(*heads, box=None, padding=(0, gap))
-
-
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
     """Print a table without lines; its texts as they are, but for those with a style."""
-    table = plain_table(*heads)
+    table = WordTable(*heads)
     for row in rows:
         table.add_row(*(plain(cell) if isinstance(cell, str) else cell for cell in row))
     out.print(table)

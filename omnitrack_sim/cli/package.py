@@ -18,10 +18,10 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
-    plain_table,
     print_json,
     print_table,
 )
+from omnitrack_sim.cli.word_table import WordTable
 
 
 @app.command()
@@ -64,8 +64,7 @@ def parameters(
         print_json([vars(row) for row in rows])
         return
     columns = ("parameter", "value", "range", "unit", "provenance", "source")
-    table = plain_table(*columns, gap=1)
-    table.columns[0].overflow = "fold"
+    table = WordTable(*columns, gap=1)
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
         within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
@@ -218,7 +217,7 @@ def _print_policy(policy: ot.Policy, as_json: bool) -> None:
     if as_json:
         print_json(contents)
         return
-    table = plain_table()
+    table = WordTable()
     table.show_header = False
     for key, value in contents.items():
         text = value if isinstance(value, str) else ", ".join(value)

@@ -21,11 +21,11 @@ from omnitrack_sim.cli.common import (
     err,
     out,
     plain,
-    plain_table,
     print_json,
     print_saved,
     progress,
 )
+from omnitrack_sim.cli.word_table import WordTable
 
 if TYPE_CHECKING:
     from omnitrack_sim.paper.claim import Finding
@@ -172,7 +172,7 @@ def _print_singularity(summary: dict[str, Any]) -> None:
         f"turn {summary['turn_angle_deg']:g} deg, {summary['modules']} modules, "
         f"best theta5 {summary['best_theta5_deg']:g} deg"
     )
-    table = plain_table("region", "sector, deg", "margin, deg", "failure rate", "success rate")
+    table = WordTable("region", "sector, deg", "margin, deg", "failure rate", "success rate")
     for name, rates in summary["definitions"].items():
         table.add_row(name, *_rates(rates), style="bold" if name == summary["definition"] else None)
     table.add_row(f"real, L = {1e3 * real['contact_length_m']:.0f} mm", *_rates(real))
@@ -268,10 +268,12 @@ def _print_findings(findings: Sequence[Finding], folder: Path) -> None:
     """Print verdicts with measurements, reasons of claims that do not hold, and counts."""
     from omnitrack_sim.paper.claim import tally
 
-    table = plain_table("verdict", "claim", "measured")
+    table = WordTable("verdict", "claim", "measured")
     table.columns[1].no_wrap = True
     for finding in findings:
-        table.add_row(_verdict(finding), finding.claim.id, plain(finding.measurement.measured))
+        driven = f"\n[dim]{plain(finding.driven)}[/]" if finding.driven else ""
+        measured = plain(finding.measurement.measured) + driven
+        table.add_row(_verdict(finding), finding.claim.id, measured)
     out.print(table)
     for finding in findings:
         if finding.reason:

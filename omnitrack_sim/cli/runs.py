@@ -23,11 +23,11 @@ from omnitrack_sim.cli.common import (
     load,
     out,
     plain,
-    plain_table,
     print_json,
     print_saved,
     progress,
 )
+from omnitrack_sim.cli.word_table import WordTable
 
 PAGE = "replay.html"
 """Name of the page in the folder of its run."""
@@ -144,7 +144,7 @@ def print_result(result: ot.Result, target: Path) -> None:
 
 def _size_table(difference: ot.MapDifference) -> Table:
     """Table of how sure an explorer is of the sizes on its map."""
-    table = plain_table("its map", "true part", "size", "unit", "value", "std", "error", gap=1)
+    table = WordTable("its map", "true part", "size", "unit", "value", "std", "error", gap=1)
     for size in difference.sizes:
         table.add_row(plain(size.part), plain(size.true) or "-", size.key, *size.cells)
     return table
@@ -233,7 +233,7 @@ def _figure_table(result: ot.Result) -> Table:
     metrics = robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
     heads = [f"module {i + 1}" for i in range(robot.modules)] if of_modules else ["value"]
-    table = plain_table("figure", "unit", *heads)
+    table = WordTable("figure", "unit", *heads)
     for metric in of_modules or metrics:
         value = result.metrics[metric.name]
         if isinstance(value, float):
@@ -530,7 +530,7 @@ def _print_comparison(comparison: ot.Comparison) -> None:
 
 
 def _print_rows(heads: tuple[str, ...], rows) -> None:
-    table = plain_table()
+    table = Table(box=None, padding=(0, 2))
     for head in heads:
         numbers = head in ("A", "B", "B - A")
         # Values are broken where a line is short, names at their dots alone.

@@ -24,12 +24,12 @@ from omnitrack_sim.cli.common import (
     err,
     out,
     plain,
-    plain_table,
     print_json,
     print_table,
     progress,
     with_changes,
 )
+from omnitrack_sim.cli.word_table import WordTable
 
 if TYPE_CHECKING:
     from omnitrack_sim.trials.run import Status
@@ -315,7 +315,7 @@ def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
             f"all {result.status.total} are in {place}"
         )
         return
-    table = plain_table("group", "passed", "of", "rate", "95 % interval")
+    table = WordTable("group", "passed", "of", "rate", "95 % interval")
     table.add_row("all", *_rate(summary), style="bold")
     for name, rows in summary["groups"].items():
         for row in rows:
@@ -383,7 +383,7 @@ def _print_study(study: ot.Study, result: ot.TrialsResult, target: Path) -> None
     from omnitrack_sim.trials.study import BEST_FILE
 
     summary = result.summary
-    table = plain_table("", "start", "best")
+    table = WordTable("", "start", "best")
     for name in study.columns:
         for key, of in (("search", name), ("check", f"{name}, other trials")):
             pair = [summary[which][key] for which in ("start", "best")]
@@ -422,7 +422,7 @@ def _print_bench(planned: ot.Bench, result: ot.TrialsResult, target: Path) -> No
         if any(row.get(name) is not None for row in every)
     }
     for name, words in headings(planned, every).items():
-        table = plain_table("entry", "passed", "95 %\ninterval\n%", *figures.values(), gap=1)
+        table = WordTable("entry", "passed", "95 %\ninterval\n%", *figures.values(), gap=1)
         table.title, table.title_justify = f"{name}: {words}", "left"
         for column in table.columns:
             column.no_wrap = True

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.record.statistics import mean_interval, wilson_interval
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import load_scenario, override
@@ -126,7 +127,49 @@ class Claim:
                 asked for.
             quick: the measurement is that of the quick form.
         """
-        return Finding(self, self.measure(given, **self.limits), quick)
+        runs = _Reading(given) if isinstance(given, Mapping) else given
+        measurement = self.measure(runs, **self.limits)
+        read = runs.read if isinstance(runs, _Reading) else {}
+        return Finding(self, measurement, quick, driving(r for own in read.values() for r in own))
+
+
+class _Reading(Mapping[str, Sequence[Result]]):
+    """Runs that keep those that a claim reads."""
+
+    def __init__(self, runs: Mapping[str, Sequence[Result]]) -> None:
+        self.runs, self.read = runs, dict[str, Sequence[Result]]()
+
+    def __getitem__(self, name: str) -> Sequence[Result]:
+        self.read[name] = self.runs[name]
+        return self.runs[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+
+CONTROLLERS = {
+    "jacobian": "feedback",
+    "paper": "as written",
+    "equal": "equal speeds",
+    "Preset": "set beforehand",
+}
+"""What drives the paper's robot, by ``control.kind``; another name stands for itself."""
+
+
+def driving(results: Iterable[Result]) -> str:
+    """Return by which controllers and which motors some runs are driven; nothing of no runs."""
+    ways: dict[str, dict[str, None]] = {}
+    for result in results:
+        scenario = result.scenario
+        kind = scenario.control.kind.rpartition(":")[2]
+        motor, drive = scenario.robot.motor, scenario.robot.drive
+        way = CONTROLLERS.get(kind, kind)
+        way += "" if drive == "three_motors" else f" with one motor, {drive}"
+        ways.setdefault(f"{motor.name} up to {motor.torque_limit:.3g} N m", {})[way] = None
+    return "; ".join(f"{', '.join(own)}: {motor}" for motor, own in ways.items())
 
 
 def claim(**fields: Any) -> Callable[[Callable[..., Measurement]], Claim]:
@@ -150,6 +193,7 @@ class Finding:
         claim: what was measured.
         measurement: what came out.
         quick: these are the runs of the quick form.
+        driven: controllers and motors of the runs that it was measured on; empty without runs.
 
     Raises:
         ValueError: a study is judged, or a claim is not.
@@ -158,6 +202,7 @@ class Finding:
     claim: Claim
     measurement: Measurement
     quick: bool = False
+    driven: str = ""
 
     def __post_init__(self) -> None:
         study = ClaimVerdict.STUDY
@@ -211,6 +256,7 @@ class Finding:
             "source": claim.source,
             "paper": claim.paper,
             "statement": claim.text,
+            "driven": self.driven,
             "measured": measurement.measured,
             "uncertainty": measurement.uncertainty,
             "verdict": self.verdict,
@@ -241,6 +287,61 @@ def rate_text(count: int, total: int) -> str:
     low, high = (100 * end for end in wilson_interval(count, total))
     percent = f"{100 * count / total:.1f} %, 95 % interval {low:.1f} to {high:.1f}"
     return f"{count} of {total} ({percent})"
+
+
+class Difference(NamedTuple):
+    """Mean of one figure less the mean of another, over the same draws, with its 95 % interval.
+
+    Attributes:
+        first: mean of the one.
+        second: mean of the other.
+        low: end of the interval of ``first - second``, by Student's t of the pairs; not a number
+            for fewer than two pairs, of which nothing holds.
+        high: its other end.
+    """
+
+    first: float
+    second: float
+    low: float
+    high: float
+
+    def over(self, least: float = 0.0) -> bool:
+        """Return whether the first is larger by more than ``least``, whatever the draws were."""
+        return self.low > least
+
+    @property
+    def under(self) -> bool:
+        """True if the first is smaller, whatever the draws were."""
+        return self.high < 0.0
+
+    def gain(self, digits: int = 0) -> str:
+        """Return what the first has more than the second, with the interval."""
+        ends = self.first - self.second, self.low, self.high
+        mean, low, high = (f"{value:.{digits}f}" for value in ends)
+        return f"{mean} more, 95 % interval {low} to {high}"
+
+    def text(self, unit: str, digits: int = 0) -> str:
+        """Return both means, and what the first has more than the second."""
+        means = f"{self.first:.{digits}f} against {self.second:.{digits}f} {unit}"
+        return f"{means} ({self.gain(digits)})"
+
+
+def difference(first: ArrayLike, second: ArrayLike) -> Difference:
+    """Return how much more a figure is than another one.
+
+    Args:
+        first: (n,) figure of each draw.
+        second: (n,) the other figure, of the same draws in their order.
+
+    Raises:
+        ValueError: the draws are not the same.
+    """
+    one, other = np.asarray(first, float), np.asarray(second, float)
+    if one.shape != other.shape:
+        raise ValueError(f"{one.size} draws have no pairs among {other.size}")
+    return Difference(
+        float(one.mean()), float(other.mean()), *mean_interval((one - other).tolist())
+    )
 
 
 def slip_of(result: Result) -> float:

@@ -39,18 +39,19 @@ PHASES = {
     "tee_straight": ("#eadfeb", "tee, straight on"),
 }
 """Background of the shaded phases, and their names in legends; any other phase stays white."""
+TURNS = "tee_turn", "elbow"
 DASHED: dict[str, Any] = {"ls": (0, (4, 2)), "lw": 0.8, "alpha": 0.7}
 NO_CONTACT_FORCE = 0.5
 """Normal force below which a module counts as off the wall, N."""
 
 
 def inner_module(trajectory: Trajectory) -> int | None:
-    """Return the module that points into the first tee turn as it begins; None without one."""
-    codes = trajectory["phase"].astype(int)
-    turn = trajectory.phases.index("tee_turn") if "tee_turn" in trajectory.phases else -1
-    if turn not in codes:
+    """Return the module that points into the first turn as it begins; None without one."""
+    turns = [trajectory.phases.index(name) for name in TURNS if name in trajectory.phases]
+    turning = np.isin(trajectory["phase"].astype(int), turns)
+    if not turning.any():
         return None
-    theta5 = trajectory["theta5"][np.argmax(codes == turn)]
+    theta5 = trajectory["theta5"][np.argmax(turning)]
     return int(np.argmin(np.abs(wrap_angle(theta5 + np.array(MODULE_ANGLES)))))
 
 

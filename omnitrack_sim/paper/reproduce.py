@@ -57,11 +57,14 @@ STRIPS = {
 STILLS = 6
 TEE_TURNS = {
     "aligned": "aligned, friction 0.8 to 1.0",
+    "aligned_real": "the same, motor and walls of Section VI",
+    "written": "aligned, as written",
+    "written_real": "the same, motor and walls of Section VI",
     "slippery": "aligned, friction 0.6 to 0.8",
     "few_lugs": "5 lugs a track, friction 0.8 to 1.0",
     "few_lugs_slippery": "5 lugs a track, friction 0.6 to 0.8",
-    "map_jacobian": "not aligned, feedback",
-    "map_paper": "not aligned, as written",
+    "map_jacobian": "not aligned, feedback, Section VI",
+    "map_paper": "not aligned, as written, Section VI",
 }
 """Lists of tee turns whose success rates are compared, with their labels."""
 DRIVES = {
@@ -118,7 +121,7 @@ def reproduce(
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     pictures = _draw(runs, Path(directory) / "figures", format) if standard else {}
     missing = ", ".join(name for name, picture in pictures.items() if picture is None)
-    remarks = [REMARK, *([WALLS_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
+    remarks = [REMARK, *([DRIVES_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
     if missing:
         remarks.append(f"These figures could not be drawn: {missing}.")
     figures = [picture for picture in pictures.values() if picture is not None]
@@ -249,7 +252,7 @@ FIGURES: dict[str, tuple[str, Callable[[Runs], Figure]]] = {
     ),
     "fig13_as_written": (
         "Fig. 13: shaft speeds with the paper's open-loop speeds.",
-        lambda runs: angular_velocity_figure(runs["tee_turn_as_written"][0]),
+        lambda runs: angular_velocity_figure(runs["written"][0]),
     ),
     "fig13_feedback": (
         "The same turn with feedback along the centreline.",
@@ -294,10 +297,12 @@ REMARK = (
     "tolerance. Its verdict follows from the measurement, with the reason as far as it is known "
     "where it does not hold. What nobody has stated is a study, without verdict."
 )
-WALLS_REMARK = (
-    "What the robot's reach was inferred from is calibrated. Tracks are rows of lugs on walls of "
-    'primitives (physics.collider = "primitives"), as the paper simulates them; by default they '
-    "are smooth lines on exact walls."
+DRIVES_REMARK = (
+    "What the robot's reach was inferred from is calibrated. Claims of Section V have a motor "
+    "whose speeds are prescribed, and walls of primitives, on which tracks are rows of lugs, as in "
+    "the paper's simulation; those of Section VI have the motor that it names, and exact walls, on "
+    "which tracks are smooth lines. Where two numbers are compared, friction, preload, walls and "
+    "some degrees of orientation are drawn by lot, and the interval of the difference decides."
 )
 QUICK_REMARK = (
     "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "
@@ -384,10 +389,11 @@ def _chip(finding: Finding) -> str:
 def _row(finding: Finding) -> str:
     """Return a finding in the table of verdicts."""
     claim, measured = finding.claim, _text(finding.measurement.measured)
-    reason = f"<br><small>{_text(finding.reason)}</small>" if finding.reason else ""
+    beside = [text for text in (finding.driven, finding.reason) if text]
+    small = "".join(f"<br><small>{_text(text)}</small>" for text in beside)
     return (
         f'<tr><td>{_chip(finding)}</td><td><a href="#{_text(claim.id)}">{_text(claim.paper)}</a>'
-        f"<br><small>{_text(claim.source)}</small></td><td>{measured}{reason}</td></tr>"
+        f"<br><small>{_text(claim.source)}</small></td><td>{measured}{small}</td></tr>"
     )
 
 
@@ -399,6 +405,7 @@ def _article(finding: Finding) -> str:
         ("source", claim.source),
         ("paper", claim.paper),
         (question, claim.text),
+        ("driven by", finding.driven),
         ("measured", measurement.measured),
         ("how sure", measurement.uncertainty),
         ("expected", claim.expected),

@@ -352,6 +352,22 @@ class Assembly:
             )
         return best, gradient
 
+    def holds(self, point: Array) -> bool:
+        """Return whether a point (3,) m, world frame, is in a bore, between the port planes."""
+        centres, reach, owners = self._balls
+        near = owners[length(centres - point) <= reach]
+        # A joint's plane belongs to both parts.
+        return any(self.parts[i].holds(point, -JOINED) for i in dict.fromkeys(near.tolist()))
+
+    @cached_property
+    def _balls(self) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Balls around stretches of the bores: centres (k, 3) m, radii (k,) m, and their parts."""
+        stretches = [part.stretches() for part in self.parts]
+        owners = np.repeat(np.arange(len(stretches)), [len(each) for each in stretches])
+        balls = [(*ball.centre, ball.reach) for each in stretches for ball in each]
+        centres, reach = np.split(np.array(balls), [3], axis=1)
+        return centres, reach[:, 0], owners
+
     def _mismatches(self) -> list[Fault]:
         faults = []
         closed = set(self.closed_ends)

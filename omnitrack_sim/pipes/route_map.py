@@ -89,6 +89,7 @@ class RouteMap:
         is_turn: (Q,) bool, the route bends there. is_tee_turn, is_straight_over, into_branch,
             out_of_branch: (Q,) bool.
         bend_radius: (Q,) m, of the centreline; nan where it does not bend.
+        sharpness: (Q,) radius of the bore over that of the bend; 0 where it does not bend.
         radius: (Q,) m, of the bore there. corner_radius: (Q,) m, see ``Passage``.
         directions: (Q, 3) turning directions at the fitting's entry, world frame. ahead: (Q, 3)
             the route's direction there. turn: (Q,) rad, by which it turns; a right angle where
@@ -143,6 +144,7 @@ class RouteMap:
         self.directions = each(lambda p: p.turn_direction, np.zeros(3))
         self.radius = each(lambda p: p.radius, 0.0)
         self.corner_radius = each(lambda p: p.corner_radius, 0.0)
+        self.sharpness = np.nan_to_num(self.radius / self.bend_radius)
         self.directions[self.last] = end_directions
         self.radius[self.last] = self.corner_radius[self.last] = last_radius
         # The end entries begin at infinity, where no tangent can be looked up.
@@ -200,6 +202,21 @@ class RouteMap:
         See ``centreline.COLUMNS`` and ``PASSAGE``.
         """
         return [*self.centreline.tables, *pointers(self._passages)]
+
+    def has_left(self, location: Location) -> NDArray[np.bool_]:
+        """Return which located robots (n,) have their centres in no bore of their routes.
+
+        Beyond the ends of a route its bores go on.
+        """
+        # In a bore that does not branch none is farther from the centreline than its radius. In a
+        # turn at a branch many are, and the wall inside the corner is nearer, where none gets.
+        left = location.offset > self.radius.take(location.passage)
+        for robot in np.flatnonzero(left).tolist() if np.count_nonzero(left) else ():
+            route, s = self.routes[location.route[robot]], float(location.distance[robot])
+            if 0 <= s <= route.length:
+                point = route.centreline.at(np.array([s]))[0][0] + location.aside[robot]
+                left[robot] = route.passages[route.index_at(s)].depth(point) <= 0
+        return left
 
     def theta5(self, location: Location, passage: NDArray[np.intp]) -> Array:
         """Return theta5 (n,) rad, in [-pi, pi), of located robots for ``passage`` (n,).

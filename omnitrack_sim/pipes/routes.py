@@ -154,6 +154,14 @@ class Passage:
         """Unit vector (3,) at the entry, world frame, to where the route bends or a branch is."""
         return self.part.pose.rotation @ self.curve.normal
 
+    def depth(self, points: Array) -> Array:
+        """Return the depth (...,) m of ``points`` (..., 3) m in the bore that is passed.
+
+        World frame; see ``Fitting.depth_between``.
+        """
+        own = self.part.pose.inverse().apply(points)
+        return self.part.fitting.depth_between(self.enter, self.leave, own)
+
     @property
     def words(self) -> str:
         """The passage in words; see ``pipes.fittings.Description``."""

@@ -54,7 +54,7 @@ class Outcome(StrEnum):
     )
     LEFT_PIPE = (
         "left_pipe",
-        "The robot's centre left its way, out of a pipe or past a tee into another one: check "
+        "The robot's centre left the pipes, or it fell into another one too often: check "
         "start.distance, gravity against the friction, and that the controller heeds the gear.",
     )
     TIMED_OUT = "timed_out", "Time ran out while the robot still moved: raise run.time_limit."
@@ -127,6 +127,27 @@ class Event:
         """Plain data: ``kind``, ``text`` and the fields."""
         fields = {k: v for k, v in dataclasses.asdict(self).items() if k != "robot"}
         return {"kind": type(self).__name__, **fields, "text": str(self)}
+
+
+@dataclass(frozen=True)
+class Overloaded(Event):
+    """A part of a robot pressed the wall harder than the model of its contacts stands for.
+
+    Attributes:
+        part: of the robot, such as "module 1".
+        force: N, the largest normal force.
+        times: what that is in units of ``unit``.
+        unit: "the preload", or "the robot's weight".
+    """
+
+    part: str
+    force: float
+    times: float
+    unit: str
+    sentence = (
+        "{part}: normal force of {force:.0f} N, {times:.0f} times {unit}; forces of this run are "
+        "not to be relied on"
+    )
 
 
 @dataclass(frozen=True)

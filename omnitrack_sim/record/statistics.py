@@ -62,3 +62,27 @@ def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     variance = math.fsum((value - mean) ** 2 for value in values) / (count - 1)
     half = float(t.ppf(0.975, count - 1)) * math.sqrt(variance / count)
     return mean - half, mean + half
+
+
+def rate_difference_interval(passed: int, total: int, other: int, of: int) -> tuple[float, float]:
+    """95 % interval of one rate less another, of trials that share nothing, -1 to 1.
+
+    Newcombe (1998), "Interval estimation for the difference between independent proportions",
+    method 10: both rates at the ends of their own Wilson intervals, their errors added in squares;
+    (-1, 1) where nothing was tried. Rates over the same trials take ``paired_rate_interval``.
+
+    Args:
+        passed: trials of the first rate that passed.
+        total: all of them.
+        other: trials of the second rate that passed.
+        of: all of them.
+    """
+    if total == 0 or of == 0:
+        return -1.0, 1.0
+    one, two = passed / total, other / of
+    (low, high), (other_low, other_high) = (
+        wilson_interval(passed, total),
+        wilson_interval(other, of),
+    )
+    down, up = math.hypot(one - low, other_high - two), math.hypot(high - one, two - other_low)
+    return one - two - down, one - two + up

@@ -191,7 +191,7 @@ class Result:
         # An explorer's legs lead through its own map, in which parts have other numbers.
         planner = self.scenario.planner
         if self.map is not None:
-            arcs = self.scenario.control.arcs
+            arcs = self.scenario.arcs
             return tuple(route_through(self.map.pipes, leg.path, arcs) for leg in self.legs)
         return (
             (self.scenario.route,)

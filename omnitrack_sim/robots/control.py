@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, Protocol, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import did_you_mean
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Event
+
+if TYPE_CHECKING:
+    from omnitrack_sim.robots.sensor import Sensor
 
 
 class Observation:
@@ -68,11 +71,14 @@ class Observation:
     def __repr__(self) -> str:
         return f"Observation({len(self.leg)} robots, {len(self._channels())} channels)"
 
+    @property
+    def sensors(self) -> Mapping[str, Sensor]:
+        """Sensors by the names of their channels, where they are read when first asked for."""
+        return getattr(self._readings, "sensors", {})
+
     def _channels(self) -> list[str]:
         """Names of the channels that are observed."""
-        readings = self.__dict__.get("_readings", ())
-        # Sensors are read when they are first asked for.
-        return list(getattr(readings, "sensors", readings))
+        return list(self.sensors or self.__dict__.get("_readings", ()))
 
 
 class Actuation(NamedTuple):
@@ -165,10 +171,24 @@ class Settings:
     """Settings of all controllers; each field is (n,). See docs/reference/scenarios.md."""
 
     cruise_speed: Array  # m/s
+    min_cruise_speed: Array  # m/s, in the sharpest bend of the way; see ``speed_in``
+    top_speed: Array  # m/s, of the robot's fastest part, that the drive holds
     align: NDArray[np.bool_]
     retry: NDArray[np.bool_]
     speed_limit: Array  # m/s
     safe_margin: Array  # rad; nan: by the reach
+
+    def speed_in(self, sharpness: Array) -> Array:
+        """Return the cruise speed (..., n) m/s in bends of a sharpness (..., n).
+
+        The outer side of a robot goes 1 + sharpness times as far as its centre, and no faster than
+        the drive holds.
+
+        Args:
+            sharpness: radius of the bore over that of the bend, 0 where the way is straight; see
+                ``RouteMap``.
+        """
+        return np.minimum(self.cruise_speed, self.top_speed / (1 + sharpness))
 
     def with_rows(self, robots: NDArray[np.intp], rows: Settings) -> Settings:
         """Copy with the values of ``robots`` (k,) taken from the k ``rows``."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -39,8 +39,8 @@ from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 if TYPE_CHECKING:
     from omnitrack_sim.robots.robot import Robot, SceneOptions
 
-WALLS = "wall_"
-"""Names of the geoms of pipes begin like this."""
+PIPES = ("wall_", "rim_", "plate_")
+"""Names of the geoms of pipes, which the world carries, begin like this."""
 CONTACT_TIME = 0.005
 """Time constant of contacts with the wall, s, of a robot for 160 mm."""
 SLOTS = 4
@@ -59,11 +59,13 @@ class PlantSettings:
         held_mass: inertia that holds the chassis meanwhile, masses of the robot.
         misfit: part of the bore by which a robot may be in the wall when it is seated: 5 mm of
             160 mm. What presses with the force of springs sinks in by 1 or 2 mm.
+        rigid_misfit: the same of the chassis and what is fixed to it, which no spring presses.
     """
 
     seating_time: float = 0.3
     held_mass: float = 1e4
     misfit: float = 0.03
+    rigid_misfit: float = 0.01
 
 
 SETTINGS = PlantSettings()
@@ -180,6 +182,24 @@ def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
         refname="world",
         intprm=[sum(1 << int(f) for f in wanted), largest_first, SLOTS],
     )
+
+
+class WallContact(NamedTuple):
+    """A contact of a robot with a pipe.
+
+    Attributes:
+        depth: m, in the wall.
+        body: that touches.
+        is_rigid: the body is the chassis, or fixed to it.
+    """
+
+    depth: float
+    body: str
+    is_rigid: bool
+
+
+NONE = WallContact(0.0, "", is_rigid=False)
+"""What is taken where there is no contact."""
 
 
 class Plant:
@@ -355,9 +375,8 @@ class Plant:
     def _bind(self) -> None:
         """Look up addresses, and ask the engine for what differs between the robots."""
         self._at = _Root.of(self.model, self.robot)
-        self._walls = np.array(
-            [i for i in range(self.model.ngeom) if self.model.geom(i).name.startswith(WALLS)]
-        )
+        fixed = np.flatnonzero(self.model.geom_bodyid == 0).tolist()
+        self._walls = np.array([i for i in fixed if self.model.geom(i).name.startswith(PIPES)])
         self._friction = self._batch.expand("geom_friction")
         self._gravity = self._batch.expand("opt.gravity")
         self._armature = self._batch.expand("dof_armature")
@@ -397,35 +416,61 @@ class Plant:
         self.qpos[rows[:, None], at] = place
         qvel[rows] = 0.0
         armature[held] = own
+        self._yield(self._misfits(rows, start), steps)
         self._gravity[rows] = start.gravity
         self._batch.bind("time")[rows] = 0.0
         self._batch.forward(rows)
         self._check_fit(rows, start)
 
+    def _misfits(self, rows: NDArray[np.intp], start: Start) -> NDArray[np.intp]:
+        """Return those of ``rows`` that are in the wall by more than a rigid body may be."""
+        limit = SETTINGS.rigid_misfit * 2 * start.bore_radius
+        depths = [max(self._wall_contacts(row), default=NONE).depth for row in rows.tolist()]
+        return rows[np.array(depths) > limit]
+
+    def _yield(self, rows: NDArray[np.intp], steps: int) -> None:
+        """Have the wall push robots out of it, chassis and all, as slowly as they come to rest."""
+        if not len(rows):
+            return
+        chosen = np.zeros(self.n, bool)
+        chosen[rows] = True
+        qvel = self._batch.bind("qvel")
+        for _ in range(steps):
+            self._batch.step(chosen)
+            qvel[rows] = 0.0
+
     def _check_fit(self, rows: NDArray[np.intp], start: Start) -> None:
         """Refuse robots that are in the wall where they have settled."""
-        # All stand in the same pipes; the batch keeps no contacts.
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = self.qpos[rows[0]]
-        mujoco.mj_fwdPosition(self.model, data)
-        walls = set(self._walls.tolist())
-        # Limbs may touch each other as they like.
-        with_wall = [
-            (-float(data.contact[i].dist), geoms)
-            for i in range(data.ncon)
-            if len(walls & set(geoms := data.contact[i].geom.tolist())) == 1
-        ]
-        most, pair = max(with_wall, default=(0.0, []))
-        bore = 2 * float(start.bore_radius[0])
-        if most <= SETTINGS.misfit * bore:
-            return
-        geom = next(g for g in pair if g not in walls)
-        body = self.model.body(self.model.geom_bodyid[geom]).name
-        problem = (
-            f"does not fit: body {body!r} is {1000 * most:.1f} mm deep in the wall of a bore of "
-            f"{1000 * bore:.4g} mm once it has settled with its axis on the pipe's"
-        )
-        raise InputError(Fault("robot", problem))
+        for row, radius in zip(rows.tolist(), start.bore_radius.tolist(), strict=True):
+            contacts = self._wall_contacts(row)
+            rigid = max((each for each in contacts if each.is_rigid), default=NONE)
+            deepest = max(contacts, default=NONE)
+            limits = (rigid, SETTINGS.rigid_misfit), (deepest, SETTINGS.misfit)
+            for contact, limit in limits:
+                if contact.depth > limit * 2 * radius:
+                    problem = (
+                        f"does not fit: body {contact.body!r} is {1000 * contact.depth:.1f} mm "
+                        f"deep in the wall of a bore of {2000 * radius:.4g} mm once it has settled "
+                        "with its axis on the pipe's"
+                    )
+                    raise InputError(Fault("robot", problem))
+
+    def _wall_contacts(self, robot: int) -> list[WallContact]:
+        """Contacts of a robot with the pipes as it is now; the batch keeps none."""
+        model, data = self.model, mujoco.MjData(self.model)
+        data.qpos[:] = self.qpos[robot]
+        mujoco.mj_fwdPosition(model, data)
+        walls, chassis = set(self._walls.tolist()), model.body(self.robot.chassis).id
+        contacts = []
+        for i in range(data.ncon):
+            others = [g for g in data.contact[i].geom.tolist() if g not in walls]
+            # Limbs may touch each other as they like.
+            if len(others) == 1:
+                body = int(model.geom_bodyid[others[0]])
+                fixed = bool(model.body_weldid[body] == model.body_weldid[chassis])
+                depth = -float(data.contact[i].dist)
+                contacts.append(WallContact(depth, model.body(body).name, fixed))
+        return contacts
 
     def _advance(self, active: NDArray[np.bool_], substeps: int) -> None:
         """Advance the ``active`` robots (n,), and find those whose physics goes wrong."""

@@ -202,7 +202,20 @@ SCALES = (0.1, 20.0)
 run of lugs, which falls with the fifth power, is no longer a number that MuJoCo takes."""
 # At equal gravity and density times grow with the root of lengths, masses and forces with their
 # cube.
-_EXPONENTS = {"1": 0.0, "rad": 0.0, "m": 1.0, "kg": 3.0, "s": 0.5, "N": 3.0}
+# Windings of similar motors are taken to have the same currents and temperatures: a power is then
+# that of torque and speed, and so is the heat in a resistance.
+_EXPONENTS = {
+    "1": 0.0,
+    "rad": 0.0,
+    "m": 1.0,
+    "kg": 3.0,
+    "s": 0.5,
+    "N": 3.0,
+    "A": 0.0,
+    "K": 0.0,
+    "W": 3.5,
+    "Ω": 3.5,
+}
 _POWERS = {"": 1, "²": 2, "³": 3}
 
 
@@ -210,8 +223,8 @@ def froude_exponent(unit: str) -> float:
     """Exponent of the scale factor s by which a quantity of this unit grows.
 
     Args:
-        unit: products of m, kg, s, N, rad and 1, with ² or ³, over at most one stroke, such as
-            "N m s/rad"; empty for what has no unit.
+        unit: products of m, kg, s, N, A, W, Ω, K, rad and 1, with ² or ³, over at most one stroke,
+            such as "N m s/rad"; empty for what has no unit.
 
     Raises:
         ValueError: a unit that is not made of these.

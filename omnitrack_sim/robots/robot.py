@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -22,7 +23,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.pipes import Assembly, Passage, Port
 from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.record.display import SingularRange
-from omnitrack_sim.record.events import Event, Outcome
+from omnitrack_sim.record.events import Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
@@ -37,6 +38,12 @@ if TYPE_CHECKING:
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.odometry import Odometry
     from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
+
+
+MAX_WEIGHTS = 20.0
+"""Normal force of a body on the wall, in weights of its robot, from which on a result carries a
+note. Robots begin with 1 to 3 and pass tees with 12 at most; what presses harder is jammed, and how
+hard depends on how soft the contacts are."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,8 @@ class Robot(Sized, ABC):
         tether: that it drags along; None: it has none.
         modules: number of its alike parts, numbered from 1, that its metrics ``per_module`` have a
             value of each of; 0: it has none.
+        built: keys of ``[robot]`` that make it the robot that was built, where its defaults are
+            those of a simulation; benches and passports take them.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
             differ; see ``Plant.reset``.
 
@@ -107,6 +116,7 @@ class Robot(Sized, ABC):
     nose: ClassVar[str] = "nose"
     tail: ClassVar[str] = "tail"
     modules: ClassVar[int] = 0
+    built: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     own_values: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -360,8 +370,20 @@ class Robot(Sized, ABC):
         return outcome.advice
 
     def strains(self, trajectory: Trajectory) -> list[Event]:
-        """Return notes on forces or travel that a run should not have shown."""
-        return []
+        """Return notes on forces or travel that a run should not have shown.
+
+        Here that on the body that presses hardest on the wall, from ``MAX_WEIGHTS`` on.
+        """
+        forces = np.nan_to_num(trajectory["wall_force"])  # (T, bodies); no number if it diverged
+        if not forces.size:
+            return []
+        sample, body = np.unravel_index(forces.argmax(), forces.shape)
+        force, weight = float(forces[sample, body]), self.mass * GRAVITY
+        if force <= MAX_WEIGHTS * weight:
+            return []
+        part = f"body {self.channels['wall_force'].names[body]!r}"
+        time = float(trajectory.time[sample])
+        return [Overloaded(0, time, part, force, force / weight, "the robot's weight")]
 
     def singular_range(self, passage: Passage, bend_radius: float | None) -> SingularRange | None:
         """Return the orientations in which the robot cannot turn; None where it can in all.

@@ -29,7 +29,7 @@ from omnitrack_sim.base.naming import name_of, named, shipped_files
 from omnitrack_sim.base.reading import NAME_PATTERN, by_kind
 from omnitrack_sim.base.rotations import Array, Pose, frame_along
 from omnitrack_sim.base.table import Table, symbol_of
-from omnitrack_sim.pipes import Port, Route, route, route_through
+from omnitrack_sim.pipes import Arcs, Port, Route, route, route_through
 from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
@@ -133,13 +133,20 @@ class Scenario(Table):
             return NotImplemented
         return all(getattr(self, key) == getattr(other, key) for key in Scenario.model_fields)
 
+    @property
+    def arcs(self) -> Arcs:
+        """Radii of the centreline's arcs in tees, in proportion to the robot."""
+        control = self.control
+        radii = self.robot.own_length([control.tee_turn_radius, control.tee_merge_radius])
+        return Arcs(*radii.tolist())
+
     @cached_property
     def planner(self) -> MissionPlanner | None:
         """Plans the legs of a mission with a known map; None without one."""
         if self.network is None or self.mission is None or self.mission.map == "unknown":
             return None
         return MissionPlanner(
-            self.network, self.mission, self.robot, self.start.distance, self.control.arcs
+            self.network, self.mission, self.robot, self.start.distance, self.arcs
         )
 
     @cached_property
@@ -147,9 +154,7 @@ class Scenario(Table):
         """The mission with an unknown map; None without one."""
         if self.network is None or self.mission is None or self.mission.map == "known":
             return None
-        return Exploration(
-            self.network, self.mission, self.robot, self.start.distance, self.control.arcs
-        )
+        return Exploration(self.network, self.mission, self.robot, self.start.distance, self.arcs)
 
     @cached_property
     def route(self) -> Route:
@@ -161,11 +166,11 @@ class Scenario(Table):
         planner, exploration = self.planner, self.exploration
         if exploration is not None:
             pipes = exploration.network.pipes
-            return route_through(pipes, exploration.path, self.control.arcs)
+            return route_through(pipes, exploration.path, self.arcs)
         if planner is not None:
             return planner.route(planner.first.path)
         pose = Pose(frame_along(self.start.axis, math.radians(self.start.turn_deg)), np.zeros(3))
-        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.control.arcs)
+        return route([p.step(i) for i, p in enumerate(self.pipes)], pose, self.arcs)
 
     def to_spec(self, *, looks: bool = False) -> MjSpec:
         """Return the pipes and the robot as one MuJoCo model, ready to compile.
@@ -217,24 +222,11 @@ class Scenario(Table):
     @cached_property
     def sight(self) -> TrueSight:
         """Sight of the true pipes without error."""
-        return TrueSight(self.route.network, self.plates, self.robot, self.control.arcs)
+        return TrueSight(self.route.network, self.plates, self.robot, self.arcs)
 
     def goal_at(self, nose: Array) -> str:
         """Return the goal of an exploration at a nose (3,) m, world frame; "" at none."""
         return "" if self.exploration is None else self.exploration.goal_at(nose)
-
-    def holds(self, position: Array, axis: Array) -> bool:
-        """Return whether a robot may go on from a pose off its route.
-
-        It may if it is in a pipe of its network. Plain pipes are no network.
-
-        Args:
-            position: (3,) m, of its centre, world frame.
-            axis: (3,) unit vector to its nose, world frame.
-        """
-        if self.exploration is not None:
-            return self.exploration.holds(position)
-        return self.planner is not None and self.planner.locate(position, axis) is not None
 
     def is_done_at(self, position: Array, axis: Array, error: float) -> bool:
         """Return whether a robot that takes itself to be at its last goal is there.
@@ -354,9 +346,28 @@ class Scenario(Table):
         return self.time_for(self.route.centreline.length)
 
     def time_for(self, length: float) -> float:
-        """Simulated seconds that a way of ``length`` m may take: four times cruising, and 20 s."""
+        """Simulated seconds that a way of ``length`` m may take: four times cruising, and 20 s.
+
+        It is longer by as much as the drive slows the robot down in the sharpest bend.
+        """
         # Room for rolls, retries and slow turns; the constant serves short routes.
-        return 4 * length / self.control.cruise_speed + 20.0
+        wanted = self.control.cruise_speed
+        return (4 * length / wanted + 20.0) * (wanted / self.min_cruise_speed)
+
+    @cached_property
+    def sharpest_bend(self) -> float:
+        """Largest radius of a bore over that of a bend on the route, or in a mission's network."""
+        if self.mission is None:
+            bends = (p.radius / p.bend_radius for p in self.route.passages if p.is_turn)
+        else:
+            parts = self.route.network.parts
+            bends = (part.fitting.sharpest_bend(self.arcs) for part in parts)
+        return max(bends, default=0.0)
+
+    @property
+    def min_cruise_speed(self) -> float:
+        """Cruise speed in the sharpest bend, m/s: the motors hold that of the outer side."""
+        return min(self.control.cruise_speed, self.robot.top_speed / (1 + self.sharpest_bend))
 
     @property
     def hash(self) -> str:

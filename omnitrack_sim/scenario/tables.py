@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from omnitrack_sim.base.bounds import MIN_STEP
 from omnitrack_sim.base.table import Angle, Direction, NotNegative, Part, Positive, Table, Unit
-from omnitrack_sim.pipes import ARCS, Arcs, Fitting, Step
+from omnitrack_sim.pipes import ARCS, Fitting, Step
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry
 from omnitrack_sim.record.events import Outcome
 
@@ -126,7 +126,8 @@ class ControlTable(Table):
     speed_limit: Annotated[float, Field(ge=1e-6, le=100), Unit("m/s")] = 0.2
     """Cap on the speed of the robot's fastest part, such as a belt."""
     tee_turn_radius: Annotated[Radius, Unit("m")] = ARCS.turn
-    """Radius of the centreline's arc from run to branch; a short tee gets what fits it."""
+    """Radius of the centreline's arc from run to branch, for a robot for D = 160 mm, with which it
+    grows; a short tee gets what fits it."""
     tee_merge_radius: Annotated[Radius, Unit("m")] = ARCS.merge
     """Likewise from branch to run."""
     safe_margin_deg: Annotated[float, Field(ge=1e-3, le=60)] | None = None
@@ -134,11 +135,6 @@ class ControlTable(Table):
     `robot.reach`, 11.73 for 96.1 mm."""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """A table that only this controller has."""
-
-    @property
-    def arcs(self) -> Arcs:
-        """Radii of the centreline's arcs in tees."""
-        return Arcs(self.tee_turn_radius, self.tee_merge_radius)
 
 
 class MonitorTable(Table):
@@ -155,9 +151,6 @@ class MonitorTable(Table):
     """A robot also hangs this far behind the farthest point."""
     memory: Annotated[Part, Unit("s")] = 0.5
     """Time constant of the averages that the outcome is judged by, for D = 160 mm."""
-    tee_room: Annotated[Part, Unit("pipe radii")] = 1.5
-    """Offset from the centreline beyond which a robot in a tee turn is off its route
-    (`left_pipe`, or in a mission a fall); elsewhere 1."""
     falls: Annotated[int, Field(ge=0, le=1000), Unit("1")] = 2
     """Falls into another pipe of the network after which a robot replans; 0 to 1000."""
     lost_contact: Annotated[Part, Unit("robot weights")] = 0.102
@@ -219,7 +212,8 @@ class RunTable(Table):
     at the end of the route."""
     time_limit: Annotated[Positive | None, Unit("s")] = None
     """Simulated time after which the run is over; of a mission that of its first leg, and further
-    legs add their own. Left out: four route lengths at cruise speed, and 20 s."""
+    legs add their own. Left out: four route lengths at cruise speed, and 20 s; longer where the
+    motors slow the robot down in bends."""
     expected_outcome: Outcome | None = None
     """`omnitrack run` says whether it came true: `reached_goal`, `motion_singularity`, `stalled`,
     `stuck`, `wedged`, `slipping`, `held_by_tether`, `no_motion_line`, `left_pipe`, `timed_out`,

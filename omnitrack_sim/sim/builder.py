@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.rotations import quaternion_from_matrix
-from omnitrack_sim.pipes import Route
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.control import Settings
 from omnitrack_sim.robots.kinds import DEFAULT, robot_class
@@ -113,26 +112,23 @@ def start_of(scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.
     )
 
 
-def settings_of(
-    scenarios: Sequence[Scenario], routes: RouteMap, route: NDArray[np.intp]
-) -> tuple[Settings, list[list[str]]]:
+def settings_of(scenarios: Sequence[Scenario]) -> tuple[Settings, list[list[str]]]:
     """Return control settings of each robot, and notes where they differ from its scenario.
 
-    The outer module of a bend of radius rho runs at (1 + R / rho) times the robot's speed, so the
-    motor's speed limits the cruise speed. Belts are capped at what the motor holds.
+    Robots cruise at what the motor holds, and slow down in bends, whose outer side is longer than
+    the centreline (``Settings.speed_in``). Belts are capped at what the motor holds.
     """
-    cruise, notes = [], []
+    notes = []
     highest = np.array([s.robot.top_speed for s in scenarios])
-    for scenario, w, most in zip(scenarios, route, highest.tolist(), strict=True):
-        # The outer module's way is longer than the centre's by this factor.
-        factor = 1 + _sharpest_bend(scenario, routes.routes[w])
-        cruise.append(min(scenario.control.cruise_speed, most / factor))
+    for scenario in scenarios:
         bores = [2 * radius for radius in scenario.bores.values()]
         own = scenario.robot.notes(bores, scenario.physics.timestep)
-        speed, idle = _speed_note(scenario, most, factor), _idle_note(scenario.physics)
-        notes.append([*speed, *own, *idle, *_still_note(scenario)])
+        idle = _idle_note(scenario.physics)
+        notes.append([*_speed_note(scenario), *own, *idle, *_still_note(scenario)])
     settings = Settings(
-        cruise_speed=np.array(cruise),
+        cruise_speed=np.minimum(each(scenarios, "cruise_speed"), highest),
+        min_cruise_speed=np.array([s.min_cruise_speed for s in scenarios]),
+        top_speed=highest,
         align=each(scenarios, "align"),
         retry=each(scenarios, "retry"),
         speed_limit=np.minimum(each(scenarios, "speed_limit"), highest),
@@ -141,25 +137,29 @@ def settings_of(
     return settings, notes
 
 
-def _speed_note(scenario: Scenario, most: float, factor: float) -> Iterator[str]:
+def _speed_note(scenario: Scenario) -> Iterator[str]:
     """Cause that keeps a robot from its cruise speed, and the key that would raise it."""
     wanted, limit = scenario.control.cruise_speed, scenario.control.speed_limit
-    if wanted <= min(limit, most / factor):
+    most, slowest = scenario.robot.top_speed, scenario.min_cruise_speed
+    if wanted <= min(limit, slowest):
         return
-    motor = (
-        f"{scenario.robot.drive_name} holds {most:.4g} m/s and the outer side of the robot needs "
-        f"{factor:.2f} times its speed"
-    )
-    if most / factor <= limit:
-        yield f"cruise speed lowered from {wanted:.4g} to {most / factor:.4g} m/s: {motor}"
-        return
-    note = (
-        f"cruise speed lowered from {wanted:.4g} to {limit:.4g} m/s: control.speed_limit caps the "
-        "drive there"
-    )
-    if wanted * factor > most:
-        note += f"; without it {most / factor:.4g} m/s are possible: {motor}"
-    yield note
+    motor = f"{scenario.robot.drive_name} holds {most:.4g} m/s"
+    if slowest < most:
+        motor += (
+            ", and in the sharpest bend the outer side of the robot needs "
+            f"{1 + scenario.sharpest_bend:.2f} times its speed"
+        )
+    lowered = f"cruise speed lowered from {wanted:.4g}"
+    if limit < slowest:
+        note = f"{lowered} to {limit:.4g} m/s: control.speed_limit caps the drive there"
+        if slowest < wanted:
+            note += f"; without it {slowest:.4g} m/s are possible: {motor}"
+        yield note
+    elif wanted <= most:
+        yield f"{lowered} to {slowest:.4g} m/s in bends: {motor}"
+    else:
+        bends = f", and to {slowest:.4g} m/s in bends" if slowest < most else ""
+        yield f"{lowered} to {most:.4g} m/s{bends}: {motor}"
 
 
 def _idle_note(physics: PhysicsTable) -> Iterator[str]:
@@ -182,11 +182,3 @@ def _still_note(scenario: Scenario) -> Iterator[str]:
             "nothing drives the robot: it has no gait of its own (Robot.gait), so its inputs stay "
             'as they are at the start; name your controller as control.kind = "module:Class"'
         )
-
-
-def _sharpest_bend(scenario: Scenario, route: Route) -> float:
-    """Largest pipe radius over bend radius on a robot's route, or in a mission's network."""
-    if scenario.mission is None:
-        return max((p.radius / p.bend_radius for p in route.passages if p.is_turn), default=0.0)
-    fittings = [part.fitting for part in route.network.parts]
-    return max((f.sharpest_bend(scenario.control.arcs) for f in fittings), default=0.0)

@@ -54,7 +54,7 @@ class Monitor:
         robot: its length is a unit of the limits, and it finds causes of failures.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
         start: (n,) m, arc lengths where they begin.
-        cruise_speed: (n,) m/s.
+        cruise_speed: (n,) m/s, in the sharpest bend of the way.
         time_limit: (n,) s.
         period: s, between two looks.
         sample_every: looks between two samples of the averages.
@@ -152,18 +152,18 @@ class Monitor:
             over: (n,) robots whose controller ends the run.
         """
         hanging = self._hanging(location.distance, resting, robots)
-        outside = self.outside(location)
+        off_route = self.off_route(location)
         timed_out = readings["time"] >= self._time_limit
         leaning = self._leaning_over(location, robots)
         # In nearly every step nothing is found, and this is all that is done.
-        found = arrived | outside | hanging | timed_out | diverged | lost | over | leaning
+        found = arrived | off_route | hanging | timed_out | diverged | lost | over | leaning
         if not np.count_nonzero(found & robots):
             return []
         judgements = (
             (lost, Outcome.LOST),
             (diverged, Outcome.DIVERGED),
             (arrived, Outcome.REACHED_GOAL),
-            (outside, Outcome.LEFT_PIPE),
+            (off_route, Hindrance.OFF_ROUTE),
             (hanging, Hindrance.NO_HEADWAY),
             (timed_out, Outcome.TIMED_OUT),
             (over, Outcome.ENDED),
@@ -201,18 +201,17 @@ class Monitor:
         self._leaning[leaning] = 0.0
         return leaning
 
-    def outside(self, location: Location) -> NDArray[np.bool_]:
-        """Return the robots (n,) that have left their route."""
+    def off_route(self, location: Location) -> NDArray[np.bool_]:
+        """Return the robots (n,) that have left their route.
+
+        Their centres are in no bore of it, or half their length beyond one of its ends.
+        """
         routes = self.routes
         if self._version != routes.version:
             self._version = routes.version
-            # In the middle of a tee the arc of a turn is up to a bore's radius from where the robot
-            # may well be.
-            in_turn = routes.is_tee_turn
-            self._room = routes.radius * np.where(in_turn, self.limits.tee_room, 1.0)  # (Q,) m
             self._way_out = routes.lengths + self._exit  # (W,) m
         return (
-            (location.offset > self._room.take(location.passage))
+            routes.has_left(location)
             | (location.distance < -self._exit)
             | (location.distance > self._way_out.take(location.route))
         )

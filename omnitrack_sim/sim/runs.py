@@ -108,20 +108,31 @@ class Runs:
             if decision.leg is not None:
                 sent.append(robot)
                 self._follow(robot, decision)
-            # One that leans over drives on where its pilot knows no leg, and asks again.
-            elif found is not Hindrance.LEANING and not (
-                decision.doubt and self._senses.doubt(robot)
-            ):
+            elif decision.doubt and self._senses.doubt(robot):
+                continue
+            elif (outcome := self._outcome(robot, found, decision)) is not None:
                 self.events[robot] += decision.events
-                hangs = found is Hindrance.NO_HEADWAY
-                self._end(robot, self._monitor.cause(robot, self.location) if hangs else found)
+                self._end(robot, outcome)
         self._locate_again(sent)
 
+    def _outcome(
+        self, robot: int, found: Outcome | Hindrance, decision: Decision
+    ) -> Outcome | None:
+        """Outcome of a robot whose pilot knows no further leg; None: it drives on, and asks again.
+
+        Off its route it drives on in whatever pipe it is, unless its pilot has given up.
+        """
+        if found is Hindrance.NO_HEADWAY:
+            return self._monitor.cause(robot, self.location)
+        if found is Hindrance.OFF_ROUTE and decision.events:
+            return Outcome.LEFT_PIPE
+        return found if isinstance(found, Outcome) else None
+
     def end_outside(self, robots: NDArray[np.bool_]) -> None:
-        """End the runs of those of ``robots`` (n,) whose true position is in no pipe."""
-        outside = self._monitor.outside(self.location) & robots & self.active
-        for robot in np.flatnonzero(outside).tolist() if np.count_nonzero(outside) else ():
-            if not self._scenarios[robot].holds(*self._pose(robot)):
+        """End the runs of those of ``robots`` (n,) that are truly in no pipe."""
+        off = self._monitor.off_route(self.location) & robots & self.active
+        for robot in np.flatnonzero(off).tolist() if np.count_nonzero(off) else ():
+            if not self._scenarios[robot].route.network.holds(self._pose(robot)[0]):
                 self._end(robot, Outcome.LEFT_PIPE)
 
     def _situation(self, robot: int, found: Outcome | Hindrance) -> Situation:

@@ -118,7 +118,7 @@ class Simulation:
         self._make_pilot, self._tick = pilot, 0
         self.legs = Legs([pilot(scenario, i) for i, scenario in enumerate(self.scenarios)])
         start = start_of(self.scenarios, self.legs.routes, self.legs.route)
-        settings, notes = settings_of(self.scenarios, self.legs.routes, self.legs.route)
+        settings, notes = settings_of(self.scenarios)
         sensors = (*first.own_sensors, *check_all(Sensor, "sensors", sensors))
         robot = first.robot
         refuse_taken("sensors", [sensor.channel.name for sensor in sensors], robot.channels)
@@ -137,7 +137,7 @@ class Simulation:
             robot,
             first.monitor,
             each(self.scenarios, "distance"),
-            settings.cruise_speed,
+            settings.min_cruise_speed,
             np.array([s.time_limit_s for s in self.scenarios]),
             self.period,
             self._record_every,
@@ -202,13 +202,13 @@ class Simulation:
         self.legs.reset(rows, pilots)
         routes, route = self.legs.routes, self.legs.route[rows]
         start = start_of(scenarios, routes, route)
-        settings, notes = settings_of(scenarios, routes, route)
+        settings, notes = settings_of(scenarios)
         self.plant.reset(rows, start)
         if self._tail is not None:
             self._tail.reset(rows)
         limits = np.array([s.time_limit_s for s in scenarios])
         begin, rights = each(scenarios, "distance"), self.legs.rights(rows)
-        self.monitor.reset(rows, begin, settings.cruise_speed, limits, rights)
+        self.monitor.reset(rows, begin, settings.min_cruise_speed, limits, rights)
         self.readings = self.plant.read()
         self.senses.reset(rows, scenarios, self.readings)
         self.runs.reset(rows, self.readings, notes)

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 COLOURS, UNREACHED = "viridis", "#c9cdd2"
 """Colours of probabilities, distinct for any colour vision, and of parts out of reach."""
-MAX_NAMES, MAX_METRES = 6, 5000.0
-"""Openings that a picture names, and length in m from which on it counts in kilometres."""
+MAX_NAMES = 6
+"""Openings that a picture names."""
 FILES = (
     *(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json")),
     "reach_parts.parquet",
@@ -219,8 +219,8 @@ def _headline(reach: ReachMap) -> str:
 
 
 def length_text(length: float) -> str:
-    """Return a length, m, with its unit, from some kilometres on in kilometres."""
-    return f"{length / 1000:.3g} km" if length > MAX_METRES else f"{length:.3g} m"
+    """Return a length, m, to three digits with its unit, from a kilometre on in kilometres."""
+    return f"{length / 1000:.3g} km" if length >= 999.5 else f"{length:.3g} m"
 
 
 def _geojson(reach: ReachMap, rows: list[dict[str, Any]]) -> bytes:

@@ -71,9 +71,9 @@ def robot_entry(
     """Return the entry for a robot.
 
     Args:
-        source: kind of a robot, an MJCF or URDF file, ``module:Class``, or name of a shipped
-            entry; ``NAME=`` before it gives it another name, ``@BORE`` after it makes a similar
-            robot for a bore of so many metres. Empty: the default robot.
+        source: kind of a robot (``Robot.built``), an MJCF or URDF file, ``module:Class``, or name
+            of a shipped entry; ``NAME=`` before it gives it another name, ``@BORE`` after it makes
+            a similar robot for a bore of so many metres. Empty: the default robot.
         controller: kind of controller of that robot, or ``module:Class``; none: the robot's own.
         shipped: entries by name, before kinds of robots.
 
@@ -89,8 +89,9 @@ def robot_entry(
         changes = {"robot.kind": "mjcf", "robot.file": str(Path(what).resolve())}
         entry = Entry(Path(what).stem, f"robot of {what}", changes)
     else:
-        robot_class(what)
-        entry = Entry(what.replace(":", "."), f"robot {what}", {"robot.kind": what})
+        built = {f"robot.{key}": value for key, value in robot_class(what).built.items()}
+        changes = {"robot.kind": what, **built}
+        entry = Entry(what.replace(":", "."), f"robot {what}", changes)
     if bore is not None:
         entry = _resized(entry, bore)
     robot = robot_of(entry.changes)

@@ -45,7 +45,7 @@ class NetworkDraw(Table):
     fittings: Annotated[int, Field(ge=1, le=1000)]
     lengths: tuple[float, float]
     mean_radii: tuple[float, ...]
-    tee_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    tee_share: Annotated[float, Field(ge=0, le=1)]
 
 
 class CourseFile(Table):

@@ -70,6 +70,6 @@ def singular_range(sweep: Sweep) -> SingularRange | None:
     scenario = next(iter(sweep.bases.values()))
     # Missions are left out: they may turn in several tees.
     passages = scenario.route.passages if scenario.pipes else ()
-    radius = scenario.control.tee_turn_radius
+    radius = scenario.arcs.turn
     ranges = (scenario.robot.singular_range(passage, radius) for passage in passages)
     return next((found for found in ranges if found is not None), None)

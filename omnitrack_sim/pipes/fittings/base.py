@@ -320,6 +320,15 @@ class Fitting(ABC):
         """
         return self.flare(port) != 0
 
+    def depth_between(self, enter: str, leave: str, points: Array) -> Array:
+        """Return the depth (...,) m of ``points`` (..., 3) m in the bore from one port to another.
+
+        Fitting frame; it is negative in the wall and beyond the port planes, and never more than
+        the distance from them. Here it is that in the whole bore; where arms branch off, those
+        that are not passed do not count.
+        """
+        return np.minimum(self.signed_distance(points)[0], self.extent(points))
+
     # What it is made of elsewhere
 
     @abstractmethod

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array, Pose, cross, unit
+from omnitrack_sim.base.rotations import Array, Pose, cross, length, unit
 from omnitrack_sim.pipes.compiled import Wall
 from omnitrack_sim.pipes.fittings.base import (
     Arcs,
@@ -182,6 +182,23 @@ class Branched(Fitting):
         for _ in range(24):
             low, high = (middle, high) if is_clear(middle := (low + high) / 2) else (low, middle)
         return low
+
+    def depth_between(self, enter: str, leave: str, points: Array) -> Array:
+        """See ``Fitting``: in the arm to either port, and where the two bores cross.
+
+        A point of a third arm is left out as soon as it lies beyond the mouths of both.
+        """
+        p, ports = np.asarray(points, float), self.ports
+        along, depth = [], []
+        for port in (enter, leave):
+            axis = ports[port].rotation[:, 2]
+            s = p @ axis
+            along.append(s)
+            depth.append(self.port_radius(port) - length(p - s[..., None] * axis))
+        # The axes meet in the origin, from where the arms go.
+        arms = np.maximum(*(np.minimum(d, s) for d, s in zip(depth, along, strict=True)))
+        inside = np.maximum(arms, np.minimum(*depth))
+        return np.minimum(inside, self.extent(p))
 
     def describe(self, enter: str, leave: str) -> Description:
         """See ``Fitting``."""

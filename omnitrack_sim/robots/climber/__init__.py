@@ -14,6 +14,7 @@ from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.control.command import Command
 from omnitrack_sim.robots.omnitrack.odometry import TrackOdometry
 from omnitrack_sim.robots.quantity import borrowed, quantity
+from omnitrack_sim.robots.robot import Robot
 
 
 @borrowed("as of the omnidirectional robot")
@@ -38,6 +39,8 @@ class Climber(Omnitrack):
 
     kind: ClassVar[str] = "climber"
     rolls: ClassVar[bool] = False
+    # The motor of the one that was built is not known.
+    built: ClassVar[Mapping[str, Any]] = Robot.built
 
     drive: str = quantity(
         "differential",

@@ -410,8 +410,8 @@ def belt_inertia(robot: Omnitrack) -> float:
 
 
 def belt_force(robot: Omnitrack) -> float:
-    """Largest force of a crawler motor at the belt, N: its torque limit over the lug radius."""
-    return robot.motor.torque_limit / robot.lug_radius
+    """Largest force of a crawler motor at the belt, N: its torque over the lug radius."""
+    return robot.motor.max_torque / robot.lug_radius
 
 
 def output_inertia(robot: Omnitrack) -> float:

@@ -147,7 +147,7 @@ class SpeedLoop:
     Args:
         drive: number of motors, and the gears between them and the belts.
         motor: ``robot.motor``.
-        torque_limit: (n,) N m, overrides the motor's own.
+        torque_limit: (n,) N m, in place of the motor's ``max_torque``.
         lug_radius: m, belt speed over shaft speed (Eq. 1).
         n: number of robots.
 
@@ -171,6 +171,8 @@ class SpeedLoop:
                 motor.efficiency,
                 motor.speed_droop,
                 motor.speed_integral_time,
+                motor.friction_torque,
+                motor.reflected_inertia,
             ]
         )
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
@@ -213,6 +215,7 @@ class SpeedLoop:
 
 # Constants of a speed loop.
 LUG_RADIUS, SIZE, STALL_TORQUE, NO_LOAD_SPEED, EFFICIENCY, DROOP, INTEGRAL_TIME = range(7)
+FRICTION, INERTIA = 7, 8
 AT_LIMIT = 0.999
 """Part of the limit from which a motor counts as at it: forces come back through gears, rounded."""
 
@@ -224,21 +227,29 @@ def within(torque, limit):
 
 
 @compiled
-def torque_range(motor, limit, speed):
-    """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s.
+def held_by_losses(motor, driving):
+    """Return what losses hold beyond the torque, N m, that the motor would drive with."""
+    part = motor[EFFICIENCY]
+    return driving * (1.0 / (part * part) - 1.0) + 2.0 * motor[FRICTION] / part
+
+
+@compiled
+def torque_range(motor, limit, speed, dt):
+    """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s for ``dt`` s.
 
     Driving, the torque-speed line and the limit hold as the maker states them, at the output
-    shaft. Against its direction of turning the gears' losses help the motor twice: once for
-    what it does not lose on the way out, and once for what it does lose on the way in.
+    shaft. Against its direction of turning losses help the motor twice: the gears' and the
+    rotor's friction once for what it does not lose on the way out, and once for what it does
+    lose on the way in. Losses only stop: they get no more than stops the rotor within ``dt``.
     """
     line = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED]
     highest = within(motor[STALL_TORQUE] - line * speed, limit)
     lowest = -within(motor[STALL_TORQUE] + line * speed, limit)
-    braking = 1.0 / (motor[EFFICIENCY] * motor[EFFICIENCY])
+    stopping = motor[INERTIA] * abs(speed) / dt
     if speed > 0.0:
-        lowest *= braking
+        lowest -= min(held_by_losses(motor, -lowest), stopping)
     elif speed < 0.0:
-        highest *= braking
+        highest += min(held_by_losses(motor, highest), stopping)
     return lowest, highest
 
 
@@ -255,7 +266,7 @@ def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, correctio
         mean /= motors
         for k in range(i * motors, (i + 1) * motors):
             moment = forces[k] / motor[SIZE]  # N m, of one robot.motor
-            lowest, highest = torque_range(motor, limits[i], speeds[k] / motor[LUG_RADIUS])
+            lowest, highest = torque_range(motor, limits[i], speeds[k] / motor[LUG_RADIUS], dt)
             saturated = moment <= AT_LIMIT * lowest or moment >= AT_LIMIT * highest
             # The integral grows only where the motor can follow (no wind-up in a stall).
             if not saturated:

@@ -41,19 +41,6 @@ ADVICE: Mapping[Outcome, str] = {
 
 
 @dataclass(frozen=True)
-class Overloaded(Event):
-    """A module pressed the wall harder than the model of its contacts stands for."""
-
-    module: int
-    force: float
-    preloads: float
-    sentence = (
-        "module {module}: normal force of {force:.0f} N, {preloads:.0f} times the preload; forces "
-        "of this run are not to be relied on"
-    )
-
-
-@dataclass(frozen=True)
 class BeyondStop(Event):
     """An arm stood beyond its stop."""
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.record.metrics import MOTION, PHASE_TIME, Metric, Run
 from omnitrack_sim.robots.omnitrack.drive import Drive
+from omnitrack_sim.robots.omnitrack.motors import Motor
 
 STALL_SPEED = 0.005
 """Belt speed below which a belt at its torque limit counts as stalled, m/s."""
@@ -26,31 +27,52 @@ class BeltRun(Run):
     Attributes:
         no_load_slip: m/s, what slip reads in a straight pipe without load.
         lug_radius: m, belt speed over shaft speed.
-        torque_limit: N m, of one ``robot.motor``; see ``belt_limits``.
+        motor: ``robot.motor``.
         drive: the motors, and the gears between them and the belts.
-        efficiency: of the gears.
         slip_excess: share by which slip reads too large at the run's time step, of a typical turn.
     """
 
     no_load_slip: float = math.nan
     lug_radius: float = math.nan
-    torque_limit: float = math.nan
+    motor: Motor = field(kw_only=True)
     drive: Drive = field(kw_only=True)
-    efficiency: float = 1.0
     slip_excess: float = 0.0
 
     @property
     def belt_limits(self) -> NDArray[np.float64]:
         """Largest torque that the motors can give each belt's shaft (3,), N m."""
-        return self.drive.strength * self.torque_limit
+        return self.drive.strength * self.motor.max_torque
+
+    @property
+    def shafts(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Torque, N m, and speed, rad/s, of each motor's shaft (T, m)."""
+        # With a differential, torques and speeds of the motors are not those of the belts.
+        torque = self.drive.motor_forces(np.asarray(self.trajectory["motor_torque"], float))
+        speed = self.drive.motor_values(np.asarray(self.trajectory["belt_speed"], float))
+        return torque, speed / self.lug_radius
 
     @property
     def power(self) -> NDArray[np.float64]:
         """Mechanical power of each motor's shaft (T, m), W."""
-        # With a differential, torques and speeds of the motors are not those of the belts.
-        torque = self.drive.motor_forces(np.asarray(self.trajectory["motor_torque"], float))
-        speed = self.drive.motor_values(np.asarray(self.trajectory["belt_speed"], float))
-        return torque * speed / self.lug_radius
+        torque, speed = self.shafts
+        return torque * speed
+
+    @property
+    def current(self) -> NDArray[np.float64]:
+        """Current of each motor (T, m), A.
+
+        A motor of another size than ``robot.motor`` stands for as many of them side by side.
+
+        Raises:
+            ValueError: ``robot.motor`` has no winding.
+        """
+        torque, speed = self.shafts
+        return self.drive.size * self.motor.current(torque / self.drive.size, speed)
+
+    def of_belts(self, values: NDArray) -> list[float]:
+        """Largest of the figures (m,) of the motors that drive each belt (3,)."""
+        drives = np.abs(self.drive.matrix) > 0
+        return np.where(drives, np.asarray(values)[:, None], -math.inf).max(axis=0).tolist()
 
 
 def _at_limit(run: BeltRun) -> NDArray[np.float64]:
@@ -58,6 +80,26 @@ def _at_limit(run: BeltRun) -> NDArray[np.float64]:
     # Not quite the limit, which a motor that the servo holds there misses by a little.
     torque = np.abs(run.trajectory["motor_torque"])
     return (torque >= AT_LIMIT * run.belt_limits).astype(float)
+
+
+def _above_recommended(run: BeltRun) -> list[float]:
+    recommended = run.motor.recommended_torque
+    assert recommended is not None
+    above = np.abs(run.trajectory["motor_torque"]) > run.drive.strength * recommended
+    return run.integral(above.astype(float)).tolist()
+
+
+def _winding_temperature(run: BeltRun) -> list[float]:
+    winding = run.motor.winding
+    assert winding is not None
+    each = winding.temperature(run.trajectory.time, run.current / run.drive.size)
+    return run.of_belts(each.max(axis=0))
+
+
+def _electric_energy(run: BeltRun) -> float:
+    (torque, speed), size = run.shafts, run.drive.size
+    power = size * run.motor.electric_power(torque / size, speed)
+    return float(run.integral(np.maximum(power, 0.0)).sum())
 
 
 def _torque_change(run: Run) -> list[float]:
@@ -80,14 +122,14 @@ def _of_modules(
     return Metric(name, unit, meaning, compute, per_module=True, **shown)
 
 
-METRICS: tuple[Metric, ...] = (
+_OF_ANY_MOTOR: tuple[Metric, ...] = (
     *MOTION,
     Metric(
         "energy_j",
         "J",
         "mechanical work of the rotors of all crawler motors: the positive part of each shaft's "
         "power, integrated, over the motor's efficiency; braking gives nothing back",
-        lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.efficiency,
+        lambda r: float(r.integral(np.maximum(r.power, 0.0)).sum()) / r.motor.efficiency,
         title="energy",
         digits=1,
     ),
@@ -202,8 +244,8 @@ METRICS: tuple[Metric, ...] = (
         "s",
         f"time with at least {100 * AT_LIMIT:.0f} % of the belt's torque limit, either way, "
         "whether the belt stands or runs; the limit is the most that the motors can give this "
-        "belt: `torque_limit` with a motor for each, else that times the drive's size times the "
-        "sum of the sizes of the belt's gears",
+        "belt: `torque_limit`, or what its driver's current gives, with a motor for each, else "
+        "that times the drive's size times the sum of the sizes of the belt's gears",
         lambda r: r.integral(_at_limit(r)).tolist(),
         title="time at the torque limit",
         digits=2,
@@ -220,4 +262,54 @@ METRICS: tuple[Metric, ...] = (
     ),
     PHASE_TIME,
 )
+_OF_RECOMMENDED_TORQUE: tuple[Metric, ...] = (
+    _of_modules(
+        "time_above_recommended_s",
+        "s",
+        "time with more than `robot.motor.recommended_torque`, which for a belt is multiplied as "
+        "its limit is; of motors that have one",
+        _above_recommended,
+        title="time above the recommended torque",
+        digits=2,
+    ),
+)
+_OF_WINDING: tuple[Metric, ...] = (
+    Metric(
+        "electric_energy_j",
+        "J",
+        "what the crawler motors take from their supply, with windings of 20 °C; what braking "
+        "gives back is lost; of motors with a `winding`",
+        _electric_energy,
+        digits=1,
+    ),
+    _of_modules(
+        "motor_current_max_a",
+        "A",
+        "largest current of a motor that drives the belt, by its torque and speed; of motors with "
+        "a `winding`",
+        lambda r: r.of_belts(r.current.max(axis=0)),
+        digits=2,
+    ),
+    _of_modules(
+        "motor_current_rms_a",
+        "A",
+        "root mean square of the same current, by which it heats",
+        lambda r: r.of_belts(r.rms(r.current)),
+        digits=2,
+    ),
+    _of_modules(
+        "winding_temperature_max_c",
+        "°C",
+        "highest temperature of the winding of such a motor, of 20 °C at the start and around it",
+        _winding_temperature,
+        digits=0,
+    ),
+)
+METRICS = (*_OF_ANY_MOTOR, *_OF_RECOMMENDED_TORQUE, *_OF_WINDING)
 """Metrics in the order of ``result.json``."""
+
+
+def metrics_of(motor: Motor) -> tuple[Metric, ...]:
+    """Return the metrics of robots with a motor: those that its figures are enough for."""
+    recommended = () if motor.recommended_torque is None else _OF_RECOMMENDED_TORQUE
+    return (*_OF_ANY_MOTOR, *recommended, *(() if motor.winding is None else _OF_WINDING))

@@ -68,7 +68,7 @@ class TrackOdometry(Odometry):
     def torque_limit(self, robot: Robot) -> float:
         """See ``Odometry``."""
         assert isinstance(robot, Omnitrack)
-        return robot.motor.torque_limit
+        return robot.motor.max_torque
 
     def motion(self, body: BodyReadings) -> Motion:
         """See ``Odometry``: belts tell nothing of the rotation about the axis."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -17,7 +18,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.display import SingularRange
-from omnitrack_sim.record.events import Event, Outcome
+from omnitrack_sim.record.events import Event, Outcome, Overloaded
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
@@ -25,8 +26,8 @@ from omnitrack_sim.robots.control import Controller
 from omnitrack_sim.robots.odometry import Odometry
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
-from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop, Overloaded
-from omnitrack_sim.robots.omnitrack.metrics import METRICS, BeltRun
+from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop
+from omnitrack_sim.robots.omnitrack.metrics import BeltRun, metrics_of
 from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
 from omnitrack_sim.robots.quantity import (
     ROUNDING,
@@ -93,6 +94,7 @@ class Omnitrack(Robot):
     colliders: ClassVar[tuple[str, ...]] = ("exact", "primitives")
     rolls: ClassVar[bool] = True
     modules: ClassVar[int] = MODULES
+    built: ClassVar[Mapping[str, Any]] = MappingProxyType({"motor": "pololu_1000_hpcb"})
     own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
 
     scale: float = quantity(
@@ -175,7 +177,7 @@ class Omnitrack(Robot):
         math.radians(6.0),
         "rad",
         "assumed",
-        "slot clearance on the shafts (Section II.A); with 4 degrees turns jam in tees",
+        "slot clearance on the shafts (Section II.A)",
         (1e-3, 0.5),
     )
     slide_damping: float = quantity(
@@ -378,8 +380,9 @@ class Omnitrack(Robot):
         return 0.1
 
     def similar_to(self, bore: float) -> dict[str, Any]:
-        """See ``Robot``."""
-        return {"scale": self.scale_for(bore)}
+        """See ``Robot``. A product does not scale; the motor of the simulation takes its place."""
+        motor = {} if self.motor.scale else {"motor": "simulation"}
+        return {"scale": self.scale_for(bore)} | motor
 
     def scale_for(self, bore: float) -> float:
         """Return the ``scale`` at which this robot is made for a bore of ``bore`` m."""
@@ -546,7 +549,7 @@ class Omnitrack(Robot):
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """See ``Robot``."""
-        return METRICS
+        return metrics_of(self.motor)
 
     def run_record(self, trajectory: Trajectory, no_load_slip: float, timestep: float) -> BeltRun:
         """See ``Robot``."""
@@ -555,9 +558,8 @@ class Omnitrack(Robot):
             self.mass * GRAVITY,
             no_load_slip,
             self.lug_radius,
-            self.motor.torque_limit,
+            motor=self.motor,
             drive=drive_of(self.drive),
-            efficiency=self.motor.efficiency,
             slip_excess=self.slip_excess(timestep),
         )
 
@@ -569,7 +571,7 @@ class Omnitrack(Robot):
             trajectory["normal_force"],
             trajectory["slip_velocity"],
             trajectory["slip_ratio"],
-            run.power / run.efficiency,
+            run.power / self.motor.efficiency,
         )
 
     def advice(self, outcome: Outcome) -> str:
@@ -587,7 +589,8 @@ class Omnitrack(Robot):
         force, preload = float(forces[sample, module]), max(self.preload, self.mass * GRAVITY)
         if force > MAX_PRELOADS * preload:
             time = float(trajectory.time[sample])
-            events.append(Overloaded(0, time, int(module) + 1, force, force / preload))
+            part, times = f"module {module + 1}", force / preload
+            events.append(Overloaded(0, time, part, force, times, "the preload"))
         sample, arm = np.unravel_index(beyond.argmax(), beyond.shape)
         depth = float(beyond[sample, arm])
         if depth > STOP_ROOM * self.scale:
@@ -626,7 +629,7 @@ class Omnitrack(Robot):
         """
         forces = {bore: self.spring_force(bore / 2) for bore in bores}
         narrowest, widest = min(forces), max(forces)
-        # The springs of the standard robot stay within these limits from 147.5 to 166 mm.
+        # The springs of the standard robot stay within these limits from 135 to 172.5 mm.
         if forces[narrowest] > 2 * self.preload:
             bore = narrowest
         elif forces[widest] < self.preload / 2:

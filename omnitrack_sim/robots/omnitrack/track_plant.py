@@ -106,7 +106,7 @@ class TrackPlant(Plant):
         sensors: Sequence[Sensor] = (),
     ) -> None:
         self._drive = drive_of(robot.drive)
-        torque = [each.motor.torque_limit for each in start.robots]
+        torque = [each.motor.max_torque for each in start.robots]
         self.motors = SpeedLoop(
             self._drive, robot.motor, np.array(torque), robot.lug_radius, len(torque)
         )
@@ -199,7 +199,7 @@ class TrackPlant(Plant):
 
     def _settle(self, rows: NDArray[np.intp], start: Start) -> None:
         """See ``Plant``: the arms come to rest without a step of the physics."""
-        self.motors.reset(rows, np.array([each.motor.torque_limit for each in start.robots]))
+        self.motors.reset(rows, np.array([each.motor.max_torque for each in start.robots]))
         places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
         self._leave_out_far_tracks()

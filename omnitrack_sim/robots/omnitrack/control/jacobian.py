@@ -159,6 +159,7 @@ class JacobianController:
         merge = self._damping["merge"]
         merging = zip(gains, self.routes.out_of_branch, strict=True)
         self.rate_gain = np.array([merge if out else gain for gain, out in merging])  # (Q, n)
+        self.speed_inside = self.settings.speed_in(self.routes.sharpness[:, None])  # (Q, n) m/s
 
     def _follow_legs(self, observation: Observation) -> None:
         """Prepare robots that have been sent onto another route."""
@@ -204,7 +205,7 @@ class JacobianController:
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)
         inside, direction = room < 0, self._forward
         cruise, damped, turning, merging = self._cruising
-        phase = cruise.copy()
+        phase, cruise_speed = cruise.copy(), s.cruise_speed
         if np.count_nonzero(inside | self.resting):
             phase = self._phase(inside, backing, aligning, location.passage)
             out = self.routes.out_of_branch.take(location.passage)
@@ -214,7 +215,10 @@ class JacobianController:
             in_turn = phase == TEE_TURN
             turning = in_turn & self.routes.into_branch.take(location.passage)
             merging = in_turn & out
-        speed = s.cruise_speed * np.where(turning, self._turn_speed, 1.0)
+            # Where the belts on the outer side would have to run faster than the motors do.
+            slower = self.speed_inside[location.passage, self._rows]
+            cruise_speed = np.where(inside, slower, cruise_speed)
+        speed = cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         again = self.recovery.retries > 0
         lean = self.sway.step(observation, turning, merging, again)
@@ -234,7 +238,7 @@ class JacobianController:
             # Until the slip is known it may be large.
             slips = ~self.sway.known | (self.sway.slip > SLIPPERY)
             raised = self.tracking.forward_out_of_branch(
-                wall_speed, location, observation.rotation, slips, again, s.cruise_speed
+                wall_speed, location, observation.rotation, slips, again, cruise_speed
             )
             raised = np.minimum(raised, s.speed_limit[:, None])
             wall_speed = np.where(merging[:, None], raised, wall_speed)

@@ -152,9 +152,10 @@ class PaperController:
     def _speeds(self, location: Location) -> Array:
         """Wall speeds (n, 3) m/s of the turn ahead, for theta5 as it is now."""
         speed = self.settings.cruise_speed
+        slower = self.settings.speed_in(self.routes.sharpness[location.passage])
         bend_radius = np.nan_to_num(self.routes.bend_radius[location.passage], nan=1.0)
         radius = self.routes.radius[location.passage]
-        elbow = elbow_speeds(speed, location.theta5, bend_radius, radius)
+        elbow = elbow_speeds(slower, location.theta5, bend_radius, radius)
         # The modules of the half that faces the branch, one or two of them.
         inner: NDArray[np.bool_] = np.cos(location.theta5[:, None] + np.array(MODULE_ANGLES)) > 0
         tee = np.where(inner, -1.0, 1.0) * speed[:, None]
@@ -174,4 +175,5 @@ class BendController(PaperController):
     def _speeds(self, location: Location) -> Array:
         bend = np.nan_to_num(self.routes.bend_radius[location.passage], nan=1.0)
         radius = self.routes.radius[location.passage]
-        return elbow_speeds(self.settings.cruise_speed, location.theta5, bend, radius)
+        speed = self.settings.speed_in(self.routes.sharpness[location.passage])
+        return elbow_speeds(speed, location.theta5, bend, radius)

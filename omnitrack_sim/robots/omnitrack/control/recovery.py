@@ -90,7 +90,7 @@ class Recovery:
         self.routes, self.robot, self.settings = setup.routes, setup.robot, setup.settings
         self.period = setup.period
         each = {name: setup.each(f"{self._path}.{name}") for name in RecoveryTable.model_fields}
-        own, speed = setup.robot.own_length, setup.settings.cruise_speed
+        own, speed = setup.robot.own_length, setup.settings.min_cruise_speed
         self._hesitation = own(each["hesitation"]) / speed  # (n,) s
         self._max_retries = each["retries"]
         self._beside = np.where(keeps_the_wall(setup), each["beside"], each["weak_beside"])

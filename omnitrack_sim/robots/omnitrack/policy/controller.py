@@ -24,6 +24,7 @@ from omnitrack_sim.robots.feature import (
     held_actions,
     steps_of_decision,
 )
+from omnitrack_sim.robots.omnitrack.channels import MODULES
 from omnitrack_sim.robots.omnitrack.control.alignment import AlignmentTable, held_belt_sign
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED, Command
 from omnitrack_sim.robots.omnitrack.control.jacobian import LegWatch
@@ -43,6 +44,7 @@ from omnitrack_sim.robots.omnitrack.policy.file import (
     Policy,
     load_policy,
 )
+from omnitrack_sim.robots.omnitrack.policy.sectors import SECTOR, counted_from, modules_from
 
 # Decisions turn the belts against each other, which reads as slip, and pass where the base alone
 # slides past: with its laws for that 189 of 200 slippery turns pass, without 195.
@@ -65,6 +67,10 @@ class Decisions:
 
     Robots may be reset at different times; each has its own clock.
 
+    The robot is the same turned by 120 degrees. So modules are counted from the one that is next to
+    the turning direction as a fitting comes up: theta5 is within 60 degrees then, and what is
+    learned in that sector holds in all three.
+
     Args:
         setup: of the controller.
         features: in the order of the observation's entries.
@@ -79,7 +85,8 @@ class Decisions:
         measured: see ``InputDecisions``.
         ranges: values that each episode draws evenly, with their ranges, by dotted path.
         hold: control steps of a decision period.
-        action: (n, 4), the last decision; 0 before the first one.
+        action: (n, 4), the last decision, in the robot's own order of modules; 0 before the first
+            one.
         roll: (n, 3) rad, set point of the rotary motors.
         phases: names that ``Command.phase`` indexes.
     """
@@ -105,6 +112,7 @@ class Decisions:
         self._offset = np.zeros(n)  # rad, of the roll from that of the base
         self._tick = np.zeros(n, int)
         self._legs = LegWatch(setup)
+        self._first, self._passage = np.zeros((2, n), int)
         self._band = AlignmentTable().no_motion_band
         self._base: Any = None  # a shipped controller, with ``reset``
         self.phases: tuple[str, ...] = ("decide",)
@@ -132,6 +140,7 @@ class Decisions:
         self.action[rows], self.roll[rows] = 0.0, setup.command.roll[rows]
         self._forward[rows] = belt_sign(setup.command.roll[rows])
         self._offset[rows], self._tick[rows] = 0.0, 0
+        self._first[rows], self._passage[rows] = 0, -1
         self._legs.reset(rows, setup)
         if self._base is not None:
             self._base.reset(rows, replace(setup, parameters=self._defaults))
@@ -148,16 +157,29 @@ class Decisions:
             InputError: a feature needs what these robots do not observe.
         """
         self._follow_legs(observation)
-        source = ModuleInput(self.setup, observation, self.action, self.roll)
-        return entries_of(self.features, source)
+        self._choose_first_modules(observation)
+        first = self._first
+        action = np.hstack([modules_from(self.action[:, :3], first), self.action[:, 3:]])
+        roll, seen = modules_from(self.roll, first), counted_from(observation, first)
+        return entries_of(self.features, ModuleInput(self.setup, seen, action, roll))
+
+    def _choose_first_modules(self, observation: Observation) -> None:
+        """Count the modules from the one next to the turning direction, anew at each fitting."""
+        location = observation.location
+        first = np.round(-location.theta5 / SECTOR).astype(int) % MODULES
+        self._first = np.where(location.passage != self._passage, first, self._first)
+        self._passage = location.passage.copy()
 
     def decide(self, action: ArrayLike) -> None:
         """Set the actions (n, 4) of the robots that are ``due``, cut off at -1 and 1.
+
+        Their modules are in the order of the last observation.
 
         Raises:
             ValueError: another shape, or a number that is none.
         """
         cut = held_actions(action, self.action)
+        cut = np.hstack([modules_from(cut[:, :3], -self._first), cut[:, 3:]])
         self.action = np.where(self.due[:, None], cut, self.action)
 
     def command(self, observation: Observation) -> Command:
@@ -192,7 +214,9 @@ class Decisions:
 
     def _follow_legs(self, observation: Observation) -> None:
         """Mirror the state of robots that have been sent on in the other gear."""
-        robots = [robot for robot, turned in self._legs.changes(observation) if turned]
+        changes = list(self._legs.changes(observation))
+        self._passage[[robot for robot, _ in changes]] = -1
+        robots = [robot for robot, turned in changes if turned]
         if not robots:
             return
         turned = np.zeros(self.setup.n, bool)

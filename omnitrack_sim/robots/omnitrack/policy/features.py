@@ -94,7 +94,7 @@ ONBOARD = (
         -1,
         1,
         "torque of each belt's motor that drives the module forward",
-        lambda m: m.observation.motor_torque * m.forward / m.setup.robot.motor.torque_limit,
+        lambda m: m.observation.motor_torque * m.forward / m.setup.robot.motor.max_torque,
         _PER_MODULE,
     ),
     Feature(
