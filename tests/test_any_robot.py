@@ -18,7 +18,7 @@ from mujoco import batch
 from scipy.spatial import ConvexHull
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.base.rotations import Pose, frame_along, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, Wye, route
 from omnitrack_sim.pipes.compiled import Wall, compiled
 from omnitrack_sim.walls.record import has_record
@@ -523,11 +523,19 @@ def test_bodies_thrown_into_closed_pipes_stay_there(name, friction, most):
     """Bodies of seven shapes at 1 to 12 m/s are in the bore half a second later, by their own soft
     contact and by that of the walls; corners between walls and caps hold them, and walls of which
     the next pipe leaves 66 mm."""
-    network = thrown_bodies.capped(thrown_bodies.FITTINGS[name])
+    network = thrown_bodies.fitting_alone(thrown_bodies.FITTINGS[name])
     for shape, timestep in product(thrown_bodies.SHAPES, (0.001, 0.002)):
         out, deepest = thrown_bodies.throw(network, shape, timestep, friction, 3, seed=2)
         assert out == 0
         assert deepest < most
+
+
+def test_bodies_thrown_into_pipes_beside_each_other_stay_there():
+    """In a bend back, whose limbs are 20 mm apart, bodies with soft contact at 1 to 12 m/s are in a
+    bore half a second later."""
+    network = thrown_bodies.capped(thrown_bodies.NETWORKS["bend back"])
+    for shape in ("capsule", "wheel", "ellipsoid"):
+        assert thrown_bodies.throw(network, shape, 0.001, None, 40, seed=1)[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -570,6 +578,66 @@ def test_a_wall_beside_another_pipe_holds_what_has_not_come_half_way():
     ):
         data.qpos[:3] = [x, 0.0, 0.2]
         data.qpos[3:] = [math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0]  # along x
+        mujoco.mj_forward(model, data)
+        assert {model.geom(each.geom[0]).name for each in data.contact} == {touched}
+
+
+@pytest.mark.parametrize("geom", [{}, {"solref": [-1e4, -50]}])
+def test_a_wall_is_thin_towards_another_pipe_only(geom):
+    """Beside a pipe 10 mm apart, on the side away from it, a ball that has sunk in is held by as
+    deep a wall, and one as soft, as in a pipe alone."""
+    other = Part("other", Straight(0.4), Pose(np.eye(3), [0.17, 0.0, 0.0]))
+    alone = NETWORKS["straight"]
+    found = []
+    for network in (alone, Assembly((*alone.parts, other))):
+        model, _ = body_in(network, "sphere", **geom)
+        data = mujoco.MjData(model)
+        for depth in (0.004, 0.007, 0.03, 0.08, 0.12):
+            data.qpos[:3] = [-0.055 - depth, 0.0, 0.2]
+            mujoco.mj_forward(model, data)
+            (contact,) = data.contact
+            found.append((contact.dist, *contact.frame[:3]))
+    np.testing.assert_allclose(found[:5], found[5:], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("walls", "geom"),
+    [
+        ({}, {}),
+        ({}, {"solref": [-1e3, -20]}),
+        ({}, {"solref": [0.002, 1]}),
+        ({"friction": 0.7}, {"priority": 2}),
+        ({"solref": [0.01, 1], "solmix": 3}, {"solref": [-1e4, -50]}),
+    ],
+)
+def test_a_plate_is_as_firm_as_a_wall(walls, geom):
+    """A ball that has sunk into the end of a cap is pushed out along the axis, with the stiffness
+    and damping of a ball as deep in the wall, also beside the bore."""
+    network = Assembly((Part("pipe", ot.Cap(0.4), Pose()),))
+    model, _ = body_in(network, "sphere", walls, **geom)
+    data, found = mujoco.MjData(model), []
+    for depth in (0.002, 0.0079, 0.02, 0.05, 0.1):
+        for aside, along in ((0.055 + depth, 0.2), (0.0, 0.375 + depth), (0.04, 0.375 + depth)):
+            data.qpos[:3] = [aside, 0.0, along]
+            mujoco.mj_forward(model, data)
+            contact = data.contact[0]
+            axis = 0 if along == 0.2 else 2
+            assert contact.frame[axis] == pytest.approx(-1.0)
+            found.append([contact.dist, *contact.solref, *contact.solimp])
+    of_wall, of_plate, beside = np.array(found).reshape(5, 3, -1).transpose(1, 0, 2)
+    np.testing.assert_allclose(of_plate, of_wall, atol=1e-12)
+    np.testing.assert_allclose(beside, of_wall, atol=1e-12)
+
+
+def test_a_plate_leaves_a_body_in_another_pipe_alone():
+    """A closed end 10 mm before a pipe that passes it does not touch a ball in that pipe, which
+    does not touch a ball in front of the end."""
+    across = Pose(frame_along([1.0, 0.0, 0.0], 0.0), np.array([-0.2, 0.0, 0.49]))
+    network = Assembly((Part("end", ot.Cap(0.4), Pose()), Part("across", Straight(0.4), across)))
+    model, _ = body_in(network, "sphere")
+    data = mujoco.MjData(model)
+    for z, touched in ((0.43, "wall_across"), (0.415, "wall_across"), (0.38, "plate_end_end")):
+        data.qpos[:3] = [0.0, 0.0, z]
         mujoco.mj_forward(model, data)
         assert {model.geom(each.geom[0]).name for each in data.contact} == {touched}
 

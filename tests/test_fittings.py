@@ -403,3 +403,16 @@ def test_a_bend_of_any_kind_limits_the_speed():
     assert example("elbow").sharpest_bend(Arcs()) == pytest.approx(0.08 / 0.24)
     assert example("tee").sharpest_bend(Arcs(0.1, 0.05)) == pytest.approx(0.08 / 0.05)
     assert math.isfinite(example(OUTSIDE).sharpest_bend(Arcs()))
+
+
+@pytest.mark.parametrize("kind", ["mitre", "wye", "tee", "cross"])
+def test_the_distance_is_continuous_at_the_plane_of_symmetry(kind):
+    """In the plane of the axes itself the distance is that right beside it: there two places of the
+    rim are as near, and the one between them is not nearest."""
+    fitting = fitting_class(kind)()
+    low, high = fitting.bounds
+    points = np.random.default_rng(3).uniform(low, high, (4000, 3))
+    points = points[fitting.signed_distance(points)[0] > 0]
+    within, beside = points * [1, 0, 1], points * [1, 0, 1] + [0, 1e-9, 0]
+    here, there = fitting.signed_distance(within)[0], fitting.signed_distance(beside)[0]
+    np.testing.assert_allclose(here, there, atol=1e-8)

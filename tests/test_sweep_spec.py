@@ -40,6 +40,7 @@ SHIPPED = {
     "tee_lugs": 300,
     "fig14_pairs": 25,
     "elbow_drives": 360,
+    "timestep_helix": 36,
 }
 
 

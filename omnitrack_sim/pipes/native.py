@@ -135,7 +135,7 @@ SIGNATURES = {
     "clear": CFUNCTYPE(NUMBER, NUMBERS, *[NUMBER] * 6),
 }
 """C types of the functions of ``compiled.Wall``."""
-SCRATCH = 16
+SCRATCH = 1300
 """Numbers that ``scratch`` has room for."""
 
 
@@ -386,9 +386,9 @@ def scratch(context):
     """Room for SCRATCH numbers, on the stack of the calling function."""
 
     def code(context, builder, signature, arguments):
-        from numba.core import cgutils
-
-        room = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), SCRATCH))
+        # Numba's own way would set it all to zero, each time.
+        with builder.goto_entry_block():
+            room = builder.alloca(ir.ArrayType(ir.DoubleType(), SCRATCH))
         return builder.bitcast(room, context.get_value_type(signature.return_type))
 
     return CFUNCTYPE(NUMBERS), code

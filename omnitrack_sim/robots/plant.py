@@ -33,7 +33,7 @@ from omnitrack_sim.record.channels import COMMON, Channel, Display
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.control import Actuation
 from omnitrack_sim.robots.sensor import Sensor, State
-from omnitrack_sim.walls.around import add_pipes
+from omnitrack_sim.walls.around import add_pipes, wall_attributes
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 
 if TYPE_CHECKING:
@@ -104,9 +104,12 @@ def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSp
     bodies = touching_bodies(spec)
     # Contacts as soft as MuJoCo's own let wheels sink in: they would run 2 % slower.
     soft = max(CONTACT_TIME * robot.time_scale, 2 * options.timestep)
-    add_pipes(spec, network, friction=1.0, solref=[soft, 1.0])
+    contact: dict[str, Any] = {"solref": [soft, 1.0]}
+    add_pipes(spec, network, friction=1.0, **contact)
     more = [end for end in options.plates if end not in network.closed_ends]
-    add_plates(spec, network, more, options.looks)
+    walls = wall_attributes(1.0, contact)
+    del walls["rgba"]
+    add_plates(spec, network, more, options.looks, **walls)
     if not options.looks:
         for body in bodies:
             _add_touch(spec, body)

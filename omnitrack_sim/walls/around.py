@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Assembly, Part
-from omnitrack_sim.pipes.assembly import Stretch, touching
+from omnitrack_sim.pipes import Assembly, Part, Port
+from omnitrack_sim.pipes.assembly import JOINED, Stretch, touching
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import INTEGER, NUMBERS, WORD, c_function, pointers
 from omnitrack_sim.pipes.network import Network
@@ -23,8 +23,8 @@ from omnitrack_sim.walls.collider import FIRM_TIME
 from omnitrack_sim.walls.geoms import (
     MIN_ROOM,
     WALL_COLOUR,
+    add_ends,
     add_exact_walls,
-    add_plates,
     add_rims,
 )
 from omnitrack_sim.walls.guard import add_guard, register
@@ -132,9 +132,6 @@ YIELDING = {
 friction and dimension, and mixes the rest by ``solmix``. Without opacity a wall's box is neither
 drawn nor met by MuJoCo's own rays."""
 
-FIRM = {"solmix": 1e9, "solref": [FIRM_TIME, 1.0]}
-"""Attributes of plates that close an end. They are boxes of MuJoCo's, which do not get stiffer with
-depth as exact walls do, so their contact time outweighs that of the robot's geom."""
 DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0, "solref": [FIRM_TIME, 1.0]}
 """Attributes of walls that state a friction: these outrank those of the robot's geoms. With
 MuJoCo's own contact time, 20 ms, wheels sink in and run 2 % slower."""
@@ -205,25 +202,27 @@ def add_pipes(
     _check(spec)
     pipes = Pipes(network)
     _check_arguments(spec, pipes.assembly, friction, body, attributes)
+    walls = wall_attributes(friction, attributes)
+    depths = solid_depths(pipes.assembly)
+    ends = {end: end_depth(pipes.assembly, end, depths) for end in pipes.assembly.closed_ends}
+    add_exact_walls(spec, pipes.assembly, depths, ends, body, **walls)
+    add_rims(spec, pipes.assembly, depths, body, **walls)
+    add_ends(spec, pipes.assembly, ends, body, **walls)
+    if visible:
+        add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
+    add_guard(spec, f"wall_{pipes.assembly.parts[0].name}")
+    return pipes
+
+
+def wall_attributes(friction: float | None, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of the geoms of walls and plates, as ``add_pipes`` takes both."""
     # A wall with a friction of its own has to outrank the robot's: MuJoCo's default is 1.
     deciding: dict[str, Any] = {}
     if friction is not None:
         deciding = DECIDING | {"friction": [friction, 0.005, 0.0001]}
     # MuJoCo divides by the friction of a contact that has one.
     deciding |= {"condim": 1} if friction == 0 else {}
-    walls = YIELDING | deciding | attributes
-    plates = YIELDING | FIRM | deciding | attributes
-    depths = solid_depths(pipes.assembly)
-    add_exact_walls(spec, pipes.assembly, depths, body, **walls)
-    add_rims(spec, pipes.assembly, depths, body, **walls)
-    for end in pipes.assembly.closed_ends:
-        # What has sunk into the wall beside a plate must not slip past it.
-        depth = depths[end[0]]
-        add_plates(spec, pipes.assembly, [end], thickness=depth, overlap=depth, body=body, **plates)
-    if visible:
-        add_pipe_insides(spec, pipes.assembly, body, PIPE_GROUP)
-    add_guard(spec, f"wall_{pipes.assembly.parts[0].name}")
-    return pipes
+    return YIELDING | deciding | dict(attributes)
 
 
 def solid_depths(network: Assembly) -> list[float]:
@@ -243,6 +242,25 @@ def solid_depths(network: Assembly) -> list[float]:
                 gap = _gap(network.parts[i], network.parts[j], stretch)
                 depths[i] = min(depths[i], max(gap / 2, MIN_ROOM))
     return depths
+
+
+def end_depth(network: Assembly, end: Port, depths: Sequence[float]) -> float:
+    """Return the depth, m, to which a closed end is solid: half of the way to a bore behind it."""
+    part, port = network.parts[end[0]], network.parts[end[0]].port(end[1])
+    whole = DEPTH_IN_BORE * part.fitting.max_radius
+    across, inverse, far = (
+        part.fitting.port_radius(end[1]) + depths[end[0]],
+        port.inverse(),
+        4 * whole,
+    )
+    depth = whole
+    for other in network.parts:
+        for stretch in other.stretches() if other is not part else ():
+            if np.linalg.norm(stretch.centre - port.position) < stretch.reach + far:
+                x, y, behind = inverse.apply(other.bore_samples(stretch)).T
+                there = (behind > JOINED) & (np.hypot(x, y) < across)
+                depth = min(depth, behind[there].min(initial=np.inf) / 2)
+    return max(depth, MIN_ROOM)
 
 
 def _gap(part: Part, other: Part, stretch: Stretch) -> float:

@@ -23,7 +23,9 @@ from omnitrack_sim.walls.curves import (
     minimum,
     slope_at,
 )
+from omnitrack_sim.walls.deepest import LINE, corner_ball, edge_no_deeper, is_in_ball, no_deeper
 from omnitrack_sim.walls.record import BOX, ENDS, SIZE, SIZES
+from omnitrack_sim.walls.rims import CYLINDER, ELLIPSOID
 
 SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
 """Contacts nearer to each other than this part of the bore's radius (3 mm at 80 mm), and of that of
@@ -49,7 +51,7 @@ def wall_of(surface, span, records, w, depth, margin, reach):
     """Return what all contacts of a pair need.
 
     Addresses of ``surface`` and ``span``, sizes, ends, depth of the wall, margin, distance up to
-    which two contacts are one, and spacing of samples, m.
+    which two contacts are one, spacing of samples, and radius of the bore, m.
 
     Args:
         surface: address.
@@ -71,20 +73,33 @@ def wall_of(surface, span, records, w, depth, margin, reach):
         margin,
         same,
         SPACING_IN_BORE * size,
+        size,
+    )
+
+
+@compiled
+def point_in(records, w, position, matrix, x, y, z, g_wall):
+    """Return a point of the world in the frame of the fitting of a wall."""
+    b, m = 3 * g_wall, 9 * g_wall
+    x, y, z = x - position[b], y - position[b + 1], z - position[b + 2]
+    # The box that bounds the fitting has its centre elsewhere.
+    return (
+        matrix[m] * x + matrix[m + 3] * y + matrix[m + 6] * z + records[w + BOX],
+        matrix[m + 1] * x + matrix[m + 4] * y + matrix[m + 7] * z + records[w + BOX + 1],
+        matrix[m + 2] * x + matrix[m + 5] * y + matrix[m + 8] * z + records[w + BOX + 2],
     )
 
 
 @compiled
 def frame_in(records, w, position, matrix, g_geom, g_wall):
     """Return the frame of a geom in that of the fitting of a wall."""
-    a, b, m, k = 3 * g_geom, 3 * g_wall, 9 * g_wall, 9 * g_geom
-    x, y, z = position[a] - position[b], position[a + 1] - position[b + 1], 0.0
-    z = position[a + 2] - position[b + 2]
-    # The box that bounds the fitting has its centre elsewhere.
+    a, m, k = 3 * g_geom, 9 * g_wall, 9 * g_geom
+    x, y, z = position[a], position[a + 1], position[a + 2]
+    x, y, z = point_in(records, w, position, matrix, x, y, z, g_wall)
     return (
-        matrix[m] * x + matrix[m + 3] * y + matrix[m + 6] * z + records[w + BOX],
-        matrix[m + 1] * x + matrix[m + 4] * y + matrix[m + 7] * z + records[w + BOX + 1],
-        matrix[m + 2] * x + matrix[m + 5] * y + matrix[m + 8] * z + records[w + BOX + 2],
+        x,
+        y,
+        z,
         _product(matrix, m, k),
         _product(matrix, m, k + 1),
         _product(matrix, m, k + 2),
@@ -139,7 +154,8 @@ def _edge(con, n, wall, frame, ax, ay, az, bx, by, bz, ends, reach, out):
 @compiled
 def capsule(con, n, wall, frame, radius, half, out):
     """Add the contacts of a capsule: those of a ball along its axis."""
-    return _edge(con, n, wall, frame, 0.0, 0.0, -half, 0.0, 0.0, half, 1.0, radius, out)
+    n = _edge(con, n, wall, frame, 0.0, 0.0, -half, 0.0, 0.0, half, 1.0, radius, out)
+    return no_deeper(con, n, wall, frame, (LINE, 0.0, half, 0.0), radius, out)
 
 
 @compiled
@@ -167,6 +183,31 @@ def box(con, n, wall, frame, a, b, c, out):
             qx, qy, qz = _corner(a, b, c, i | bit)
             ends = 1.0 if axis == 0 else 0.0
             n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, ends, 0.0, out)
+    return _box_edges(con, n, wall, frame, a, b, c, distances, out)
+
+
+@compiled
+def _box_edges(con, n, wall, frame, a, b, c, distances, out):
+    """Add contacts until no edge of a box is deeper than they are, see ``deepest``."""
+    ball, target = corner_ball(con, n, wall, frame, out)
+    is_within = True
+    for i in range(8):
+        px, py, pz = _corner(a, b, c, i)
+        x, y, z = point_at(frame, px, py, pz)
+        is_within = is_within and is_in_ball(ball, x, y, z, target)
+    if is_within:
+        return n
+    for i in range(8):
+        px, py, pz = _corner(a, b, c, i)
+        x, y, z = point_at(frame, px, py, pz)
+        for axis in range(3):
+            j = i | 1 << axis
+            if i == j:
+                continue
+            px, py, pz = _corner(a, b, c, j)
+            u, v, w = point_at(frame, px, py, pz)
+            one, other = (x, y, z, distances[i]), (u, v, w, distances[j])
+            n = edge_no_deeper(con, n, wall, ball, one, other, out)
     return n
 
 
@@ -209,6 +250,33 @@ def mesh(con, n, wall, frame, hull, out):
                 if not is_known or 0.5 * (distances[a] + distances[b] - length) < wall[5]:
                     n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, 0.0, 0.0, out)
             a = b
+    return _mesh_edges(con, n, wall, frame, hull, out) if is_known else n
+
+
+@compiled
+def _mesh_edges(con, n, wall, frame, hull, out):
+    """Add contacts until no edge of a hull is deeper than they are, see ``deepest``."""
+    vertices, vertex_count, polygons_at, count, begins, sizes, numbers = hull
+    distances = at(con, CONTACT_SIZE * (MAX_KEPT + 1))
+    ball, target = corner_ball(con, n, wall, frame, out)
+    is_within = True
+    for v in range(vertex_count):
+        if is_within and polygons_at[v] > 0:
+            x, y, z = _vertex(frame, vertices, v)
+            is_within = is_in_ball(ball, x, y, z, target)
+    if is_within:
+        return n
+    for polygon in range(count):
+        first, size = begins[polygon], sizes[polygon]
+        a = numbers[first + size - 1]
+        for i in range(size):
+            b = numbers[first + i]
+            if a < b:
+                x, y, z = _vertex(frame, vertices, a)
+                u, v, w = _vertex(frame, vertices, b)
+                one, other = (x, y, z, distances[a]), (u, v, w, distances[b])
+                n = edge_no_deeper(con, n, wall, ball, one, other, out)
+            a = b
     return n
 
 
@@ -233,7 +301,8 @@ def cylinder(con, n, wall, frame, radius, half, out):
         px, py, pz = point_at(frame, 0.0, 0.0, side)
         circle = (px, py, pz, xx, yx, zx, xy, yy, zy, radius)
         n = along_circle(con, n, wall, circle, out)
-    return _mantle(con, n, wall, frame, radius, half, out)
+    n = _mantle(con, n, wall, frame, radius, half, out)
+    return no_deeper(con, n, wall, frame, (CYLINDER, radius, half, 0.0), 0.0, out)
 
 
 @compiled
@@ -435,4 +504,4 @@ def ellipsoid(con, n, wall, frame, a, b, c, out):
             x, y, z = point_at(frame, a * v[0], b * v[1], c * v[2])
             if holds(wall, x, y, z, out):
                 n = touch(con, n, wall, x, y, z, 0.0, out)
-    return n
+    return no_deeper(con, n, wall, frame, (ELLIPSOID, a, b, c), 0.0, out)

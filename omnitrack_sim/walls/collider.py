@@ -9,6 +9,7 @@ compiled functions hold no interpreter lock, so batches scale over threads.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from ctypes import CFUNCTYPE
 from functools import cache
@@ -38,13 +39,25 @@ from omnitrack_sim.walls.bodies import (
     ellipsoid,
     frame_in,
     mesh,
+    point_in,
     sphere,
     wall_of,
 )
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.layout import library, words_of
-from omnitrack_sim.walls.record import DEPTH, DEPTH_IN_BORE, KIND, MARK, RECORD_SIZE, kinds
+from omnitrack_sim.walls.record import (
+    DEPTH,
+    DEPTH_IN_BORE,
+    KIND,
+    MARK,
+    ORDER,
+    PARTS,
+    PLATE,
+    RECORD_SIZE,
+    WALL_BEFORE,
+    kinds,
+)
 from omnitrack_sim.walls.record import SIZE as SIZE_OF_BORE
 from omnitrack_sim.walls.rims import (
     BOX,
@@ -58,7 +71,9 @@ from omnitrack_sim.walls.rims import (
 )
 
 GEOM = mujoco.mjtGeom
-_FIELD, _TYPES = int(GEOM.mjGEOM_HFIELD), int(GEOM.mjNGEOMTYPES)
+_PLANE, _FIELD, _TYPES = (
+    int(kind) for kind in (GEOM.mjGEOM_PLANE, GEOM.mjGEOM_HFIELD, GEOM.mjNGEOMTYPES)
+)
 _COLLIDE = CFUNCTYPE(INTEGER, WORDS, WORDS, NUMBERS, INTEGER, INTEGER, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
@@ -67,7 +82,8 @@ BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
 PREVIOUS = 0
-LINE_PREVIOUS = PREVIOUS + _TYPES
+PLANE_PREVIOUS = PREVIOUS + _TYPES
+LINE_PREVIOUS = PLANE_PREVIOUS + _TYPES
 KINDS, USER_SIZE, GEOM_COUNT = LINE_PREVIOUS + 1, LINE_PREVIOUS + 2, LINE_PREVIOUS + 3
 MODEL_FIELDS = (
     "geom_size",
@@ -113,11 +129,11 @@ POSITIONS = SOLREF + 1
 MATRICES = POSITIONS + 1
 RAISE, MESSAGES = MATRICES + 1, MATRICES + 2
 BLOCK_SIZE = MESSAGES + 3
-"""Indices in the block, and its size: functions that were there before, by the type of geom, and
-before that of lines; address of the table of kinds; words of MuJoCo's mjModel that hold the length
-of user data, the number of geoms and the fields; those of mjData that hold positions and
-orientations of geoms; addresses of MuJoCo's function that raises an error, and of the messages of
-``guard``."""
+"""Indices in the block, and its size: functions that were there before for height fields, those
+for planes, both by the type of the other geom, and that before for lines; address of the table of
+kinds; words of MuJoCo's mjModel that hold the length of user data, the number of geoms and the
+fields; those of mjData that hold positions and orientations of geoms; addresses of MuJoCo's
+function that raises an error, and of the messages of ``guard``."""
 SOFT_IN_BORE, FIRM_TIME = 0.1, 0.005
 """Depth, in radii of the bore, below which a wall is as stiff as by this contact time, s, at least.
 A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 ms, which a step of
@@ -255,24 +271,63 @@ def _firmness(model, wall, geom):
 
 
 @compiled
-def _is_nearest(model, data, wall, geom, distance, out):
-    """Tell whether a wall's bore is the nearest to the middle of a geom, ``distance`` m from it."""
-    count, records = model[word(USER_SIZE)], doubles(model[word(USER)])
-    kinds_of = integers(model[word(TYPE)])
+def _touch_plate(model, data, con, records, w, plate, geom, kind, margin):
+    """Find the contacts of a geom with a plate that closes a pipe: those with a plane of MuJoCo's.
+
+    A body whose middle is beside or behind the plate may be one in another pipe.
+    """
+    size, depth = records[w + SIZE_OF_BORE], records[w + DEPTH]
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
-    for other in range(model[word(GEOM_COUNT)]):
-        w = count * (other + 1) - RECORD_SIZE
-        is_wall = kinds_of[other] == _FIELD and records[w] == MARK and records[w + KIND] != RIM
-        if is_wall and other != wall:
-            x, y, z = frame_in(records, w, position, matrix, geom, other)[:3]
+    a, b, m = 3 * geom, 3 * plate, 9 * plate
+    x, y, z = position[a], position[a + 1], position[a + 2]
+    u, v, t = x - position[b], y - position[b + 1], z - position[b + 2]
+    before = matrix[m + 2] * u + matrix[m + 5] * v + matrix[m + 8] * t
+    within = size - math.sqrt(max(u * u + v * v + t * t - before * before, 0.0))
+    own, wall = min(before, within), plate - int(records[w + WALL_BEFORE])
+    if before <= -depth or within <= -DEPTH_IN_BORE * size:
+        return 0
+    if own < 0.0 and _from_others(model, data, wall, x, y, z, own, scratch()) > own:
+        return 0
+    n = call_collide(word(PLANE_PREVIOUS + kind), model, data, con, plate, geom, margin)
+    for i in range(n):
+        _make_firm(model, con, i * CONTACT_SIZE, size, depth, plate, geom)
+    return n
+
+
+@compiled
+def _from_others(model, data, wall, x, y, z, enough, out):
+    """Return the distance, m, of a point of the world from the wall of the roomiest other bore.
+
+    It is negative in that wall, and minus infinity where no other fitting of the network holds the
+    point. The search ends at one over ``enough``.
+    """
+    length, records, farthest = model[word(USER_SIZE)], doubles(model[word(USER)]), -math.inf
+    position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
+    own = length * (wall + 1) - RECORD_SIZE
+    first = wall - int(records[own + ORDER])
+    for other in range(first, first + int(records[own + PARTS])):
+        if other != wall:
+            w = length * (other + 1) - RECORD_SIZE
+            px, py, pz = point_in(records, w, position, matrix, x, y, z, other)
             surface, span = functions_of(records[w + KIND])
             walls = wall_of(surface, span, records, w, 0.0, 0.0, 0.0)
-            if (
-                holds(walls, x, y, z, out)
-                and call_surface(surface, walls[2], x, y, z, out) > distance
-            ):
-                return False
-    return True
+            if holds(walls, px, py, pz, out):
+                farthest = max(farthest, call_surface(surface, walls[2], px, py, pz, out))
+                if farthest > enough:
+                    break
+    return farthest
+
+
+@compiled
+def _depth_at(model, data, con, k, wall, whole, out):
+    """Return the depth, m, of a wall at a contact: half of the way to another bore."""
+    half = 0.5 * con[k]
+    x, y, z = (
+        con[k + 1] - half * con[k + 4],
+        con[k + 2] - half * con[k + 5],
+        con[k + 3] - half * con[k + 6],
+    )
+    return min(whole, max(-0.5 * _from_others(model, data, wall, x, y, z, 0.0, out), 0.0))
 
 
 def collide(model, data, contacts, wall, geom, margin):
@@ -288,6 +343,8 @@ def collide(model, data, contacts, wall, geom, margin):
     if records[w] != MARK or records[own] == MARK:
         return call_collide(word(PREVIOUS + kind), model, data, contacts, wall, geom, margin)
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
+    if records[w + KIND] == PLATE:
+        return _touch_plate(model, data, contacts, records, w, wall, geom, kind, margin)
     frame = frame_in(records, w, position, matrix, geom, wall)
     if records[w + KIND] == RIM:
         n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, scratch())
@@ -303,17 +360,36 @@ def collide(model, data, contacts, wall, geom, margin):
         # middle decides: a convex body cannot have it in one pipe and touch another.
         if depth < whole and holds(walls, x, y, z, out):
             d = call_surface(surface, walls[2], x, y, z, out)
-            if d <= -depth and not _is_nearest(model, data, wall, geom, d, out):
+            a = 3 * geom
+            x, y, z = position[a], position[a + 1], position[a + 2]
+            if d <= -depth and _from_others(model, data, wall, x, y, z, d, out) > d:
                 return 0
             walls = wall_of(surface, span, records, w, whole, margin, reach)
         n = _contacts(model, contacts, walls, frame, geom, kind, out)
-    soft = min(SOFT_IN_BORE * records[w + SIZE_OF_BORE], 0.5 * records[w + DEPTH])
+    for i in range(n):
+        in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
+    size, thin = records[w + SIZE_OF_BORE], records[w + DEPTH]
     for i in range(n):
         k = i * CONTACT_SIZE
-        in_world(contacts, k, records, w, position, matrix, wall)
-        if contacts[k] < -soft:
-            contacts[k] = -soft + _firmness(model, wall, geom) * (contacts[k] + soft)
+        if contacts[k] < -min(SOFT_IN_BORE * size, 0.5 * thin):
+            depth = DEPTH_IN_BORE * size
+            if records[w + KIND] == RIM:
+                depth = thin
+            elif thin < depth:
+                depth = max(thin, _depth_at(model, data, contacts, k, wall, depth, scratch()))
+            _make_firm(model, contacts, k, size, depth, wall, geom)
     return n
+
+
+@compiled
+def _make_firm(model, con, k, size, depth, wall, geom):
+    """Make a contact deeper than ``SOFT_IN_BORE``, or than half of a thin wall, a firm one.
+
+    What is deeper counts as often as that takes.
+    """
+    soft = min(SOFT_IN_BORE * size, 0.5 * depth)
+    if con[k] < -soft:
+        con[k] = -soft + _firmness(model, wall, geom) * (con[k] + soft)
 
 
 def enter(function: Callable[..., int], geom: int, before: int) -> None:
@@ -327,14 +403,24 @@ def enter(function: Callable[..., int], geom: int, before: int) -> None:
     Raises:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
-    block = block_of_process()
-    table = (ctypes.c_void_p * (_TYPES * _TYPES)).in_dll(library(), "mjCOLLISIONFUNC")
     # The height field comes first: the table is filled for pairs of ascending geom types only.
-    pair = _FIELD * _TYPES + int(geom)
-    if not table[pair]:
-        raise RuntimeError(f"MuJoCo's collision table has no function for height field and {geom}")
-    block[before] = table[pair]
-    table[pair] = c_function(function, _COLLIDE, is_long=True).address
+    place = _FIELD * _TYPES + int(geom)
+    block_of_process()[before] = _in_table(place)
+    _table()[place] = c_function(function, _COLLIDE, is_long=True).address
+
+
+def _table() -> Any:
+    """Return MuJoCo's table of collision functions, by the types of both geoms."""
+    return (ctypes.c_void_p * (_TYPES * _TYPES)).in_dll(library(), "mjCOLLISIONFUNC")
+
+
+def _in_table(place: int) -> int:
+    """Return the address of a collision function."""
+    address = _table()[place]
+    if not address:
+        types = divmod(place, _TYPES)
+        raise RuntimeError(f"MuJoCo's collision table has no function for geoms of types {types}")
+    return address
 
 
 @cache
@@ -345,6 +431,7 @@ def install() -> None:
         RuntimeError: MuJoCo's structures are not laid out as expected.
     """
     for kind in (SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH):
+        block_of_process()[PLANE_PREVIOUS + kind] = _in_table(_PLANE * _TYPES + kind)
         enter(collide, kind, PREVIOUS + kind)
 
 

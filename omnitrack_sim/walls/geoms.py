@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -13,9 +13,11 @@ from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.assembly import JOINED
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.walls.record import (
+    DEPTH_IN_BORE,
     RECORD_SIZE,
     bounding_box,
     has_record,
+    plate_record,
     wall_record,
 )
 from omnitrack_sim.walls.rims import OPEN, rim_record
@@ -117,6 +119,7 @@ def add_exact_walls(
     spec: mujoco.MjSpec,
     network: Assembly,
     depths: Sequence[float] | None = None,
+    ends: Mapping[Port, float] | None = None,
     body: mujoco.MjsBody | None = None,
     **attributes: Any,
 ) -> int:
@@ -128,8 +131,9 @@ def add_exact_walls(
     Args:
         spec: to add to. User data of the robot's own stay, before the records.
         network: joined parts.
-        depths: m, to which the wall of each part is solid for geoms without a record of their own;
-            None: there are no such geoms.
+        depths: m, to which the wall of each part is solid towards other bores, for geoms without a
+            record of their own; None: there are no such geoms.
+        ends: m, to which closed ports are solid; with ``depths``.
         body: whose frame the network stands in; None: the world.
         attributes: of the geoms, by MuJoCo's names, in the place of those of ``_add_geom``.
     """
@@ -140,16 +144,20 @@ def add_exact_walls(
     # Both directions of each joint, so that the neighbour of any port is one look-up away.
     taken = {end: other for a, b in network.joints for end, other in ((a, b), (b, a))}
     for index, part in enumerate(network.parts):
-        ends = [
+        stops = [
             _line_ends(network, (index, port), taken.get((index, port)), rims=depths is not None)
             for port in part.fitting.ports
         ]
         depth = MIN_ROOM if depths is None else depths[index]
         # A body that sinks into a plate must not leave the wall beside it.
-        fitting = part.fitting if depths is None else part.fitting.extended(depth)
-        centre, half = bounding_box(fitting, depth)
+        behind = [(ends or {}).get((index, port), 0.0) for port in part.fitting.closed_ports]
+        fitting = part.fitting.extended(max(behind)) if behind else part.fitting
+        # Thin is a wall towards another bore only: its box does not end there.
+        room = MIN_ROOM if depths is None else DEPTH_IN_BORE * fitting.max_radius
+        centre, half = bounding_box(fitting, room)
         pose = part.pose @ Pose(np.eye(3), centre)
-        record = np.append(before, wall_record(fitting, tuple(ends), depth))
+        own = wall_record(fitting, tuple(stops), depth, index, len(network.parts))
+        record = np.append(before, own)
         _add_field(spec, body, f"wall_{part.name}", half, pose, record, attributes)
     return len(network.parts)
 
@@ -217,6 +225,37 @@ def _line_ends(network: Assembly, end: Port, other: Port | None, rims: bool) -> 
     # convex edge, which the collider finds by itself.
     at_kink = theirs.bends_at(other[1]) or mine.flare(end[1]) < 0
     return at_kink or abs(bore - next_bore) > JOINED
+
+
+def add_ends(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    ends: Mapping[Port, float],
+    body: mujoco.MjsBody | None = None,
+    **attributes: Any,
+) -> None:
+    """Close ports of exact walls by one geom ``plate_<part>_<port>`` each, solid behind its plane.
+
+    To be called after ``add_exact_walls``, whose arguments these are.
+
+    Args:
+        spec: likewise.
+        network: likewise.
+        ends: likewise; these ports are closed.
+        body: likewise.
+        attributes: likewise.
+    """
+    before = np.zeros(spec.nuser_geom - RECORD_SIZE)
+    for (index, port), depth in ends.items():
+        part, names = network.parts[index], [geom.name for geom in (body or spec.worldbody).geoms]
+        radius, pose = part.fitting.port_radius(port), part.port(port)
+        record = plate_record(radius, depth, len(names) - names.index(f"wall_{part.name}"))
+        aside = radius + DEPTH_IN_BORE * radius
+        # Its z axis leads into the bore.
+        pose = Pose(pose.rotation * [1, -1, -1], pose.position)
+        name = f"plate_{part.name}_{port}"
+        half, row = np.array([aside, aside, depth]), np.append(before, record)
+        _add_field(spec, body, name, half, pose, row, attributes)
 
 
 PLATE_GROUP, PLATE_COLOUR = 2, [0.72, 0.22, 0.18, 1.0]

@@ -32,8 +32,7 @@ from omnitrack_sim.walls.collider import (
     word,
 )
 from omnitrack_sim.walls.layout import library
-from omnitrack_sim.walls.record import KIND, MARK, RECORD_SIZE
-from omnitrack_sim.walls.rims import RIM
+from omnitrack_sim.walls.record import KIND, MARK, PLATE, RECORD_SIZE
 
 PLUGIN = "omnitrack_sim.walls"
 FIELD_OF_DISTANCES, UNKNOWN, NO_WALLS = range(3)
@@ -101,7 +100,7 @@ def check_walls(model, _data, _instance):
         if kinds[geom] == _FIELD and count >= RECORD_SIZE and records[w] == MARK:
             walls += 1
             kind = records[w + KIND]
-            if kind != RIM and functions_of(kind)[0] == 0:
+            if kind > PLATE and functions_of(kind)[0] == 0:
                 return _refuse(UNKNOWN)
     # Rows that became longer since the walls were added have no record at their end.
     return 0 if walls > 0 else _refuse(NO_WALLS)

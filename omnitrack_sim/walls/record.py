@@ -16,14 +16,15 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings.base import MAX_PORTS, MAX_SIZES
 
-MARK = 402653.0
+MARK = 402654.0
 """First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
-KIND, SIZE, DEPTH, BOX = 1, 2, 3, 4
+KIND, SIZE, DEPTH, ORDER, PARTS, BOX = 1, 2, 3, 4, 5, 6
 ENDS = BOX + 3
 SIZES = ENDS + MAX_PORTS
 RECORD_SIZE = SIZES + MAX_SIZES
 """Indices in the record of a wall, and its size: mark, number of the kind, radius of the bore, m,
-depth to which the wall is solid, m, centre of the bounding box (3), whether contact ends at each
+depth to which the wall is solid towards other bores, m, number of the part and count of all parts,
+whose walls follow each other, centre of the bounding box (3), whether contact ends at each
 port, the fitting's ``sizes``."""
 
 DEPTH_IN_BORE = 2.0
@@ -73,7 +74,9 @@ class Kinds:
 kinds = Kinds()
 
 
-def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array:
+def wall_record(
+    fitting: Fitting, ends: tuple[bool, ...], depth: float, number: int = 0, count: int = 1
+) -> Array:
     """Return the record (RECORD_SIZE,) of one fitting, whose kind this process knows from then on.
 
     Args:
@@ -81,13 +84,30 @@ def wall_record(fitting: Fitting, ends: tuple[bool, ...], depth: float) -> Array
         ends: for each port, whether contact along a line stops being supported there (open end, or
             the wall bends or steps).
         depth: m, to which the wall is solid.
+        number: of the part.
+        count: of all parts.
     """
     record = np.zeros(RECORD_SIZE)
     record[0], record[KIND] = MARK, kinds.add(type(fitting))
     record[SIZE], record[DEPTH] = fitting.max_radius, depth
+    record[ORDER], record[PARTS] = number, count
     record[BOX:ENDS] = bounding_box(fitting, depth)[0]
     record[ENDS : ENDS + len(ends)] = ends
     record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
+    return record
+
+
+PLATE = 2.0
+"""Number of the kind of a plate that closes a pipe, less than that of any fitting."""
+WALL_BEFORE = SIZES
+"""Index in its sizes: by how many geoms it comes after the wall of its part."""
+
+
+def plate_record(radius: float, depth: float, wall_before: int) -> Array:
+    """Return the record (RECORD_SIZE,) of a plate across a bore, solid to ``depth`` m."""
+    record = np.zeros(RECORD_SIZE)
+    record[0], record[KIND], record[SIZE], record[DEPTH] = MARK, PLATE, radius, depth
+    record[WALL_BEFORE] = wall_before
     return record
 
 

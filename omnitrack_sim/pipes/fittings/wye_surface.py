@@ -132,6 +132,11 @@ def on_ellipse(a, b, u, v):
     Newton's method kept in a bracket. Directions stand for angles, so that no iteration needs a
     sine.
     """
+    square = a * a - b * b
+    # On the long axis, up to where the ends of that axis bend, they are farthest.
+    if v == 0.0 and a * u < square:
+        k = a * u / square
+        return k, math.sqrt(1.0 - k * k)
     low_k, low_l, high_k, high_l = 1.0, 0.0, 0.0, 1.0
     k, l = b * u, a * v
     size = math.sqrt(k * k + l * l)
@@ -139,7 +144,6 @@ def on_ellipse(a, b, u, v):
         k, l = k / size, l / size
     else:
         k, l = 0.0, 1.0
-    square = a * a - b * b
     for _ in range(60):
         g = a * u * l - b * v * k - square * l * k
         slope = a * u * k + b * v * l - square * (k * k - l * l)
