@@ -1,6 +1,6 @@
 # make demo: run the tee turn and leave results, plot, video and replay page in
 # out/tee_turn; sets up the package alone in .venv.
-# make test: run the tests of what the program computes, in some six minutes; adds what tests,
+# make test: run the tests of what the program computes, in some five minutes; adds what tests,
 # checks and pages need. Both set up EGL first. Another Python, or a second environment:
 # PYTHON=python3.13 VENV=.venv-3.13
 # make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, examples
