@@ -37,8 +37,9 @@ PATIENCE = 60.0, 20.0
 """A test hangs after so many seconds, and so many times the seconds that it took before."""
 MEMORY = 12 << 30
 """Octets of address space that a process of tests may ask for."""
-FAILED, NONE_LEFT = (1, 2), 5
-"""Status of pytest where a test failed or could not be read, and where no chosen one is there."""
+FAILED, NONE_LEFT = (1, 2, 4), 5
+"""Status of pytest where a test failed, it or conftest.py could not be read, and where no chosen
+one is there."""
 
 
 def load_libraries() -> None:
@@ -212,7 +213,7 @@ class Run:
         self.status = os.waitstatus_to_exitcode(status)
         failed = [line.partition(" ")[2] for line in lines if line.startswith("failed ")]
         if self.status in FAILED or self.status < 0:
-            self.failed = failed[0] if failed else f"{now} (ended with {self.status})"
+            self.failed = failed[0] if failed else f"{now or 'conftest'} (ended with {self.status})"
         return True
 
     def stop(self) -> None:
