@@ -15,7 +15,7 @@ import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, MAX_OF_PAIR, touch
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, MAX_OF_PAIR, point_at, touch
 from omnitrack_sim.walls.curves import (
     along_circle,
     along_line,
@@ -116,17 +116,6 @@ def frame_in(records, w, position, matrix, g_geom, g_wall):
 def _product(matrix, a, b):
     """Scalar product of two columns of rotations."""
     return matrix[a] * matrix[b] + matrix[a + 3] * matrix[b + 3] + matrix[a + 6] * matrix[b + 6]
-
-
-@compiled
-def point_at(frame, x, y, z):
-    """Point of a geom's frame in the fitting's frame."""
-    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
-    return (
-        px + xx * x + xy * y + xz * z,
-        py + yx * x + yy * y + yz * z,
-        pz + zx * x + zy * y + zz * z,
-    )
 
 
 @compiled

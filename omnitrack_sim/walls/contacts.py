@@ -14,6 +14,17 @@ MAX_KEPT, MAX_OF_PAIR = 16, 50
 
 
 @compiled
+def point_at(frame, x, y, z):
+    """Point of a geom's frame in the fitting's frame."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    return (
+        px + xx * x + xy * y + xz * z,
+        py + yx * x + yy * y + yz * z,
+        pz + zx * x + zy * y + zz * z,
+    )
+
+
+@compiled
 def put_contact(con, n, d, reach, x, y, z, out):
     """Write contact ``n``: of a ball of radius ``reach`` at a point ``d`` m from the wall.
 

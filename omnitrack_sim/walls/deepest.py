@@ -21,7 +21,7 @@ import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
 from omnitrack_sim.pipes.native import call_span, call_surface, scratch
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, touch
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, point_at, touch
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.rims import CYLINDER, ELLIPSOID
 
@@ -143,17 +143,6 @@ def _in_frame(frame, x, y, z):
 
 
 @compiled
-def _place(frame, x, y, z):
-    """Return a point of a geom's frame in the fitting's."""
-    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
-    return (
-        px + xx * x + xy * y + xz * z,
-        py + yx * x + yy * y + yz * z,
-        pz + zx * x + zy * y + zz * z,
-    )
-
-
-@compiled
 def _ball(wall, x, y, z, d, out):
     """Return a large ball of the bore that touches the wall at the foot of a point: middle, radius.
 
@@ -253,7 +242,7 @@ def _settle(wall, frame, body, side, u, v, du, dv, d, out):
             elif kind == LINE:
                 p = min(max(p, -1.0), 1.0)
             x, y, z = _point(body, side, p, q)
-            x, y, z = _place(frame, x, y, z)
+            x, y, z = point_at(frame, x, y, z)
             d_there = call_surface(wall[0], wall[2], x, y, z, out)
             if d_there < best:
                 best, best_u, best_v = d_there, p, q
@@ -271,7 +260,7 @@ def _add_minimum(con, n, wall, frame, body, side, u, v, du, dv, d, reach, out):
     """Add the contact at the minimum reached from a place; tell whether this fitting holds it."""
     u, v = _settle(wall, frame, body, side, u, v, du, dv, d, out)
     x, y, z = _point(body, side, u, v)
-    x, y, z = _place(frame, x, y, z)
+    x, y, z = point_at(frame, x, y, z)
     if not holds(wall, x, y, z, out):
         return n, False
     return touch(con, n, wall, x, y, z, reach, out), True
@@ -358,7 +347,7 @@ def no_deeper(con, n, wall, frame, body, reach, out):
             # At a rim it need not be level across it: there the rim itself is looked at.
             v, dv = math.copysign(b, v), 0.0
         x, y, z = _point(body, side, u, v)
-        x, y, z = _place(frame, x, y, z)
+        x, y, z = point_at(frame, x, y, z)
         d = call_surface(wall[0], wall[2], x, y, z, out)
         if d - h >= target:
             continue
