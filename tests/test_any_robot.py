@@ -10,10 +10,12 @@ import warnings
 from itertools import product
 from pathlib import Path
 
+import contact_accuracy
 import mujoco
 import mujoco.rollout
 import numpy as np
 import pytest
+import thrown_bodies
 from mujoco import batch
 from scipy.spatial import ConvexHull
 
@@ -22,11 +24,6 @@ from omnitrack_sim.base.rotations import Pose, frame_along, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, Wye, route
 from omnitrack_sim.pipes.compiled import Wall, compiled
 from omnitrack_sim.walls.record import has_record
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-import contact_accuracy
-import thrown_bodies
 
 GEOM = mujoco.mjtGeom
 MARGIN = 0.004

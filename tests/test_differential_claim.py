@@ -3,22 +3,16 @@ takes minutes."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import differential as study
 import numpy as np
 import pytest
+from brake_steering import BRAKES, BrakeSteering
 from samples import sample_result, sample_trajectory
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper import turns
 from omnitrack_sim.paper.claim import ClaimVerdict
 from omnitrack_sim.paper.experiments import scenarios
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-import differential as study
-from brake_steering import BRAKES, BrakeSteering
 
 
 def slipping(millimetres: float, **changes: object) -> ot.Result:

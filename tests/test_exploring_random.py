@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import wrong_senses
+from explorations import LOOPS, loop, tree
 from noisy_senses import CameraErrors
 from point_robot import Errors, PointRobot
 from wrong_senses import FallsIn, Shallow
@@ -25,10 +24,6 @@ from omnitrack_sim.record.events import (
     GoalReached,
     TakenForClosed,
 )
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from explorations import LOOPS, loop, tree
 
 REDUCERS = (66001, 66002, 66008, 66022, 66035)
 """Seeds of networks that have some."""

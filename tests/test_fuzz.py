@@ -17,7 +17,6 @@ import pytest
 from omnitrack_sim import shipped_files
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
 
 from fuzzing import writing  # noqa: E402
 from fuzzing.arguments import command_of  # noqa: E402

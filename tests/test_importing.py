@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzzing.bases import TOWN
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
@@ -16,10 +15,6 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from fuzzing.bases import TOWN
 
 BORE = 0.16
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import math
 import random
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzzing.bases import PLANT
+from fuzzing.damage import misprinted
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
@@ -18,11 +18,6 @@ from omnitrack_sim.cli import app
 from omnitrack_sim.pipes.importing.assumptions import true_bore
 from omnitrack_sim.pipes.importing.isometric import build_plant, network_pcf
 from omnitrack_sim.pipes.importing.pcf import read_pcf
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from fuzzing.bases import PLANT
-from fuzzing.damage import misprinted
 
 MM = "UNITS-BORE MM\nUNITS-CO-ORDS MM\n"
 IN_MM = "UNITS-BORE INCH\nUNITS-CO-ORDS MM\n"

@@ -14,7 +14,6 @@ import pytest
 pytestmark = pytest.mark.long
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
 
 from killing.outputs import _described, _moments, _state  # noqa: E402
 

@@ -23,7 +23,6 @@ import omnitrack_sim as ot
 from omnitrack_sim.cli import app
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import make_figures  # noqa: E402
 import sweep_tables  # noqa: E402

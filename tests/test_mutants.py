@@ -8,11 +8,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
 import mutants
+import pytest
 from mutating.contexts import _moves
 from mutating.faults import Module, Program
 

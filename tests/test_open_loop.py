@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
 import open_loop
+import pytest
 from steered_turns import KNOTS, Trace, Turn, between, finish, go_on, ready, replay, steered, trace
 
 from omnitrack_sim import load_scenario, override, run_batch

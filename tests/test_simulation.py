@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from runs import rolling_tee, same_record, same_result, there_and_back
+from shares import Shares, timed
 
 import omnitrack_sim as ot
 from omnitrack_sim.record.events import GoalReached
 from omnitrack_sim.robots.omnitrack.events import Rolled
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from shares import Shares, timed
 
 
 def straight(**changes: object) -> ot.Scenario:

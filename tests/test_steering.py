@@ -1,13 +1,7 @@
 """The linear model of steering against its limits, and against the simulated swing."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
 from steering_loop import SteeringLoop
 
 import omnitrack_sim as ot
