@@ -15,16 +15,30 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.base.text import finite
-from omnitrack_sim.record.channels import COMMON
+from omnitrack_sim.record.channels import COMMON, Channel, Vector
 from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, Moment, StatusText
 from omnitrack_sim.record.events import Note
-from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans
-from omnitrack_sim.show.playback import POINTS_APART, STANDARD, PhaseSpan, Playback, sound_rows
+from omnitrack_sim.show.legend import Legend, legends_of, parts_of_run
+from omnitrack_sim.show.playback import (
+    POINTS_APART,
+    STANDARD,
+    Badge,
+    ContactForces,
+    Line,
+    PhaseSpan,
+    Playback,
+    sound_rows,
+)
 from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.recording import WallContacts
+from omnitrack_sim.show.wall_forces import ForceBars, body_arrows, contacts_of_run, drawn_forces
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 CAMERAS = (*STANDARD, "onboard")
@@ -44,13 +58,15 @@ class RunPlayback(Playback):
         coarse: faces may be coarse, which is enough for films.
     """
 
+    result: Result
+
     def __init__(self, result: Result, coarse: bool = True) -> None:
         self._run, self._coarse = result, coarse
         scenario, display = result.scenario, result.scenario.robot.display
         self.result, self.display = result, display
         self.name, self.network, self.plates = scenario.name, result.pipes, scenario.plates
         self.album, self.page_camera = result.album, display.page_camera
-        self.badges, self.columns, self.state = display.badges, display.columns, display.state
+        self.columns, self.state = display.columns, display.state
         self.tracks, self.track_pitch = display.tracks, display.track_pitch
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -162,8 +178,35 @@ class RunPlayback(Playback):
         )
 
     def status(self, row: int) -> StatusText:
-        """Return what the robot tells of a sample."""
-        return self.display.status(self.moment(row))
+        """Return the robot's text of a sample, with bars of the walls' forces if it has none."""
+        status = self.display.status(self.moment(row))
+        if status.bars or self._bars is None:
+            return status
+        return status._replace(caption=self._bars.caption, bars=self._bars.at(row))
+
+    @cached_property
+    def _bars(self) -> ForceBars | None:
+        """Bars of the forces of the walls; None of a robot without such a channel."""
+        legend = self.legends.get("body")
+        if legend is None or "wall_force" not in self.trajectory.channels:
+            return None
+        return ForceBars(legend, self.trajectory["wall_force"])
+
+    @cached_property
+    def legends(self) -> Mapping[str, Legend]:
+        """See ``Playback``."""
+        trajectory = self.trajectory
+        if not any(channel.names for channel in trajectory.schema.values()):
+            return {}
+        return legends_of(parts_of_run(compiled(self.display.robot), trajectory))
+
+    @cached_property
+    def badges(self) -> Sequence[Badge]:
+        """See ``Playback``; a robot with modules says itself where their numbers stand."""
+        if not self.columns:
+            return super().badges
+        rows = zip(self.display.badges, self.columns, strict=False)
+        return [Badge(body, str(i + 1), paint) for i, (body, (_, paint)) in enumerate(rows)]
 
     @cached_property
     def passages(self) -> list[PassageSpan]:
@@ -212,7 +255,25 @@ class RunPlayback(Playback):
         trajectory, plots = self.trajectory, self.plots
         commands = [trajectory.schema[name].display.command for name in plots]
         names = (*plots, *filter(None, commands), *self.display.page_channels)
-        return {name: Curve(trajectory.schema[name].display, trajectory[name]) for name in names}
+        every = {name: self._curve(name) for name in names}
+        return {name: curve for name, curve in every.items() if curve.values[0].size}
+
+    def _curve(self, name: str) -> Curve:
+        """Return the curve of a channel."""
+        channel = self.trajectory.schema[name]
+        return Curve(channel.display, self.trajectory[name], self._names(channel))
+
+    def _names(self, channel: Channel) -> tuple[str, ...]:
+        """Return names of the numbers of a channel: none of a single one and of modules."""
+        count = math.prod(channel.shape)
+        of_modules = count == len(self.columns) and not isinstance(channel, Vector)
+        if channel.names or count <= 1 or of_modules:
+            return channel.names
+        return tuple(one.removeprefix(f"{channel.name}_") for one in channel.columns)
+
+    def lines_of(self, channel: Channel) -> list[Line]:
+        """Return the lines of any channel of several numbers, also of one without a curve."""
+        return self._lines(channel.display.each, self._names(channel))
 
     @cached_property
     def plots(self) -> Sequence[str]:
@@ -223,7 +284,7 @@ class RunPlayback(Playback):
             for name, channel in self._run.trajectory.schema.items()
             if name not in known and len(channel.columns) <= MAX_COLUMNS
         ]
-        return (*plots, *own)
+        return tuple(name for name in (*plots, *own) if self.trajectory[name][0].size)
 
     @cached_property
     def first_plots(self) -> Sequence[str]:
@@ -262,8 +323,28 @@ class RunPlayback(Playback):
     @cached_property
     def arrows(self) -> list[ForceArrow]:
         """See ``Playback``."""
-        poses = self.body_poses([self.model.body(name).id for name in self.badges])
-        return self.display.arrows(self.trajectory, list(np.moveaxis(poses, 1, 0)))
+        poses = self.body_poses([self.model.body(name).id for name in self.display.badges])
+        own = self.display.arrows(self.trajectory, list(np.moveaxis(poses, 1, 0)))
+        if own is not None or self._contacts is None:
+            return own or []
+        return body_arrows(*self._contacts, len(self.time))
+
+    @cached_property
+    def forces(self) -> ContactForces | None:
+        """See ``Playback``."""
+        if self.columns or self._contacts is None:
+            return None
+        bore = 2 * self.network.parts[0].fitting.radius
+        return drawn_forces(*self._contacts, self.legends["body"], bore)
+
+    @cached_property
+    def _contacts(self) -> tuple[WallContacts, mujoco.MjModel] | None:
+        """Contacts with the walls, and their model; None where no forces of bodies are recorded."""
+        trajectory = self.trajectory
+        if "wall_force" not in trajectory.channels or not trajectory["wall_force"].size:
+            return None
+        model = self._run.scenario.to_spec().compile()
+        return contacts_of_run(model, trajectory), model
 
     @cached_property
     def track_travel(self) -> Array:
@@ -291,8 +372,9 @@ def _figure_rows(result: Result) -> list[dict[str, Any]]:
 
 
 def _metrics(result: Result) -> dict[str, Metric]:
-    """Return the metrics of a run's robot by name."""
-    return {metric.name: metric for metric in result.scenario.robot.metrics}
+    """Return the package's metrics of a run by name; a user's own are not looked up."""
+    shipped = (*result.scenario.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS)
+    return {metric.name: metric for metric in shipped}
 
 
 def _title(metric: Metric, modules: int) -> str:
