@@ -172,7 +172,8 @@ class _Run:
         done = asked.batches if is_whole else mine
         self._makers |= {made_by(part) for part in parts.values()}
         first = sum(len(table) for table in self._tables)
-        table = trials_table(done, [parts[batch.hash] for batch in done], asked.columns, first)
+        own = [parts[batch.hash] for batch in done]
+        table = trials_table(done, own, asked.columns, asked.units, first)
         self._tables.append(table)
         return is_whole, table
 

@@ -118,4 +118,4 @@ def _table_of_parts(folder: Path, sweep: Sweep) -> pa.Table:
     read = [(batch, read_part(folder, batch)) for batch in sweep.batches()]
     done = [(batch, part) for batch, part in read if part is not None]
     batches, parts = [batch for batch, _ in done], [part for _, part in done]
-    return trials_table(batches, parts, sweep.trials())
+    return trials_table(batches, parts, sweep.trials(), sweep.units)
