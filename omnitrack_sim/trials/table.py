@@ -185,6 +185,17 @@ def passed_of(table: pa.Table) -> Array:
     return np.array([np.nan if end in (INVALID, ERROR) else float(ok) for end, ok in ends])
 
 
+def failures(table: pa.Table, count: int) -> list[int]:
+    """Return numbers of trials whose robots failed: one of each outcome, then the next of each."""
+    of: dict[str, list[int]] = {}
+    rows = zip(table["trial"].to_pylist(), table["outcome"].to_pylist(), strict=True)
+    for (trial, outcome), passed in zip(rows, passed_of(table), strict=True):
+        if passed == 0:
+            of.setdefault(outcome, []).append(trial)
+    in_turn = itertools.zip_longest(*of.values())
+    return [trial for each in in_turn for trial in each if trial is not None][:count]
+
+
 def refuse_all_invalid(table: pa.Table, where: str, which: str, error: type[InputError]) -> None:
     """Refuse trials none of which could run, and give the first reasons.
 
