@@ -185,13 +185,17 @@ def bench(
     from omnitrack_sim.trials.suite import load_suite
 
     shipped = [] if alone else [*load_suite(suite).entries]
-    entries = [*shipped, *_pairs(robots or [], controllers or [])]
+    own = _pairs(robots or [], controllers or [])
+    entries = [*shipped, *own]
     planned = with_changes(
         lambda changes: ot.Bench.of(
             suite, courses, entries, quick=quick, trials=trials, changes=changes
         ),
         assignments,
     )
+    if own and shipped:
+        beside = counted(len(shipped), "shipped entry", "shipped entries")
+        err.say(f"runs beside {beside}; --alone leaves these out")
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_{Path(suite).stem}{kind}"
     options = worker_options(workers, dask)

@@ -98,8 +98,12 @@ class Bench(Plan):
         names = [entry.name for entry in self.entries]
         for name in names:
             if names.count(name) > 1:
-                problem = f"{name!r} is the name of two; write NAME= before one of them"
-                raise InputError(Fault("entries", problem))
+                problem = f"{name!r} is the name of two"
+                if name in self.suite.entries:
+                    problem += (
+                        ", one of which comes with the package: leave that out by --alone, or"
+                    )
+                raise InputError(Fault("entries", f"{problem} write NAME= before one of them"))
         if not self.courses or not self.entries:
             raise InputError(Fault("courses, entries", "one of each at least"))
         if self.quick and self.trials is not None:

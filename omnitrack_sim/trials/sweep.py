@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -146,9 +146,7 @@ class Sweep(SweepTable, Plan):
     @property
     def hash(self) -> str:
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
-        # What only names things may be changed without running the trials again.
-        left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
-        return sha256_of([FORMAT, self.model_dump(mode="json", exclude=left_out)])
+        return hash_of(self.data())
 
     def data(self) -> dict[str, Any]:
         """Return the sweep as plain data, with its bases in full."""
@@ -265,6 +263,14 @@ class Sweep(SweepTable, Plan):
             for name, items in drawn.items():
                 values[name] += items[first : first + each]
         return values
+
+
+def hash_of(data: Mapping[str, Any]) -> str:
+    """Return the ``Sweep.hash`` of a sweep as plain data."""
+    # What only names things may be changed without running the trials again.
+    kept = {key: value for key, value in data.items() if key not in FOR_THE_RECORD}
+    axes = [{k: v for k, v in axis.items() if k != "labels"} for axis in kept["axes"]]
+    return sha256_of([FORMAT, kept | {"axes": axes}])
 
 
 def trial_count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:
