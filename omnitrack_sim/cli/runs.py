@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -295,7 +294,9 @@ def usual_camera(scenario: ot.Scenario) -> str:
 
 def processes_for(duration: float, fps: int) -> int:
     """Return how many processes paint a film of this length, s, fastest on this machine."""
-    spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
+    from omnitrack_sim.base.workers import cores
+
+    spare = cores() // 2  # each painter keeps the one that encodes busy, too
     return max(1, min(spare, int(duration * fps) // FRAMES_A_PROCESS))
 
 
