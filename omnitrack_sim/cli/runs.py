@@ -1,4 +1,4 @@
-"""run, render, replay, compare: running one scenario, and showing saved runs."""
+"""run, render, replay, export, compare: running one scenario, and showing saved runs."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from omnitrack_sim.cli.common import (
 )
 from omnitrack_sim.cli.word_table import WordTable
 
-PAGE = "replay.html"
-"""Name of the page in the folder of its run."""
+PAGE, EXPORT = "replay.html", "trajectory"
+"""Names of the page, and of what is exported, in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
 _MIN_VALUE_WIDTH = 6
@@ -59,6 +59,15 @@ def run(
     folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: CameraOption = None,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="FORMAT",
+            help="Also write trajectory.FORMAT: mcap for Foxglove and Rerun, or csv. Repeat for "
+            "both.",
+        ),
+    ] = None,
     trial: Annotated[
         int | None,
         typer.Option(
@@ -81,6 +90,8 @@ def run(
     camera = camera or usual_camera(loaded)
     if video:
         check_camera(camera)
+    for format in exports or ():
+        _check_export(format)
     # Places and cameras are checked before the run, which may take minutes.
     target = folder or Path("out") / (name or loaded.name)
     check_folder(target, RESULT_FILE)
@@ -88,6 +99,8 @@ def run(
         result = ot.run(loaded, progress=report)
     result.save(target)
     draw(result, target, camera if video else None, as_json)
+    for format in exports or ():
+        ot.export_result(result, target / f"{EXPORT}.{format}")
     if as_json:
         print_json(result.summary())
     else:
@@ -476,6 +489,33 @@ def replay(
     target = file or run_dir / PAGE
     ot.render_replay(result, path=target, compare=other)
     print_saved(target)
+
+
+@app.command()
+def export(
+    run_dir: RunArgument,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=f"A .mcap for Foxglove and Rerun, or a .csv; RUN_DIR/{EXPORT}.mcap when not "
+            "given.",
+        ),
+    ] = None,
+) -> None:
+    """Export a saved run for other tools: poses, joints, contacts and channels."""
+    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap"))
+
+
+def _check_export(format: str) -> None:
+    """Refuse a format of ``--export``, by the name of the option."""
+    from omnitrack_sim.show.export import check_export
+
+    try:
+        check_export(format)
+    except InputError as error:
+        raise InputError([fault.at("--export") for fault in error.faults]) from None
 
 
 @app.command()
