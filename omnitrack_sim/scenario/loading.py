@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -367,6 +368,17 @@ def _unread(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> l
 def read_back(data: Mapping[str, Any]) -> Scenario:
     """Return the scenario of a saved run, without importing the user's own objects it names."""
     return checked(Scenario, data, ScenarioError, choices_at=_document(data).keys_at)
+
+
+def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
+    """Return a scenario itself, or read the one of a file or of a shipped name.
+
+    Raises:
+        ScenarioError: as of ``load_scenario``. TypeError: it is neither of these.
+    """
+    if isinstance(scenario, str | os.PathLike):
+        return load_scenario(os.fspath(scenario))
+    return check_is(Scenario, "scenario", scenario)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
