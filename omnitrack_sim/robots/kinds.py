@@ -30,6 +30,8 @@ ROBOTS = (
     "mjcf",
 )
 """Kinds of the robots that come with the package."""
+RECORDED = "recorded"
+"""Kind of the robot of a saved run whose own class is not loaded; no file of a user's has it."""
 
 
 def robot_kinds() -> tuple[str, ...]:
@@ -107,6 +109,10 @@ def _shipped(kind: str) -> type[Robot] | None:
             from omnitrack_sim.robots.mjcf import Mjcf
 
             return Mjcf
+        case "recorded":
+            from omnitrack_sim.robots.recorded import Recorded
+
+            return Recorded
     return None
 
 

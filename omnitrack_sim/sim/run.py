@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
@@ -75,6 +76,7 @@ def run(
     )[0]
 
 
+@trusting()
 def run_batch(
     scenarios: Sequence[Scenario],
     *,
