@@ -106,6 +106,7 @@ from .trials.plan import Plan as Plan
 from .trials.plan import Round as Round
 from .trials.run import TrialsResult as TrialsResult
 from .trials.run import run_trials as run_trials
+from .trials.saved_sweep import load_sweep_result as load_sweep_result
 from .trials.study import Study as Study
 from .trials.study_file import load_study as load_study
 from .trials.sweep import Sweep as Sweep

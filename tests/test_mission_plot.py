@@ -15,7 +15,7 @@ from omnitrack_sim import plot_mission
 from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.mission_figure import _round_up, marks_of
+from omnitrack_sim.show.plots.mission_figure import EventMark, _round_up, marks_of
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +222,12 @@ def test_scales_of_the_chart_end_at_the_next_round_number():
     for value, above in zip(rounds, [*rounds[1:], 1e5], strict=True):
         assert _round_up(1.01 * value) == pytest.approx(above)
     assert [_round_up(value) for value in (0.0, -3.0, float("nan"))] == [1.0] * 3
+
+
+def test_a_letter_that_marks_an_event_stands_in_the_middle_of_its_disc():
+    """Its outline lies evenly about the place of the event; a plain marker has no disc."""
+    _, glyph = EventMark("falls", "\u2193", "red", np.array([0])).looks()
+    low, high = glyph["marker"].get_extents().get_points()
+    assert low == pytest.approx(-high)
+    (plain,) = EventMark("arrives", "o", "green", np.array([0])).looks()
+    assert plain["marker"] == "o"

@@ -84,7 +84,7 @@ _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",
     frozenset({"sha256", "sweep"}): "is the record of a sweep; give the file that the sweep was "
-    "run from",
+    "run from. Its folder is what ot.load_sweep_result and `omnitrack run --trial` take",
     frozenset({"sha256", "study"}): "is the record of a study; give the file that the study was "
     "run from",
 }
@@ -279,6 +279,7 @@ def _located(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
         problem = f"is a folder, not a {kind.noun} file"
         if kind is SCENARIO:
             problem += _scenario_beside(path / "scenario.json")
+        problem += in_folder(path)
         raise error(Fault(name or "''", problem))
     if there:
         raise error(Fault(name, "is no regular file"))
@@ -289,6 +290,16 @@ def _scenario_beside(path: Path) -> str:
     """Hint at the scenario of a run, for a path in the run's folder; empty for other paths."""
     scenario = path.with_name("scenario.json")
     return f"; the scenario of this run is {scenario}" if is_file(scenario) else ""
+
+
+def in_folder(folder: Path) -> str:
+    """Return the hint that a folder is that of a sweep, and who takes it; empty for others."""
+    if not is_file(folder / "sweep.json"):
+        return ""
+    return (
+        f"; it is the folder of a sweep: ot.load_sweep_result({str(folder)!r}) reads it, "
+        f"`omnitrack run {folder} --trial 0` runs a trial of it again"
+    )
 
 
 def _unknown(name: str, kind: Kind) -> Fault:

@@ -27,6 +27,7 @@ from omnitrack_sim.cli.common import (
     print_json,
     print_saved,
     progress,
+    with_changes,
 )
 from omnitrack_sim.cli.word_table import WordTable
 
@@ -60,18 +61,30 @@ def run(
     folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: CameraOption = None,
+    trial: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="SCENARIO is a sweep, or the folder of one: run its trial N again, to the same "
+            "bytes.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
     from omnitrack_sim.base.writing import check_folder
     from omnitrack_sim.results.files import RESULT_FILE
 
-    loaded = load(scenario, assignments)
+    if trial is None:
+        loaded, name = load(scenario, assignments), None
+    else:
+        loaded, name = _trial_of(scenario, trial, assignments)
     camera = camera or usual_camera(loaded)
     if video:
         check_camera(camera)
     # Places and cameras are checked before the run, which may take minutes.
-    target = folder or Path("out") / loaded.name
+    target = folder or Path("out") / (name or loaded.name)
     check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
         result = ot.run(loaded, progress=report)
@@ -81,6 +94,26 @@ def run(
         print_json(result.summary())
     else:
         print_result(result, target)
+
+
+def _trial_of(
+    source: str, trial: int, assignments: Sequence[str] | None
+) -> tuple[ot.Scenario, str]:
+    """Return a trial of a sweep, by file, name or folder, and a name for its own folder."""
+
+    def chosen(changes: dict[str, Any]) -> tuple[ot.Scenario, str]:
+        if Path(source).is_dir():
+            sweep = ot.load_sweep_result(source, trust=True).plan
+            assert isinstance(sweep, ot.Sweep)
+        else:
+            sweep, changes = ot.load_sweep(source, changes), {}
+        if trial >= sweep.size:
+            problem = f"is {trial}; {sweep.name} has trials 0 to {sweep.size - 1}"
+            raise InputError(Fault("--trial", problem))
+        scenario = sweep.scenario(trial)
+        return ot.override(scenario, changes) if changes else scenario, f"{sweep.name}_{trial}"
+
+    return with_changes(chosen, assignments)
 
 
 def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> None:

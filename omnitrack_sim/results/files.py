@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.bounds import MAX_COLUMNS, MAX_SAMPLES, MAX_TABLE_BYTES
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.base.naming import NotTrustedError
-from omnitrack_sim.base.reading import size_of
+from omnitrack_sim.base.reading import in_folder, size_of
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import Channel, Display, Labelled, Vector, recorded
 from omnitrack_sim.record.timeline import PassageRecord
@@ -94,7 +94,8 @@ def reading(path: Path) -> Iterator[Path]:
     except FileNotFoundError as error:
         folder = path.parent
         if folder.exists():
-            raise OutputError(f"{folder}: is no run: {path.name} is missing") from error
+            problem = f"is no run: {path.name} is missing{in_folder(folder)}"
+            raise OutputError(f"{folder}: {problem}") from error
         raise OutputError(f"{folder}: no such folder") from error
     except NotADirectoryError as error:
         file = path.parent

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
-from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, is_model_file, robot_class
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import RecordTable
@@ -273,8 +274,7 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
     """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
-        is_file_name = Path(robot).suffix in (".xml", ".mjcf")
-        robot = {"kind": "mjcf", "file": robot} if is_file_name else {"kind": robot}
+        robot = {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
         data = {**data, "robot": robot}
     kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
     if kind == DEFAULT or not isinstance(kind, str):
@@ -411,6 +411,17 @@ def can_be_made(robot: Mapping[str, Any]) -> bool:
     if not all(is_usable(name) for name in names if ":" in name):
         return False
     return is_trusting() or not marks_of(model, FileName)
+
+
+def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
+    """Return a scenario itself, or read the one of a file or of a shipped name.
+
+    Raises:
+        ScenarioError: as of ``load_scenario``. TypeError: it is neither of these.
+    """
+    if isinstance(scenario, str | os.PathLike):
+        return load_scenario(os.fspath(scenario))
+    return check_is(Scenario, "scenario", scenario)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
