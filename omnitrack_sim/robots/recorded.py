@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn, Self
 
 import numpy as np
-from pydantic import Field, model_serializer, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.rotations import Pose
@@ -27,7 +27,7 @@ from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.quantity import quantity
-from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.robot import Robot, SceneOptions
 
 if TYPE_CHECKING:
     import mujoco
@@ -172,8 +172,8 @@ class Recorded(Robot):
     file: str = quantity(..., "", "derived", "model for pictures, in the folder of the run")
     values: RecordedValues = quantity(..., "", "derived", "what was recorded")
 
-    @model_serializer(mode="plain")
-    def _with_kind(self) -> dict[str, Any]:
+    @model_serializer(mode="wrap")
+    def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:  # noqa: ARG002
         return json.loads(self.table)
 
     def to_table(self) -> dict[str, Any]:
@@ -279,7 +279,7 @@ class Recorded(Robot):
             raise OutputError(f"{place}: is the model of another robot")
         return spec
 
-    def scene(self, *_: Any) -> NoReturn:
+    def scene(self, network: Assembly, options: SceneOptions) -> NoReturn:  # noqa: ARG002
         """Refuse to be run.
 
         Raises:
