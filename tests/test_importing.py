@@ -7,12 +7,15 @@ import math
 
 import numpy as np
 import pytest
+from commands import omnitrack
 from fuzzing.bases import TOWN
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import length
 from omnitrack_sim.cli import app
+from omnitrack_sim.pipes import importing
+from omnitrack_sim.pipes.importing import wntr_towns
 from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.drawing import (
@@ -211,6 +214,28 @@ def test_pipes_that_lie_in_each_other_are_laid_apart():
     imported = town(nodes, ["a-b", "a-c", "d-a"], {"a-c": 0.1}, **line)
     assert not imported.of("left out")
     assert any("is laid below" in note.problem for note in imported.of("mended"))
+
+
+def test_a_town_of_wntr_is_imported_by_its_name(tmp_path):
+    """As its file is; of a name that there is not, those that there are, are told."""
+    command = ("import", "Net1", "--scale", "30", "--out", "net.toml")
+    assert omnitrack(*command, cwd=tmp_path).returncode == 0
+    file = wntr_towns()["Net1"]
+    assert file.suffix == ".inp"
+    written = (tmp_path / "net.toml").read_text(encoding="utf-8")
+    assert written == ot.import_network(file, scale=30).network.to_toml()
+    missing = omnitrack("import", "Net7", cwd=tmp_path)
+    assert missing.returncode == 2
+    told = " ".join(missing.stderr.split())
+    assert "Net7: no such file, nor a town of wntr of that name" in told
+    assert "did you mean 'Net" in told
+
+
+def test_without_wntr_a_town_by_name_says_what_has_some(monkeypatch):
+    """And how it is installed."""
+    monkeypatch.setattr(importing, "find_spec", lambda _: None)
+    with pytest.raises(ot.NetworkError, match=r"pip install 'omnitrack_sim\[town\]'"):
+        ot.import_network("ky10")
 
 
 def test_names_of_pieces_count_from_one():

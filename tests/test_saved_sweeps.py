@@ -4,12 +4,15 @@ import json
 import shutil
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from commands import omnitrack
 from sweep_samples import VALID, parts, small_sweep, write_sweep
 
 import omnitrack_sim as ot
+from omnitrack_sim.cli import runs as cli_runs
 from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials.table import failures
 
 
 @pytest.fixture
@@ -154,3 +157,53 @@ def test_a_renamed_sweep_reads_the_table_of_before(place, table):
     read = ot.load_sweep_result(place)
     assert read.plan.name == "other"
     assert read.table.equals(table)
+
+
+def test_failed_trials_are_filmed_one_of_each_outcome_first(place, monkeypatch):
+    """Each is a run of its own below the sweep, which stays as it is; a second time nothing is
+    made again."""
+    monkeypatch.setattr(cli_runs, "filmed", lambda _, target, *__: target.write_bytes(b"film"))
+    before = {path.name: path.read_bytes() for path in place.iterdir() if path.is_file()}
+    file = write_sweep(place.parent)
+    command = ("sweep", str(file), "--out", str(place), "--film-failed", "2", "--workers", "1")
+    done = omnitrack(*command)
+    assert done.returncode == 0, done.stderr
+    table = ot.load_sweep_result(place).table
+    folders = sorted((place / "failed").iterdir())
+    assert [folder.name for folder in folders] == [f"trial_{n}" for n in failures(table, 2)]
+    for folder in folders:
+        row = table.slice(int(folder.name.removeprefix("trial_")), 1).to_pylist()[0]
+        run = ot.load_result(folder)
+        assert (run.scenario.hash, run.outcome) == (row["scenario_sha256"], row["outcome"])
+        assert {"video.mp4", "replay.html", "summary.png"} <= {one.name for one in folder.iterdir()}
+    assert {p.name: p.read_bytes() for p in place.iterdir() if p.is_file()} == before
+    monkeypatch.setattr(ot, "run", None)
+    assert omnitrack(*command).returncode == 0
+
+
+def test_failures_are_taken_in_turn_by_outcome():
+    """Not those that passed, were invalid or broke."""
+    outcomes = ["stuck", "stuck", "reached_goal", "lost", "invalid", "stuck", "error", "lost"]
+    table = pa.table(
+        {
+            "trial": [*range(8)],
+            "outcome": outcomes,
+            "success": [one == "reached_goal" for one in outcomes],
+        }
+    )
+    assert failures(table, 10) == [0, 3, 1, 7, 5]
+    assert failures(table, 3) == [0, 3, 1]
+
+
+def test_the_batch_may_be_chosen(tmp_path, place, table):
+    """In a sweep and in the trials of a study; the table is the same, and a folder with another
+    one is refused."""
+    sweep = ot.load_sweep(write_sweep(tmp_path), batch=2)
+    assert {len(batch.trials) for batch in sweep.batches()} <= {1, 2}
+    assert ot.run_trials(sweep).table.equals(table)
+    assert {one.batch for one in ot.load_study("controller_gains", batch=5).trials} == {5}
+    command = ("sweep", "small.toml", "--out", str(place), "--batch", "2")
+    refused = omnitrack(*command, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "batch is 3 there and 2 here" in " ".join(refused.stderr.split())
+    assert omnitrack("sweep", "small.toml", "--batch", "5000", cwd=tmp_path).returncode == 2

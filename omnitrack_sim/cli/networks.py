@@ -10,6 +10,7 @@ from rich.text import Text
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, NetworkError
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     JsonOption,
     NetworkArgument,
@@ -87,7 +88,10 @@ def import_file(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="A town of EPANET (.inp; extra town), an isometric (.pcf)."
+            metavar="FILE",
+            help="A town of EPANET (.inp; extra town), one of wntr's by name, such as ky10, or an "
+            "isometric (.pcf).",
+            autocompletion=complete.towns,
         ),
     ],
     to_file: Annotated[

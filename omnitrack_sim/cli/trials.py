@@ -34,6 +34,8 @@ from omnitrack_sim.cli.word_table import WordTable
 if TYPE_CHECKING:
     from omnitrack_sim.trials.run import Status
 
+FAILED, FILM = "failed", "video.mp4"
+"""Folder of the runs of trials that failed, in that of a sweep, and the film in each."""
 LISTED = 10
 """Number of trials of a sweep that --list shows."""
 _LONGEST = 1000
@@ -47,6 +49,16 @@ DaskOption = Annotated[
 ]
 ListOption = Annotated[
     bool, typer.Option("--list", help="Show what would be run, and how much; run nothing.")
+]
+BatchOption = Annotated[
+    int | None,
+    typer.Option(
+        "--batch",
+        metavar="N",
+        min=1,
+        help="Trials that run together, in place of the file's number: so many an interruption "
+        "costs each worker at most, and the fewer they are the longer each takes.",
+    ),
 ]
 CoursesOption = Annotated[
     list[str] | None,
@@ -79,13 +91,23 @@ def sweep(
     go_on: Annotated[
         bool, typer.Option("--continue", help="DIR must hold this sweep already.")
     ] = False,
+    batch: BatchOption = None,
+    film_failed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Run N of the trials that failed again, as runs with films, into DIR/failed: "
+            "first one of each outcome.",
+        ),
+    ] = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a sweep; the same command resumes it after an interruption."""
     from omnitrack_sim.trials.store import record_name
 
-    loaded = with_changes(lambda changes: ot.load_sweep(source, changes), assignments)
+    loaded = with_changes(lambda changes: ot.load_sweep(source, changes, batch=batch), assignments)
     if only_list:
         _print_trials(loaded)
         return
@@ -102,6 +124,8 @@ def sweep(
         print_json(result.summary)
     else:
         _print_sweep(result, target)
+    if film_failed is not None:
+        _film_failed(result, loaded, film_failed, target, as_json)
 
 
 @app.command()
@@ -118,11 +142,12 @@ def optimise(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Search for the best values of a scenario; the same command resumes an interrupted search."""
-    study = with_changes(lambda changes: ot.load_study(source, changes), assignments)
+    study = with_changes(lambda changes: ot.load_study(source, changes, batch=batch), assignments)
     if only_list:
         _print_plan(study)
         return
@@ -265,6 +290,9 @@ def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
             done = f"{last.stage}, {counted(last.done, 'trial')} done"
         elif last is not None:
             done = f"{last.done} of {counted(last.total, 'trial')} done"
+        if last is not None and last.batch:
+            batch = "the trial" if last.batch == 1 else f"the batch of up to {last.batch} trials"
+            done += f", and {batch} that each worker was at begins anew"
         err.say(f"interrupted: {done}; the same command goes on from there")
         raise typer.Exit(130) from None
 
@@ -330,6 +358,29 @@ def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
     if summary["invalid"] or summary["error"]:
         out.say(f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error")
     out.say(f"  saved in {place}")
+
+
+def _film_failed(
+    result: ot.TrialsResult, sweep: ot.Sweep, count: int, target: Path, quiet: bool
+) -> None:
+    """Run trials that failed again, and save each with its pictures below ``failed``."""
+    from omnitrack_sim.cli.runs import draw, usual_camera
+    from omnitrack_sim.results.files import RESULT_FILE
+    from omnitrack_sim.trials.table import failures
+
+    chosen = failures(result.table, count)
+    if not chosen and not quiet:
+        out.say("  no trial failed: nothing to film")
+    for trial in chosen:
+        folder = target / FAILED / f"trial_{trial}"
+        scenario = sweep.scenario(trial)
+        if not ((folder / RESULT_FILE).is_file() and (folder / FILM).is_file()):
+            with progress(f"trial {trial}", quiet) as report:
+                run = ot.run(scenario, progress=report)
+            run.save(folder)
+            draw(run, folder, usual_camera(scenario), quiet)
+        if not quiet:
+            out.say(f"  trial {trial} in {plain(str(folder))}")
 
 
 def _rate(row: dict[str, Any]) -> list[str]:

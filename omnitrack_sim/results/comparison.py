@@ -92,8 +92,9 @@ class Comparison:
         """Values in which the resolved scenarios differ, by dotted path; names do not count."""
         first, second = (r.scenario.model_dump(mode="json") for r in (self.a, self.b))
         del first["name"], second["name"]
+        robots = [run.scenario.robot for run in (self.a, self.b)]
         return tuple(
-            ComparedValue(path, unit_of(path) or "", a, b)
+            ComparedValue(path, unit_of(path, robots) or "", a, b)
             for path, a, b in differing(first, second)
         )
 

@@ -7,6 +7,7 @@ an installed distribution, or is named ``module:Class`` in the file.
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Annotated, TypeGuard
 
 from pydantic import SerializeAsAny
@@ -30,6 +31,14 @@ ROBOTS = (
     "mjcf",
 )
 """Kinds of the robots that come with the package."""
+
+MODEL_FILES = (".xml", ".mjcf", ".urdf")
+"""Ends of the names of files that hold a model of a robot."""
+
+
+def is_model_file(source: str) -> bool:
+    """Return whether a text is the name of a file that holds a model of a robot."""
+    return Path(source).suffix.lower() in MODEL_FILES
 
 
 def robot_kinds() -> tuple[str, ...]:

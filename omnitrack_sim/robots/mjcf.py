@@ -1,8 +1,9 @@
-"""A robot of somebody else: an MJCF file as it is."""
+"""A robot of somebody else: MJCF or URDF."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -14,19 +15,25 @@ from pydantic import ValidationInfo, field_validator
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, Positive
-from omnitrack_sim.robots.plant import compiled, initial_state
+from omnitrack_sim.robots.model_file import (
+    AmbiguousRootError,
+    RobotModel,
+    check_robot,
+    in_words,
+    robot_model,
+)
+from omnitrack_sim.robots.plant import initial_state
 from omnitrack_sim.robots.quantity import quantity
 from omnitrack_sim.robots.robot import Robot
-from omnitrack_sim.walls.geoms import leave_no_log
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 class Mjcf(Robot):
-    """Robot of an MJCF file, driven by a controller of your own.
+    """Robot of an MJCF or URDF file, driven by a controller of your own.
 
     Its nose and tail are the ends of what can touch the wall, along ``forward``, in the state in
-    which the file has it.
+    which the file has it. What the file has beside the robot, such as a floor, is left out.
 
     Example:
         >>> from pathlib import Path
@@ -55,7 +62,8 @@ class Mjcf(Robot):
         "",
         "",
         "derived",
-        "chassis: the body whose pose is the robot's. Left out: the first one with a free joint",
+        "chassis: the body whose pose is the robot's. Left out: the one of the world that carries "
+        "actuators, a free joint or joints",
         validate_default=True,
     )
     forward: Axis = quantity(
@@ -73,9 +81,11 @@ class Mjcf(Robot):
     @classmethod
     def _can_be_read(cls, file: str) -> str:
         try:
-            _model(file)
+            _loaded(file, "")
+        except AmbiguousRootError:
+            pass  # which body it is, ``body`` may tell
         except (ValueError, OSError) as error:
-            raise ValueError(f"cannot be read: {' '.join(str(error).split())}") from None
+            raise ValueError(in_words(error, file)) from None
         return file
 
     @field_validator("sha256")
@@ -93,26 +103,26 @@ class Mjcf(Robot):
     def _is_a_body(cls, body: str, info: ValidationInfo) -> str:
         if "file" not in info.data:
             return body  # reported at the file's own key
-        model = _model(info.data["file"])
-        names = [model.body(i).name for i in range(1, model.nbody)]
-        if body and body not in names:
-            raise ValueError(f"there is no body {body!r} (choose from: {', '.join(names)})")
-        if not body and mujoco.mjtJoint.mjJNT_FREE not in model.jnt_type:
-            raise ValueError("is missing: no body of the file has a free joint")
+        try:
+            _loaded(info.data["file"], body)
+        except (ValueError, OSError) as error:
+            raise ValueError(in_words(error, info.data["file"])) from None
         return body
 
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
-        return mujoco.MjSpec.from_file(self.file)
+        return robot_model(self.file, self.body).spec
+
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002 - protocol
+        """See ``Robot``; what was left out of the file or changed."""
+        changes = _loaded(self.file, self.body).changes
+        if changes:
+            yield f"{Path(self.file).name}: {'; '.join(changes)}"
 
     @property
     def chassis(self) -> str:
         """See ``Robot``."""
-        if self.body:
-            return self.body
-        model = compiled(self)
-        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        return model.body(model.jnt_bodyid[free[0]]).name
+        return self.body or _loaded(self.file, "").root
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
@@ -163,22 +173,23 @@ def _digest(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def _model(file: str) -> mujoco.MjModel:
-    """Return the model of a file, compiled once for each of its versions.
+def _loaded(file: str, body: str) -> RobotModel:
+    """Return the robot of a file, once for each of its versions.
 
     Raises:
         OSError: it cannot be read.
-        ValueError: MuJoCo cannot make a model of it.
+        ValueError: MuJoCo cannot make a model of it, or it is no robot in a pipe.
     """
     if not is_file(Path(file)):
-        raise ValueError("no such file")
-    return _compiled(file, _digest(file))
+        raise ValueError("cannot be read: no such file")
+    return _checked(file, body, _digest(file))
 
 
 @lru_cache(maxsize=16)
-def _compiled(file: str, _version: str) -> mujoco.MjModel:
-    leave_no_log()
-    return mujoco.MjSpec.from_file(file).compile()
+def _checked(file: str, body: str, _version: str) -> RobotModel:
+    robot = robot_model(file, body)
+    check_robot(robot.spec.compile())
+    return robot
 
 
 def _turn(forward: Axis) -> Array:

@@ -22,7 +22,7 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
-from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import RecordTable
@@ -270,8 +270,7 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
     """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
-        is_file_name = Path(robot).suffix in (".xml", ".mjcf")
-        robot = {"kind": "mjcf", "file": robot} if is_file_name else {"kind": robot}
+        robot = {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
         data = {**data, "robot": robot}
     kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
     if kind == DEFAULT or not isinstance(kind, str):

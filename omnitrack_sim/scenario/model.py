@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
@@ -34,10 +34,9 @@ from omnitrack_sim.pipes.fittings.kinds import known_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
-from omnitrack_sim.robots.kinds import ROBOTS, RobotOfKind, default_robot, robot_class
+from omnitrack_sim.robots.kinds import RobotOfKind, default_robot
 from omnitrack_sim.robots.odometry import odometry_of
-from omnitrack_sim.robots.quantity import unit_at
-from omnitrack_sim.robots.robot import SceneOptions
+from omnitrack_sim.robots.robot import Robot, SceneOptions
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.tables import (
@@ -375,13 +374,19 @@ class Scenario(Table):
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
 
 
-def unit_of(path: str) -> str | None:
-    """Return the unit of the value at a dotted path of a scenario; None where it has none."""
+def unit_of(path: str, robots: Iterable[Robot] = ()) -> str | None:
+    """Return the unit of the value at a dotted path of a scenario; None where it has none.
+
+    Args:
+        path: such as "world.gravity.2".
+        robots: of the scenarios that have the value; the first one that knows it says the unit of
+            a value of a robot.
+    """
     table, *keys = path.split(".")
     if path.endswith("_deg"):
         return "deg"
     if table == "robot":
-        units = (unit_at(robot_class(kind), ".".join(keys)) for kind in ROBOTS)
+        units = (robot.unit_at(".".join(keys)) for robot in robots)
         return next((unit for unit in units if unit is not None), None) or None
     if table == "pipes":
         kinds: list[Any] = [fitting.Table for fitting in known_fittings().values()]

@@ -186,6 +186,7 @@ def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:
     # As one list, so that workers stay busy from one course to the next.
     batches: list[Batch] = []
     columns: dict[str, list[Any]] = {"course": [], "entry": []}
+    units: dict[str, str | None] = {}
     size = 0
     for (course, entry), sweep in sweeps.items():
         for batch in sweep.batches():
@@ -196,8 +197,9 @@ def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:
             # Of an axis that this course does not vary, or none did before.
             before = columns.setdefault(name, [None] * size)
             before += values.get(name, [None] * sweep.size)
+        units = {**sweep.units, **{name: unit for name, unit in units.items() if unit}}
         size += sweep.size
-    return Round(batches, columns)
+    return Round(batches, columns, units=units)
 
 
 def _tables_of(

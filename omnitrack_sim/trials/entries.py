@@ -13,7 +13,7 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import installed
 from omnitrack_sim.base.reading import NAME_PATTERN, checked
 from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class
 from omnitrack_sim.robots.plant import is_similar
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import kinds_first, set_value
@@ -84,7 +84,7 @@ def robot_entry(
     what, bore = _without_bore(what)
     if what in (shipped or {}):
         entry = (shipped or {})[what]
-    elif Path(what).suffix in (".xml", ".mjcf", ".urdf"):
+    elif is_model_file(what):
         # Workers may run in another folder.
         changes = {"robot.kind": "mjcf", "robot.file": str(Path(what).resolve())}
         entry = Entry(Path(what).stem, f"robot of {what}", changes)

@@ -37,7 +37,7 @@ def load_sweep_result(directory: str | Path) -> TrialsResult:
         >>> sweep = ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01})
         >>> _ = ot.run_trials(sweep, out="sweep", shard=(1, 4))
         >>> ot.load_sweep_result("sweep").status
-        Status(total=120, found=32, done=32, successes=0, lost=0, stage='')
+        Status(total=120, found=32, done=32, successes=0, lost=0, stage='', batch=32)
     """
     folder = whole(directory)
     sweep = _sweep_in(folder)
@@ -46,7 +46,8 @@ def load_sweep_result(directory: str | Path) -> TrialsResult:
     if table is None:
         table = _table_of_parts(folder, sweep)
     done, passed = table.num_rows, sum(table["success"].to_pylist())
-    status = Status(sweep.size, found=done, done=done, successes=passed)
+    batch = min(sweep.batch, sweep.size)
+    status = Status(sweep.size, found=done, done=done, successes=passed, batch=batch)
     return TrialsResult(sweep, {TRIALS: table}, summary, status, folder)
 
 
@@ -118,4 +119,4 @@ def _table_of_parts(folder: Path, sweep: Sweep) -> pa.Table:
     read = [(batch, read_part(folder, batch)) for batch in sweep.batches()]
     done = [(batch, part) for batch, part in read if part is not None]
     batches, parts = [batch for batch, _ in done], [part for _, part in done]
-    return trials_table(batches, parts, sweep.trials())
+    return trials_table(batches, parts, sweep.trials(), sweep.units)

@@ -22,6 +22,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.trials.axes import (
     BASE,
     Axis,
@@ -121,6 +122,12 @@ class Sweep(SweepTable, Plan):
         """
         return {name: list(values) for name, values in self._values.items()}
 
+    @cached_property
+    def units(self) -> dict[str, str | None]:
+        """Units of the values of each axis; None where they have none."""
+        robots = [base.robot for base in self.bases.values()]
+        return {name: unit_of(name, robots) for name in self._values}
+
     def trial(self, index: int) -> Trial:
         """Return one trial, with its values by single paths."""
         base = self._values[BASE][index] if BASE in self._values else next(iter(self.bases))
@@ -160,7 +167,7 @@ class Sweep(SweepTable, Plan):
         """
         from omnitrack_sim.trials.table import refuse_all_invalid
 
-        table = yield Round(self.batches(), self.trials())
+        table = yield Round(self.batches(), self.trials(), units=self.units)
         refuse_all_invalid(table, "axes", "", SweepError)
         return Conclusion(self.summary(table), draw=lambda: self.draw_map(table))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ def import_network(file: str | Path, **settings: Any) -> Import:
     EPANET's need the extra ``town``.
 
     Args:
-        file: to read.
+        file: to read, or the name of one of wntr's examples, such as ``ky10``.
         settings: keys of ``ImportSettings``, such as ``bend_radius=1.0``.
 
     Raises:
@@ -45,7 +46,7 @@ def import_network(file: str | Path, **settings: Any) -> Import:
         raise NetworkError(faults_of(error, lambda _: keys, lambda _: None)) from None
     check_schedule(asked.schedule)
     if not is_file(path):
-        raise NetworkError(Fault(str(path), "no such file"))
+        path = _example(str(file))
     name = re.sub(r"[./\\\x00-\x1f\x7f-\x9f]", "_", path.stem) or "network"
     if path.suffix.lower() == ".inp":
         return build(name, read_epanet(path, asked), asked)
@@ -59,3 +60,27 @@ def import_network(file: str | Path, **settings: Any) -> Import:
     except OSError as error:
         raise NetworkError(Fault(path.name, f"cannot be read: {error.strerror}")) from error
     return build_plant(name, *read_pcf(text, asked.schedule))
+
+
+def _example(name: str) -> Path:
+    """Return the file of a town that comes with wntr.
+
+    Raises:
+        NetworkError: there is none of that name, or no wntr.
+    """
+    towns = wntr_towns()
+    if name in towns:
+        return towns[name]
+    problem = "no such file, nor a town of wntr of that name"
+    if not towns:
+        problem += "; wntr, which has some, is not installed: pip install 'omnitrack_sim[town]'"
+    raise NetworkError(Fault(name, problem, tuple(towns), given=name))
+
+
+def wntr_towns() -> dict[str, Path]:
+    """Return the files of the towns that come with wntr, by name; wntr is not imported."""
+    wntr = find_spec("wntr")
+    if wntr is None or wntr.origin is None:
+        return {}
+    folder = Path(wntr.origin).parent / "library" / "networks"
+    return {path.stem: path for path in sorted(folder.glob("*.inp"))}
