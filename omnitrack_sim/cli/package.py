@@ -74,6 +74,7 @@ def parameters(
 
 def _robot(source: str | None) -> ot.Robot:
     """Return the robot of a kind, a model file or a scenario; None: the default one."""
+    from omnitrack_sim.base.naming import trusting
     from omnitrack_sim.base.reading import checked
     from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class, robot_kinds
 
@@ -82,7 +83,8 @@ def _robot(source: str | None) -> ot.Robot:
         return checked(ot.Mjcf, {"file": kind}, InputError)
     if kind not in robot_kinds() and ":" not in kind:
         return load(kind, None).robot
-    model = robot_class(kind)
+    with trusting():
+        model = robot_class(kind)
     needed = [name for name, field in model.model_fields.items() if field.is_required()]
     if needed:
         problem = (

@@ -31,6 +31,8 @@ ROBOTS = (
     "mjcf",
 )
 """Kinds of the robots that come with the package."""
+RECORDED = "recorded"
+"""Kind of the robot of a saved run whose own class is not loaded; no file of a user's has it."""
 
 MODEL_FILES = (".xml", ".mjcf", ".urdf")
 """Ends of the names of files that hold a model of a robot."""
@@ -116,6 +118,10 @@ def _shipped(kind: str) -> type[Robot] | None:
             from omnitrack_sim.robots.mjcf import Mjcf
 
             return Mjcf
+        case "recorded":
+            from omnitrack_sim.robots.recorded import Recorded
+
+            return Recorded
     return None
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed
-from omnitrack_sim.walls.geoms import leave_no_log
+from omnitrack_sim.robots.model_bounds import read_spec
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
@@ -135,8 +135,7 @@ def _has_macros(file: str) -> bool:
 
 def _read(file: str, changes: list[str]) -> mujoco.MjSpec:
     """Read a file as a specification whose meshes are found."""
-    leave_no_log()
-    spec = mujoco.MjSpec.from_file(file)
+    spec = read_spec(Path(file))
     if Path(file).suffix.lower() == ".urdf":
         changes += _mend_urdf(spec, Path(file).resolve().parent)
     return spec
