@@ -55,6 +55,7 @@ from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
 from .robots.feature import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
+from .robots.mjcf import Servo as Servo
 from .robots.odometry import BodyReadings as BodyReadings
 from .robots.odometry import Limbs as Limbs
 from .robots.odometry import LookAround as LookAround

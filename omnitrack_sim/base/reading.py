@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -123,11 +125,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
     language = "JSON" if path.suffix.lower() == ".json" else "TOML"
     most = MAX_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
-        with path.open("rb") as file:
-            # One byte more than allowed shows that a file is too large without reading all of it.
-            content = file.read(most + 1)
-        if len(content) > most:
-            raise ValueError(f"is too large: at most {most} bytes of {language} are read")
+        content = read_bytes(path, most, f" of {language}")
         # Editors on Windows put a byte order mark first, which neither TOML nor JSON takes.
         text = content.decode("utf-8-sig")
         data = _read(text, language)
@@ -206,6 +204,48 @@ def _is_deep(data: Any) -> bool:
             for inside in (item.values() if isinstance(item, dict) else item)
         ]
     return bool(layer)
+
+
+def read_bytes(path: str | os.PathLike[str], most: int, what: str = "") -> bytes:
+    """Read a regular file of at most ``most`` bytes; nothing else is waited for or read.
+
+    Args:
+        path: of the file.
+        most: bytes.
+        what: words behind the number of bytes in a message, with their blank.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is a pipe, a device or the like, or larger.
+    """
+    size_of(path, most, what)  # before it is opened: a device may act on that
+    with open(path, "rb", opener=_without_waiting) as file:
+        _check_size(os.fstat(file.fileno()), most, what)
+        # What the system makes up as it is read has no size before.
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"is too large: at most {most} bytes{what} are read")
+    return content
+
+
+def size_of(path: str | os.PathLike[str], most: int, what: str = "") -> int:
+    """Return the size of a regular file; arguments and errors as of ``read_bytes``."""
+    return _check_size(os.stat(path), most, what)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    # A pipe that took the place of the file would else be waited for.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _check_size(status: os.stat_result, most: int, what: str) -> int:
+    if stat.S_ISDIR(status.st_mode):
+        raise ValueError("is a folder, no file")
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("is no regular file")
+    if status.st_size > most:
+        raise ValueError(f"is too large: at most {most} bytes{what} are read")
+    return status.st_size
 
 
 def is_file(path: Path) -> bool:

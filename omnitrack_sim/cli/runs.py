@@ -18,6 +18,7 @@ from omnitrack_sim.cli.common import (
     JsonOption,
     ScenarioArgument,
     SetOption,
+    TrustOption,
     app,
     load,
     out,
@@ -114,7 +115,7 @@ def _trial_of(
 
     def chosen(changes: dict[str, Any]) -> tuple[ot.Scenario, str]:
         if Path(source).is_dir():
-            sweep = ot.load_sweep_result(source).plan
+            sweep = ot.load_sweep_result(source, trust=True).plan
             assert isinstance(sweep, ot.Sweep)
         else:
             sweep, changes = ot.load_sweep(source, changes), {}
@@ -351,23 +352,25 @@ def render(
             help="Times of the stills, s; evenly over the manoeuvres if not given.",
         ),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Render a saved run from any camera: as a film, or as stills side by side."""
     if camera is not None:
         check_camera(camera)
     pixels = {} if size is None else _size(size)
     if strip is None and at is None:
-        _film(run_dir, camera, file, pixels, fps, processes)
+        _film(run_dir, trust, camera, file, pixels, fps, processes)
         return
     idle = {"--fps": fps, "--processes": processes}
     faults = [Fault(name, "is for films, not strips") for name, v in idle.items() if v is not None]
     if faults:
         raise InputError(faults)
-    _strip(run_dir, camera, file, pixels, strip, None if at is None else _times(at))
+    _strip(run_dir, trust, camera, file, pixels, strip, None if at is None else _times(at))
 
 
 def _strip(
     run_dir: Path,
+    trust: bool,
     camera: str | None,
     file: Path | None,
     size: dict[str, int],
@@ -381,7 +384,7 @@ def _strip(
 
     target = file or run_dir / "strip.png"
     count = FRAMES if count is None else count
-    result = ot.load_result(run_dir)
+    result = ot.load_result(run_dir, trust=trust)
     camera = camera or usual_camera(result.scenario)
     try:
         ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
@@ -393,6 +396,7 @@ def _strip(
 
 def _film(
     run_dir: Path,
+    trust: bool,
     camera: str | None,
     file: Path | None,
     size: dict[str, int],
@@ -411,7 +415,7 @@ def _film(
     check_request(camera or CAMERAS[0], **wanted, format=format, processes=painters)
     if file is not None:
         check_file(file)
-    result = ot.load_result(run_dir)
+    result = ot.load_result(run_dir, trust=trust)
     camera = camera or usual_camera(result.scenario)
     target = file or run_dir / f"{camera}.mp4"
     filmed(result, target, camera, False, processes, **wanted)
@@ -473,6 +477,7 @@ def replay(
         Path | None,
         typer.Option("--out", metavar="FILE", help=f"A .html; RUN_DIR/{PAGE} when not given."),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
     from omnitrack_sim.show.replay.document import pipes_mismatch
@@ -480,8 +485,12 @@ def replay(
 
     # A run that cannot be read is the clearer message of the two.
     # And before the place of the page, which may be in its folder.
-    result = RunPlayback(ot.load_result(run_dir), coarse=False)
-    other = None if compare is None else RunPlayback(ot.load_result(compare), coarse=False)
+    result, *others = (
+        RunPlayback(ot.load_result(folder, trust=trust), coarse=False)
+        for folder in (run_dir, compare)
+        if folder is not None
+    )
+    other = others[0] if others else None
     if other is not None and (problem := pipes_mismatch(result, other)):
         hint = "compares figures and scenarios of any two runs"
         problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"
@@ -531,10 +540,11 @@ def compare(
         ),
     ] = None,
     as_json: JsonOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
     _check_target(target)
-    comparison = ot.compare(a, b)
+    comparison = ot.compare(a, b, trust=trust)
     if as_json:
         print_json(comparison.summary())
     else:

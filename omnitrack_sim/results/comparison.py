@@ -147,12 +147,15 @@ class Comparison:
         return f"<div>{head}{values}{figures}</div>"
 
 
-def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str]) -> Comparison:
+def compare(
+    a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str], *, trust: bool = False
+) -> Comparison:
     """Compare two runs.
 
     Args:
         a: run, or folder of a saved one.
         b: the other.
+        trust: see ``load_result``.
 
     Raises:
         OutputError: a folder is no run.
@@ -164,7 +167,7 @@ def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[st
         >>> [(one.name, one.a, one.b) for one in ot.compare(*runs).values]
         [('world.friction', 0.9, 0.5)]
     """
-    return Comparison(as_result(a), as_result(b))
+    return Comparison(as_result(a, trust), as_result(b, trust))
 
 
 class _Absent:

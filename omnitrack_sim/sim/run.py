@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.base.arguments import check_all
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
@@ -79,6 +80,7 @@ def run(
     )[0]
 
 
+@trusting()
 def run_batch(
     scenarios: Sequence[Scenario],
     *,

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import InputError, OutputError, SweepError
+from omnitrack_sim.base.naming import NotTrustedError, trusting
 from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.writing import whole
 from omnitrack_sim.scenario import read_back
@@ -21,13 +22,15 @@ from omnitrack_sim.trials.sweep import Sweep, SweepTable, hash_of
 from omnitrack_sim.trials.table import trials_table
 
 
-def load_sweep_result(directory: str | Path) -> TrialsResult:
+def load_sweep_result(directory: str | Path, *, trust: bool = False) -> TrialsResult:
     """Read the result of a sweep back from its folder; of an unfinished one, the trials done.
 
     Nothing is run and nothing is written.
 
     Args:
         directory: folder of the sweep, as ``run_trials`` or ``omnitrack sweep`` left it.
+        trust: import what its scenarios name, and read a robot's own file. Otherwise a sweep of
+            such a robot is refused, unless its module has been imported already.
 
     Raises:
         OutputError: it holds no sweep, or its record or table is damaged; the message names the
@@ -40,7 +43,8 @@ def load_sweep_result(directory: str | Path) -> TrialsResult:
         Status(total=120, found=32, done=32, successes=0, lost=0, stage='', batch=32)
     """
     folder = whole(directory)
-    sweep = _sweep_in(folder)
+    with trusting(None if trust else ()):
+        sweep = _sweep_in(folder)
     table = _whole_table(folder, sweep)
     summary = {} if table is None else _summary(folder, sweep)
     if table is None:
@@ -80,6 +84,8 @@ def _sweep_in(folder: Path) -> Sweep:
         table = checked(SweepTable, keys, SweepError)
         fields = {key: getattr(table, key) for key in SweepTable.model_fields}
         return Sweep(**fields, bases=bases, set=dict(data["set"]))
+    except NotTrustedError as error:
+        raise OutputError(f"{folder / name}: {error}") from error
     except (ValueError, KeyError, TypeError, AttributeError, InputError) as error:
         cause = "; ".join(str(error).splitlines())
         raise OutputError(f"{folder / name}: is damaged: {cause}") from error
