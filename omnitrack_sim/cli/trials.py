@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -247,13 +246,12 @@ def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
     Raises:
         InputError: both are asked for.
     """
+    from omnitrack_sim.base.workers import DaskPool, cores
+
     if dask is None:
-        # The cores that this process may use, which may be fewer than the machine has.
-        return {"workers": workers or len(os.sched_getaffinity(0)), "executor": None}
+        return {"workers": workers or cores(), "executor": None}
     if workers is not None:
         raise InputError(Fault("--workers, --dask", "give one of the two"))
-    from omnitrack_sim.base.workers import DaskPool
-
     logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
     return {"workers": 1, "executor": lambda: DaskPool(dask)}
 
