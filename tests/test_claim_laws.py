@@ -6,13 +6,14 @@ The runs are made up: what is tested is what the claims measure on them, and the
 from __future__ import annotations
 
 import dataclasses
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from omnitrack_sim.paper import driving, experiments
-from omnitrack_sim.paper.claim import Claim, ClaimVerdict
+from omnitrack_sim.paper.claim import Claim, ClaimVerdict, varied
 from omnitrack_sim.paper.robots import climber, helix, pirate, presser, screw
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.climber import Climber
@@ -122,7 +123,14 @@ def test_the_stator_of_the_screw_turns_from_its_limit_on(holds, turns, expected)
         angle = 2.0 + np.radians(turn) * TIME / TIME[-1]
         columns = [np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)]
         runs.append(run(quaternion=np.stack(columns, axis=1)))
-    assert holds(screw, screw.stator_limit, runs) is expected
+
+    def made(asked):
+        robot = Screw(stator_preload=2.0, lead=0.35)
+        law = 3 * robot.stator_preload * 0.8 / math.tan(robot.lead)
+        assert [case["pull.force"] / law for case in asked] == pytest.approx([0.8, 1.2])
+        return runs
+
+    assert holds(screw, screw.stator_limit, made) is expected
 
 
 @OFF
@@ -373,3 +381,16 @@ def test_a_climb_begins_at_the_preload_that_friction_asks_for(least, expected, m
     claim = driving.climbing_preload
     finding = claim.measure({"preload": runs}, **claim.limits)
     assert finding.verdict is (ClaimVerdict.HOLDS if expected else ClaimVerdict.FAILS)
+
+
+def test_assumed_sizes_are_varied_one_at_a_time():
+    """Each once smaller and once larger by the same factors, of the robot's own value."""
+    robot = Presser()
+    changes = varied(robot, ["preload", "stiffness"])
+    values = [next(iter(change.items())) for change in changes]
+    assert [len(change) for change in changes] == [1, 1, 1, 1]
+    assert values == [
+        (f"robot.{name}", factor * getattr(robot, name))
+        for name in ("preload", "stiffness")
+        for factor in (0.7, 1.4)
+    ]

@@ -283,3 +283,5 @@ def test_a_line_loses_points_that_it_passes_near():
                 assert np.linalg.norm(point - along * chord) <= tolerance
     bent = np.array([[0.0, 0, 0], [5.0, 0.05, 0], [10.0, 0, 0], [10.0, 8, 0]])
     assert without_straight(bent, 0.1).tolist() == bent[[0, 2, 3]].tolist()
+    ring = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 0.05, 0], [0, 0, 0]])
+    assert without_straight(ring, 0.1).tolist() == ring[[0, 1, 2, 4]].tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -231,3 +232,21 @@ def test_a_letter_that_marks_an_event_stands_in_the_middle_of_its_disc():
     assert low == pytest.approx(-high)
     (plain,) = EventMark("arrives", "o", "green", np.array([0])).looks()
     assert plain["marker"] == "o"
+
+
+def test_signs_stand_where_things_were():
+    """Start, goals and events in both views of the map, each at the robot's place at that time."""
+    result = two_legs_result()
+    figure = plot_mission(result)
+    position = result.trajectory["position"]
+    views = [axis for axis in figure.axes if re.fullmatch(r". \[m\]", axis.get_xlabel())]
+    assert len(views) == 2
+    for axis in views:
+        columns = ["xyz".index(label[0]) for label in (axis.get_xlabel(), axis.get_ylabel())]
+        drawn = [np.column_stack(line.get_data()).astype(float) for line in axis.lines]
+        marks = marks_of(result)
+        assert marks
+        wanted = [position[:1], result.goal_points(), *(position[mark.rows] for mark in marks)]
+        for places in wanted:
+            flat = places[:, columns]
+            assert any(d.shape == flat.shape and np.allclose(d, flat) for d in drawn)

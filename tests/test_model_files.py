@@ -1,5 +1,6 @@
 """Robots of files that were made for a world of their own: what is left out, mended and refused."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -307,3 +308,79 @@ def test_what_cannot_be_read_is_told_with_what_to_do(name, text, hint):
     assert fault.where == "robot.file"
     assert hint in fault.problem
     assert "\n" not in str(fault)
+
+
+def test_a_robot_is_told_in_which_bore_it_would_fit():
+    """And at which size: both are true."""
+    ball = "<body name='hull'><freejoint/><geom size='{0}'/></body>"
+    with pytest.raises(ot.InputError, match="does not fit") as caught:
+        ot.Simulation([in_a_pipe(written(mjcf(ball.format(0.06))), bore=0.1)])
+    bore, size = map(
+        float, re.search(r"in one of ([\d.]+) mm, or at ([\d.]+) of", str(caught.value)).groups()
+    )
+    assert ot.Simulation([in_a_pipe("robot.xml", bore=bore / 1000)]).n == 1
+    assert size > 0.8
+    small = written(mjcf(ball.format(0.06 * size)), "small.xml")
+    assert ot.Simulation([in_a_pipe(small, bore=0.1)]).n == 1
+    long = "<body><freejoint/><geom type='capsule' size='0.02 0.5' euler='0 90 0'/></body>"
+    with pytest.raises(ot.ScenarioError, match=r"pipes: the robot is 1.04 m long, .* 0.6 m"):
+        in_a_pipe(written(mjcf(long)))
+
+
+ARMS = "".join(
+    f"<body><joint name='arm_{i}' damping='0.1'/><geom size='0.01' pos='0.02 0 0'/></body>"
+    for i in (1, 2)
+)
+TWO_ARMS = mjcf(
+    f"<body name='hull'><freejoint/>{BALL}{ARMS}</body>",
+    "<actuator><motor name='one' joint='arm_1'/><position joint='arm_2' kp='1'/></actuator>",
+)
+
+
+def inputs(table, ramp=0.0):
+    """Control inputs (T, nu) over time (T,) of a robot with two arms."""
+    control = {"kind": "periodic", "parameters": {"inputs": table, "ramp": ramp}}
+    data = in_a_pipe(written(TWO_ARMS)).model_dump(mode="json")
+    result = ot.run(validate(data | {"control": control, "run": {"time_limit": 0.5}}))
+    return result.trajectory["ctrl"][1:], result.trajectory.time[1:]
+
+
+def test_inputs_are_constant_or_periodic():
+    """By names of actuators, of their joints, and patterns, of which the last counts; others stay;
+    they rise over the ramp."""
+    wave = {"offset": 0.1, "amplitude": 0.2, "frequency": 2.0, "phase_deg": 90}
+    ctrl, time = inputs({"*": 0.3, "arm_2": wave})
+    # The inputs of a sample were given one control period before it.
+    expected = 0.1 + 0.2 * np.cos(4 * np.pi * (time - 0.01))
+    np.testing.assert_allclose(ctrl[:, 0], 0.3)
+    np.testing.assert_allclose(ctrl[:, 1], expected, atol=1e-9)
+    ctrl, time = inputs({"arm_2": 1}, ramp=0.2)
+    np.testing.assert_allclose(ctrl[:, 1], np.clip((time - 0.01) / 0.2, 0, 1), atol=1e-9)
+    assert not ctrl[:, 0].any()
+    with pytest.raises(ot.InputError, match=r"inputs.leg: fits no name.*one, arm_2"):
+        inputs({"leg": 1.0})
+
+
+def test_joints_of_a_urdf_get_motors():
+    """A wheel turns at the speed that its servo is asked for, a position is held within the limit
+    of its torque, and a force is the input's."""
+    file = written(URDF.format(ixx="1e-3"), "cart.urdf")
+    servo = {"joints": "ax*", "kind": "velocity", "gain": 0.5}
+    scenario = in_a_pipe(file, bore=0.16, servos=[servo])
+    assert scenario.robot.channels["ctrl"].names == ("axle",)
+    data = scenario.model_dump(mode="json")
+    control = {"kind": "periodic", "parameters": {"inputs": {"axle": 3.0}, "ramp": 0.2}}
+    driven = validate(data | {"control": control, "run": {"time_limit": 0.6}})
+    assert ot.run(driven).trajectory["actuator_velocity"][-1] == pytest.approx([3.0], rel=0.02)
+    for servo, force in (
+        ({"kind": "position", "gain": 10.0, "limit": 0.5}, 0.5),
+        ({"kind": "position", "gain": 0.1, "damping": 0.0}, 0.3),
+        ({"kind": "force", "gain": 0.1}, 0.3),
+    ):
+        model = ot.Mjcf(file=file, servos=[{"joints": "axle", **servo}]).spec().compile()
+        data = mujoco.MjData(model)
+        data.ctrl[0] = 3.0
+        mujoco.mj_forward(model, data)
+        assert data.actuator_force[0] == pytest.approx(force)
+    with pytest.raises(ot.ScenarioError, match=r"robot.servos: joints.leg: fits no name.*axle"):
+        in_a_pipe(file, servos=[{"joints": "leg"}])

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -88,6 +89,26 @@ def name_of(thing: Any) -> str:
     name = f"{thing.__module__}:{thing.__qualname__}"
     _HANDED_OVER[name] = thing
     return name
+
+
+def by_pattern(table: Mapping[str, _Value], names: Sequence[str], where: str) -> dict[str, _Value]:
+    """Return values by names of which a table has some, or patterns of them such as ``wheel_*``.
+
+    Args:
+        table: where several keys fit one name, the last one counts.
+        names: all that there are.
+        where: dotted path of the table.
+
+    Raises:
+        InputError: a key fits none of the names.
+    """
+    found: dict[str, _Value] = {}
+    for key, value in table.items():
+        fitting = [key] if key in names else [n for n in names if fnmatchcase(n, key)]
+        if not fitting:
+            raise InputError(Fault(f"{where}.{key}", "fits no name", tuple(names), given=key))
+        found |= dict.fromkeys(fitting, value)
+    return found
 
 
 Group = Literal["robots", "controllers", "fittings"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -123,7 +122,7 @@ def sweep(
     if as_json:
         print_json(result.summary)
     else:
-        _print_sweep(result, target)
+        _print_sweep(result, loaded.size, target)
     if film_failed is not None:
         _film_failed(result, loaded, film_failed, target, as_json)
 
@@ -247,13 +246,12 @@ def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
     Raises:
         InputError: both are asked for.
     """
+    from omnitrack_sim.base.workers import DaskPool, cores
+
     if dask is None:
-        # The cores that this process may use, which may be fewer than the machine has.
-        return {"workers": workers or len(os.sched_getaffinity(0)), "executor": None}
+        return {"workers": workers or cores(), "executor": None}
     if workers is not None:
         raise InputError(Fault("--workers, --dask", "give one of the two"))
-    from omnitrack_sim.base.workers import DaskPool
-
     logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
     return {"workers": 1, "executor": lambda: DaskPool(dask)}
 
@@ -338,13 +336,13 @@ def _shown(value: Any) -> str:
     return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
 
 
-def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
-    """Print the summary of a finished sweep, or how far a share of it is."""
+def _print_sweep(result: ot.TrialsResult, size: int, target: Path) -> None:
+    """Print the summary of a finished sweep of ``size`` trials, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
     if not summary:
         out.say(
             f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
-            f"all {result.status.total} are in {place}"
+            f"all {size} are in {place}"
         )
         return
     table = WordTable("group", "passed", "of", "rate", "95 % interval")

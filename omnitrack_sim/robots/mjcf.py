@@ -13,9 +13,11 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.naming import by_pattern
 from omnitrack_sim.base.reading import exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
-from omnitrack_sim.base.table import FileName, Positive
+from omnitrack_sim.base.table import FileName, NotNegative, Positive
 from omnitrack_sim.robots.model_file import (
     AmbiguousRootError,
     RobotModel,
@@ -24,10 +26,56 @@ from omnitrack_sim.robots.model_file import (
     robot_model,
 )
 from omnitrack_sim.robots.plant import initial_state
-from omnitrack_sim.robots.quantity import quantity
+from omnitrack_sim.robots.quantity import QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+MAX_SERVOS = 100
+"""Tables of servos of one robot; one may be for many joints."""
+
+
+class Servo(QuantityModel):
+    """Motors of joints, for files without actuators. Each is an actuator with its joint's name.
+
+    Example:
+        >>> ot.Servo(joints="wheel_*", kind="velocity", gain=2.0, limit=5.0).gain
+        2.0
+    """
+
+    joints: str = quantity(..., "", "unstated", 'name of a joint, or a pattern such as "wheel_*"')
+    kind: Literal["velocity", "position", "force"] = quantity(
+        "position", "", "unstated", "what its input asks for; of a hinge in rad/s, rad or N m"
+    )
+    gain: Positive = quantity(
+        1.0,
+        "",
+        "unstated",
+        "force for a unit that is missing: of a hinge N m s/rad of speed, N m/rad of angle; of a "
+        "force that of its input",
+    )
+    damping: NotNegative | None = quantity(
+        None, "", "unstated", "of a position, N m s/rad of a hinge. Left out: critical at the start"
+    )
+    limit: Positive | None = quantity(
+        None, "", "unstated", "largest force, N, or torque, N m. Left out: that of the joint"
+    )
+
+    def add_to(self, spec: mujoco.MjSpec, joint: str) -> None:
+        """Add the motor of a joint to a model."""
+        motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        match self.kind:
+            case "velocity":
+                motor.set_to_velocity(kv=self.gain)
+            case "position" if self.damping is None:
+                motor.set_to_position(kp=self.gain, dampratio=1.0)
+            case "position":
+                motor.set_to_position(kp=self.gain, kv=self.damping)
+            case "force":
+                motor.set_to_motor()
+                motor.gainprm[0] = self.gain
+        if self.limit is not None:
+            motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            motor.forcerange = [-self.limit, self.limit]
 
 
 class Mjcf(Robot):
@@ -78,6 +126,14 @@ class Mjcf(Robot):
         "its axis along the two others",
     )
 
+    servos: tuple[Servo, ...] = quantity(
+        (),
+        "",
+        "unstated",
+        "a list of motors of joints, for files without actuators such as URDF",
+        max_length=MAX_SERVOS,
+    )
+
     @field_validator("file")
     @classmethod
     def _can_be_read(cls, file: str) -> str:
@@ -110,9 +166,29 @@ class Mjcf(Robot):
             raise ValueError(in_words(error, info.data["file"])) from None
         return body
 
+    @field_validator("servos")
+    @classmethod
+    def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
+        if "body" in info.data:
+            names = _loaded(info.data["file"], info.data["body"]).drivable
+            try:
+                by_pattern({servo.joints: servo for servo in servos}, names, "joints")
+            except InputError as error:
+                raise ValueError(str(error)) from None
+        return servos
+
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
-        return robot_model(self.file, self.body).spec
+        robot = robot_model(self.file, self.body)
+        wanted = {servo.joints: servo for servo in self.servos}
+        motors = by_pattern(wanted, robot.drivable, "robot.servos")
+        for joint in robot.drivable:
+            if joint in motors:
+                motors[joint].add_to(robot.spec, joint)
+        if motors:
+            # By Euler's own method a servo of a light wheel would blow up at a step of 2 ms.
+            robot.spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return robot.spec
 
     def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002 - protocol
         """See ``Robot``; what was left out of the file or changed."""

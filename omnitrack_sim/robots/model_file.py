@@ -19,6 +19,7 @@ from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed
 from omnitrack_sim.robots.model_bounds import read_spec
+from omnitrack_sim.walls.geoms import set_numerics
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
@@ -64,6 +65,12 @@ class RobotModel:
     spec: mujoco.MjSpec
     root: str
     changes: tuple[str, ...]
+
+    @property
+    def drivable(self) -> tuple[str, ...]:
+        """Names of the joints that a motor can drive."""
+        kinds = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+        return tuple(j.name for j in self.spec.joints if j.name and j.type in kinds)
 
 
 class AmbiguousRootError(ValueError):
@@ -146,6 +153,8 @@ def _read(file: str, changes: list[str]) -> mujoco.MjSpec:
 
 def _mend_urdf(spec: mujoco.MjSpec, folder: Path) -> Iterator[str]:
     """Take what other readers of URDF take: paths of packages, and inertias that cannot be."""
+    if not spec.authored.option:
+        set_numerics(spec.option)
     for mesh in spec.meshes:
         mesh.file = _mesh_path(mesh.file, folder)
     impossible = [body for body in spec.bodies[1:] if not _is_possible(body)]

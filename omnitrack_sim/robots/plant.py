@@ -459,9 +459,16 @@ class Plant:
                     problem = (
                         f"does not fit: body {contact.body!r} is {1000 * contact.depth:.1f} mm "
                         f"deep in the wall of a bore of {2000 * radius:.4g} mm once it has settled "
-                        "with its axis on the pipe's"
+                        f"with its axis on the pipe's; {self._way_to_fit(2 * radius, contact)}"
                     )
                     raise InputError(Fault("robot", problem))
+
+    def _way_to_fit(self, bore: float, contact: WallContact) -> str:
+        """Return the bore, and the size of the robot, with which a robot would fit, in words."""
+        made_for = self.robot.nominal_bore
+        wanted = made_for if made_for > bore else bore + 2 * contact.depth
+        part = math.floor(1000 * bore / wanted) / 1000
+        return f"it would in one of {1000 * wanted:.4g} mm, or at {part:.3g} of its size"
 
     def _wall_contacts(self, robot: int) -> list[WallContact]:
         """Contacts of a robot with the pipes as it is now; the batch keeps none."""

@@ -28,6 +28,7 @@ from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller, OwnController
+from omnitrack_sim.robots.periodic import Periodic
 from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity, unit_at
 from omnitrack_sim.robots.size import GRAVITY, Sized
 from omnitrack_sim.robots.tail import Tether
@@ -318,7 +319,7 @@ class Robot(Sized, ABC):
         The first is the default. Controllers of installed distributions are beside them, see
         ``controller_of``.
         """
-        return {"own": OwnController}
+        return {"own": OwnController, "periodic": Periodic}
 
     @property
     def decisions(self) -> Any:

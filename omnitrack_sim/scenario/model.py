@@ -562,7 +562,10 @@ def _misplaced(scenario: Scenario) -> Iterator[Fault]:
     """A start or goal that is not on the route."""
     half, length = scenario.robot.length / 2, scenario.route.centreline.length
     distance, goal = scenario.start.distance, scenario.run.goal_distance
-    if not half <= distance <= length - half:
+    if length < 2 * half:
+        problem = f"the robot is {2 * half:.4g} m long, and its way through them {length:.4g} m"
+        yield Fault("pipes" if scenario.pipes else "network.fittings", problem)
+    elif not half <= distance <= length - half:
         inside = f"the robot lies inside the pipe from {half:.4f} to {length - half:.4f} m"
         yield Fault("start.distance", f"is {distance} m; {inside}")
     elif goal is not None and not distance < goal <= length:
