@@ -17,6 +17,7 @@ from omnitrack_sim.cli.common import (
     JsonOption,
     NetworkArgument,
     SetOption,
+    TrustOption,
     app,
     assignment,
     out,
@@ -147,14 +148,15 @@ def reach(
     ] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Map where a robot gets to in a network, at what cost, and what stops it."""
     from omnitrack_sim.robots.kinds import DEFAULT
     from omnitrack_sim.towns.reach_files import summary_of
 
     supply = ot.Supply(math.inf if battery is None else battery, efficiency, base_power)
-    measured = ot.load_passport(passport_file or DEFAULT)
-    network = ot.load_network(source)
+    measured = ot.load_passport(passport_file or DEFAULT, trust=trust)
+    network = ot.load_network(source, trust=trust)
     target = folder or Path("out") / f"reach_{Path(source).stem}"
     with progress(f"reach {Path(source).stem}", as_json) as report:
         made = ot.map_reach(
