@@ -13,7 +13,6 @@ from pathlib import Path
 from textwrap import fill
 
 from shape import Arguments
-from wntr.library import ModelLibrary
 
 import omnitrack_sim as ot
 
@@ -28,7 +27,7 @@ def main() -> None:
     parser = Arguments(__doc__)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.read()
-    network = ot.import_network(ModelLibrary().get_filepath("ky10")).network
+    network = ot.import_network("ky10").network
     passport = ot.load_passport("omnitrack")
     reach = ot.map_reach(network, passport, OPENINGS, supply=ot.Supply(BATTERY))
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import sys
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -113,11 +112,7 @@ def main() -> None:
     if asked.file is not None and asked.file.suffix == ".toml":
         network = ot.load_network(asked.file)
     else:
-        package = find_spec("wntr")
-        assert package is not None
-        assert package.origin is not None
-        file = asked.file or Path(package.origin).parent / "library" / "networks" / "ky10.inp"
-        imported = ot.import_network(file)
+        imported = ot.import_network(asked.file or "ky10")
         network = imported.network
         there, built = (sum(column) for column in zip(*imported.lengths.values(), strict=True))
         print(

@@ -46,6 +46,7 @@ from .record.timeline import PassageRecord as PassageRecord
 from .record.trajectory import Trajectory as Trajectory
 from .results.comparison import Comparison as Comparison
 from .results.comparison import compare as compare
+from .results.dataset import to_xarray as to_xarray
 from .results.result import Result as Result
 from .results.result import load_result as load_result
 from .robots.control import Actuation as Actuation
@@ -54,6 +55,7 @@ from .robots.control import ControlSetup as ControlSetup
 from .robots.control import Observation as Observation
 from .robots.feature import Feature as Feature
 from .robots.mjcf import Mjcf as Mjcf
+from .robots.mjcf import Servo as Servo
 from .robots.odometry import BodyReadings as BodyReadings
 from .robots.odometry import Limbs as Limbs
 from .robots.odometry import LookAround as LookAround
@@ -76,6 +78,7 @@ from .robots.tail import Tether as Tether
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import override as override
 from .scenario.model import Scenario as Scenario
+from .show.export import export_result as export_result
 from .show.film.render import render_frame as render_frame
 from .show.film.render import render_video as render_video
 from .show.film.strip import render_strip as render_strip
@@ -106,6 +109,7 @@ from .trials.plan import Plan as Plan
 from .trials.plan import Round as Round
 from .trials.run import TrialsResult as TrialsResult
 from .trials.run import run_trials as run_trials
+from .trials.saved_sweep import load_sweep_result as load_sweep_result
 from .trials.study import Study as Study
 from .trials.study_file import load_study as load_study
 from .trials.sweep import Sweep as Sweep

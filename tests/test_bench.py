@@ -9,6 +9,7 @@ from dataclasses import replace
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from commands import omnitrack
 from policy_samples import driver
 
 import omnitrack_sim as ot
@@ -490,3 +491,19 @@ def test_a_robot_by_its_kind_is_the_one_that_was_built():
     small = robot_of(robot_entry("omnitrack@0.1").changes).motor
     assert small.name == "simulation"
     assert small.stall_torque == pytest.approx(12.0 * 0.625**4)
+
+
+def test_a_robot_of_ones_own_beside_the_shipped_ones_is_told_how_to_run_alone(monkeypatch):
+    """And so is one of the same name; alone nothing is told."""
+
+    def stop(*_: object, **__: object) -> None:
+        raise ot.OutputError("stopped here")
+
+    monkeypatch.setattr(ot, "run_trials", stop)
+    command = ("bench", "--quick", "--course", "straight_level", "--robot")
+    beside = omnitrack(*command, "mine=presser").stderr
+    assert "runs beside 10 shipped entries; --alone leaves these out" in " ".join(beside.split())
+    assert "beside" not in omnitrack(*command, "mine=presser", "--alone").stderr
+    twice = omnitrack(*command, "presser")
+    assert twice.returncode == 2
+    assert "leave that out by --alone, or write NAME= before" in " ".join(twice.stderr.split())

@@ -1,10 +1,13 @@
 """The command line: files left behind, exit status, messages."""
 
 import json
+import platform
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
+import mujoco
 import pytest
 from commands import omnitrack
 from typer.testing import CliRunner
@@ -85,6 +88,10 @@ def test_result_file_says_what_happened(run_dir):
     ):
         assert len(result["metrics"][name]) == 3
     assert {"seed", "scenario_sha256", "versions", "git_commit"} <= set(result["provenance"])
+    versions = result["provenance"]["versions"]
+    assert versions["python"] == platform.python_version()
+    assert versions["mujoco"] == mujoco.__version__
+    assert versions["omnitrack_sim"] == metadata.version("omnitrack_sim")
 
 
 def test_an_override_reaches_the_run(run_dir):

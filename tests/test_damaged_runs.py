@@ -25,6 +25,7 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.results.result import load_result
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.omnitrack.events import NotAligned
+from omnitrack_sim.scenario.model import sha256_of
 
 READ = ("result.json", "scenario.json", "trajectory.parquet", "replay.npz")
 
@@ -324,12 +325,16 @@ def test_a_users_own_channel_and_a_number_that_is_none_come_back(tmp_path):
 
 
 def test_a_run_of_a_robot_whose_module_is_not_here_says_what_to_do(run):
-    """The folder of the module is not remembered, since its code is run: the message says to start
-    there, and does not call the run damaged for sure."""
+    """Without trust its name is told; with it where the module is looked for, since the folder is
+    not remembered, and the run is not called damaged for sure."""
     file = run / "scenario.json"
     scenario = json.loads(file.read_text(encoding="utf-8"))
     scenario["robot"] = {"kind": "no_such_rover:Rover"}
     file.write_text(json.dumps(scenario), encoding="utf-8")
+    assert refused(run, "scenario.json", "is not the scenario that")  # before any name is followed
+    result = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    rewrite(run, provenance=result["provenance"] | {"scenario_sha256": sha256_of(scenario)})
+    assert refused(run, "scenario.json", "'no_such_rover:Rover', code that .* --trust")
     told = "names what is not here: robot.kind: .*no_such_rover.* add that to PYTHONPATH: "
     with pytest.raises(OutputError, match=told):
-        load_result(run)
+        load_result(run, trust=True)

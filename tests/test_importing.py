@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from commands import omnitrack
 from fuzzing.bases import TOWN
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import length
 from omnitrack_sim.cli import app
+from omnitrack_sim.pipes import importing
+from omnitrack_sim.pipes.importing import wntr_towns
 from omnitrack_sim.pipes.importing.assumptions import ImportSettings
 from omnitrack_sim.pipes.importing.building import build
-from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
+from omnitrack_sim.pipes.importing.drawing import (
+    ROOM_AT_PUMP,
+    Drawing,
+    DrawnPipe,
+    without_straight,
+)
 
 BORE = 0.16
 
@@ -205,3 +214,74 @@ def test_pipes_that_lie_in_each_other_are_laid_apart():
     imported = town(nodes, ["a-b", "a-c", "d-a"], {"a-c": 0.1}, **line)
     assert not imported.of("left out")
     assert any("is laid below" in note.problem for note in imported.of("mended"))
+
+
+def test_a_town_of_wntr_is_imported_by_its_name(tmp_path):
+    """As its file is; of a name that there is not, those that there are, are told."""
+    command = ("import", "Net1", "--scale", "30", "--out", "net.toml")
+    assert omnitrack(*command, cwd=tmp_path).returncode == 0
+    file = wntr_towns()["Net1"]
+    assert file.suffix == ".inp"
+    written = (tmp_path / "net.toml").read_text(encoding="utf-8")
+    assert written == ot.import_network(file, scale=30).network.to_toml()
+    missing = omnitrack("import", "Net7", cwd=tmp_path)
+    assert missing.returncode == 2
+    told = " ".join(missing.stderr.split())
+    assert "Net7: no such file, nor a town of wntr of that name" in told
+    assert "did you mean 'Net" in told
+
+
+def test_without_wntr_a_town_by_name_says_what_has_some(monkeypatch):
+    """And how it is installed."""
+    monkeypatch.setattr(importing, "find_spec", lambda _: None)
+    with pytest.raises(ot.NetworkError, match=r"pip install 'omnitrack_sim\[town\]'"):
+        ot.import_network("ky10")
+
+
+def test_names_of_pieces_count_from_one():
+    """The first number that no pipe and no node has."""
+    map_of_a_pipe = drawing({"a": (0, 0), "b+1": (9, 0)}, ["a-b+1"])
+    assert map_of_a_pipe.new_name("a") == "a+1"
+    assert map_of_a_pipe.new_name("b") == "b+2"
+    map_of_a_pipe.close("a-b+1")
+    assert set(map_of_a_pipe.legs) == {"a-b+1", "a-b+1+1'"}
+
+
+@pytest.mark.parametrize("order", [("a-p", "q-b"), ("p-a", "b-q")])
+def test_pipes_at_a_pump_end_apart(order):
+    """Each gives up the same piece, at its end at the pump, whichever way it is drawn."""
+    apart = drawing({"a": (0, 0), "p": (10, 0), "q": (10, 0), "b": (20, 0)}, list(order))
+    long = {name: leg.length for name, leg in apart.legs.items()}
+    apart.part("p", "q")
+    given_up = {name: long[name] - leg.length for name, leg in apart.legs.items()}
+    assert given_up == pytest.approx(dict.fromkeys(order, ROOM_AT_PUMP))
+    for name, x in (("a", 0), ("b", 20), ("p", 10 - ROOM_AT_PUMP), ("q", 10 + ROOM_AT_PUMP)):
+        assert apart.nodes[name] == pytest.approx([x, 0, 0])
+    for leg in apart.legs.values():
+        for end, node in enumerate(leg.ends):
+            assert leg.points[-end] == pytest.approx(apart.nodes[node])
+    far = drawing({"a": (0, 0), "p": (10, 0), "q": (12, 0), "b": (20, 0)}, list(order))
+    far.part("p", "q")
+    assert far.nodes["p"] == pytest.approx([10, 0, 0])
+
+
+def test_a_line_loses_points_that_it_passes_near():
+    """Those kept are the farthest of what is left, and none that is left out is farther off."""
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        line = np.cumsum(rng.normal(size=(20, 3)), axis=0)
+        tolerance = rng.uniform(0.2, 2.0)
+        kept = without_straight(line, tolerance)
+        rows = [int(np.flatnonzero((line == point).all(axis=1))[0]) for point in kept]
+        assert rows[0] == 0
+        assert rows[-1] == 19
+        assert rows == sorted(rows)
+        for first, last in itertools.pairwise(rows):
+            chord = line[last] - line[first]
+            for point in line[first + 1 : last] - line[first]:
+                along = np.clip(point @ chord / (chord @ chord), 0, 1)
+                assert np.linalg.norm(point - along * chord) <= tolerance
+    bent = np.array([[0.0, 0, 0], [5.0, 0.05, 0], [10.0, 0, 0], [10.0, 8, 0]])
+    assert without_straight(bent, 0.1).tolist() == bent[[0, 2, 3]].tolist()
+    ring = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 0.05, 0], [0, 0, 0]])
+    assert without_straight(ring, 0.1).tolist() == ring[[0, 1, 2, 4]].tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from omnitrack_sim import plot_mission
 from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
-from omnitrack_sim.show.plots.mission_figure import _round_up, marks_of
+from omnitrack_sim.show.plots.mission_figure import EventMark, _round_up, marks_of
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +223,30 @@ def test_scales_of_the_chart_end_at_the_next_round_number():
     for value, above in zip(rounds, [*rounds[1:], 1e5], strict=True):
         assert _round_up(1.01 * value) == pytest.approx(above)
     assert [_round_up(value) for value in (0.0, -3.0, float("nan"))] == [1.0] * 3
+
+
+def test_a_letter_that_marks_an_event_stands_in_the_middle_of_its_disc():
+    """Its outline lies evenly about the place of the event; a plain marker has no disc."""
+    _, glyph = EventMark("falls", "\u2193", "red", np.array([0])).looks()
+    low, high = glyph["marker"].get_extents().get_points()
+    assert low == pytest.approx(-high)
+    (plain,) = EventMark("arrives", "o", "green", np.array([0])).looks()
+    assert plain["marker"] == "o"
+
+
+def test_signs_stand_where_things_were():
+    """Start, goals and events in both views of the map, each at the robot's place at that time."""
+    result = two_legs_result()
+    figure = plot_mission(result)
+    position = result.trajectory["position"]
+    views = [axis for axis in figure.axes if re.fullmatch(r". \[m\]", axis.get_xlabel())]
+    assert len(views) == 2
+    for axis in views:
+        columns = ["xyz".index(label[0]) for label in (axis.get_xlabel(), axis.get_ylabel())]
+        drawn = [np.column_stack(line.get_data()).astype(float) for line in axis.lines]
+        marks = marks_of(result)
+        assert marks
+        wanted = [position[:1], result.goal_points(), *(position[mark.rows] for mark in marks)]
+        for places in wanted:
+            flat = places[:, columns]
+            assert any(d.shape == flat.shape and np.allclose(d, flat) for d in drawn)

@@ -535,3 +535,21 @@ def test_a_passport_takes_the_straights_off_what_a_fitting_cost():
     straight = made.kinds["straight"]
     level = straight.estimate(np.array([[0.6, 0.5, 0.0, 0, 0, 0, 1]]))
     assert level.seconds == pytest.approx(10.0, rel=0.02)
+
+
+def test_the_hash_of_a_plan_is_that_of_what_its_trials_depend_on():
+    """Robot, changes, courses and trials; a folder of another plan is not gone on with."""
+    given = {"courses": ["straight"], "trials": 2}
+
+    def made(robot="presser", **changes):
+        return ot.PassportPlan.of(robot, **{**given, **changes}).hash
+
+    others = [
+        made("screw"),
+        made(trials=3),
+        made(courses=["straight", "elbow_150"]),
+        made(changes={"robot.preload": 30.0}),
+    ]
+    assert made() == made()
+    assert len({made(), *others}) == 5
+    assert all(len(one) == 64 for one in others)

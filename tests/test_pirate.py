@@ -8,7 +8,8 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.paper.robots.pirate import clamp_forces
-from omnitrack_sim.robots.pirate import SIDES, Pirate, bending
+from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.robots.pirate import SIDES, Pirate, bending, chain
 from omnitrack_sim.robots.plant import initial_state
 
 
@@ -24,6 +25,24 @@ def test_it_touches_both_walls_of_its_bore(bore):
     lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     np.testing.assert_allclose(lengths, robot.link)
     np.testing.assert_allclose(bending(nodes[None])[0], robot.bends(robot.slope), atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "within"), [("pirate_elbow", 0.2e-3), ("pirate_tee", 1.25e-3)])
+def test_links_of_the_wanted_shape_have_their_length(name, within):
+    """All along a route, within a millimetre or so; at the walls nodes are at the reach."""
+    scenario = ot.load_scenario(f"robots/{name}")
+    robot, routes = scenario.robot, RouteMap([scenario.route])
+    s = np.linspace(0.25, routes.lengths[0] - 0.25, 200)
+    zero = np.zeros(len(s), int)
+    line = routes.centreline
+    place = routes.locate(line.at(s, zero)[0], line.frame(s, zero), zero, s)
+    nodes, ratios = chain(robot, routes, place)
+    lengths = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
+    # Between the two V's the middle link is as long as the way there lets it be.
+    assert np.abs(lengths[:, [0, 1, 3, 4]] - robot.link).max() < within
+    first = line.at(s[:1], zero[:1])[0][0]
+    np.testing.assert_allclose(nodes[0, :, 0] - first[0], SIDES * robot.reach, atol=1e-9)
+    np.testing.assert_allclose(ratios[0], 1.0)
 
 
 def test_a_clamp_at_rest_presses_as_torque_over_lever():

@@ -150,6 +150,7 @@ def test_module_lines_hold_the_channels():
 def test_phases_and_modules_are_named_once():
     """The legends name each module and each phase that occurred exactly once."""
     figure = plot_summary(sample_result())
+    assert all(legend.get_texts() for legend in figure.legends)
     names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert sorted(names) == sorted(
         ["module 1", "module 2", "module 3", "command", "straight", "turn", "leave"]
@@ -300,6 +301,22 @@ def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
             bore = np.ptp(axis.transData.transform([[0, 0], [part.fitting.radius, 0]])[:, 0])
             most = bore + 13.5 * renderer.points_to_pixels(1.0)
             assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()
+
+
+def test_names_of_a_network_keep_off_its_route():
+    """Where a route lies across a name, the name stands elsewhere, and no name is on the route."""
+    network = ot.load_network("fig14")
+    route = shortest_route(network, "inlet", "side")
+    figure = ot.plot_network(network, route=route, view="elevation")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    (axis,) = [axis for axis in figure.axes if axis.get_xlabel() == "x [m]"]
+    places = route.centreline.at(np.linspace(0, route.centreline.length, 400))[0]
+    pixels = axis.transData.transform(places[:, [0, 2]])
+    for text in axis.texts:
+        box = text.get_window_extent(canvas.get_renderer())
+        on_it = ((pixels > box.min) & (pixels < box.max)).all(axis=1)
+        assert not on_it.any(), text.get_text()
 
 
 @pytest.mark.parametrize("name", ["fig14", "house_sewer", "annex", "long"])

@@ -109,6 +109,9 @@ def test_samples_are_a_period_apart():
     assert {name: each[name].shape[0] for name in FIELDS} == dict.fromkeys(FIELDS, 20)
     with pytest.raises(KeyError, match="xpos"):
         each["xpos"]
+    none = ot.Recording(model, pipes)
+    shapes = {name: none[name].shape for name in FIELDS}
+    assert shapes == {name: (0, *each[name].shape[1:]) for name in FIELDS}
 
 
 def test_walls_carry_the_weight():

@@ -16,6 +16,7 @@ from omnitrack_sim.base.errors import OutputError
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.results import files
 from omnitrack_sim.results.result import load_result
+from omnitrack_sim.robots.kinds import DEFAULT, ROBOTS, robot_class
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import override
 
@@ -32,6 +33,17 @@ def test_every_outcome_has_advice():
     """Each outcome says in one sentence what happened or what to try."""
     assert all(outcome.advice.endswith(".") for outcome in Outcome)
     assert len({outcome.advice for outcome in Outcome}) == len(Outcome)
+
+
+@pytest.mark.parametrize("kind", sorted(set(ROBOTS) - {"mjcf"}))
+def test_every_robot_has_advice_for_each_outcome(kind):
+    """Its own, or that which holds for any robot."""
+    robot = robot_class(kind)()
+    for outcome in Outcome:
+        advice = robot.advice(outcome)
+        assert advice.endswith(".")
+        if not issubclass(robot_class(kind), robot_class(DEFAULT)):
+            assert advice == outcome.advice
 
 
 def test_a_result_of_a_batch_is_saved_as_that_of_one_run(tmp_path):

@@ -382,10 +382,10 @@ def test_an_mjcf_file_is_a_robot(tmp_path, monkeypatch):
     ("inside", "place"),
     [
         ("<freejoint/><geom size='0'/>", "robot.file"),
-        ("<joint type='slide'/><geom size='0.05'/>", "robot.body"),
+        ("<geom size='0.05'/></body><body><geom size='0.05'/>", "robot.body"),
         (None, "robot.file"),
     ],
-    ids=["cannot be compiled", "nothing free", "a folder"],
+    ids=["cannot be compiled", "two bodies", "a folder"],
 )
 def test_a_model_that_is_no_robot_is_refused_at_its_key(
     tmp_path, monkeypatch, capfd, inside, place

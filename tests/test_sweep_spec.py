@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from documents import page
 
+import omnitrack_sim as ot
 from omnitrack_sim import (
     Omnitrack,
     ScenarioError,
@@ -22,6 +23,7 @@ from omnitrack_sim.pipes.fittings.kinds import shipped_fittings
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.scenario.model import unit_of, words_of
 from omnitrack_sim.sim.builder import batch_key
+from omnitrack_sim.trials.sweep_figure import spreads
 from omnitrack_sim.trials.sweep_file import resolve
 
 GRID = {"path": "world.friction", "kind": "grid", "start": 0.2, "stop": 0.8, "count": 3}
@@ -409,8 +411,9 @@ def test_units_are_those_of_the_documents():
     assert (words_of("world.friction"), words_of("control.kind")) == ("friction", "control kind")
     assert words_of("pipes.0.inner_diameter") == "pipes 0 inner diameter"
     assert (words_of("physics.timestep"), words_of("base")) == ("physics timestep", "base")
-    for row in Omnitrack(roll_motor="simulation").parameters():
-        assert unit_of(f"robot.{row.name}") == (row.unit or None)
+    robot = Omnitrack(roll_motor="simulation")
+    for row in robot.parameters():
+        assert unit_of(f"robot.{row.name}", [robot]) == (row.unit or None)
 
 
 def test_a_sweep_file_in_json_form_is_the_same():
@@ -419,3 +422,56 @@ def test_a_sweep_file_in_json_form_is_the_same():
     again = type(sweep).model_validate_json(sweep.model_dump_json())
     assert again.hash == sweep.hash
     assert json.dumps(again.trials()) == json.dumps(sweep.trials())
+
+
+class Hinged(ot.Robot):
+    """A robot whose stiffness is not that of the package's own."""
+
+    spring_stiffness: float = ot.quantity(2.0, "N m/rad", "assumed", "of its hinge")
+    blades: int = 3
+
+    @property
+    def nominal_bore(self) -> float:
+        """Inner diameter, m."""
+        return 0.16
+
+    @property
+    def length(self) -> float:
+        """Nose to tail, m."""
+        return 0.1
+
+    def spec(self):
+        """A ball."""
+        import mujoco
+
+        spec = mujoco.MjSpec()
+        ball = spec.worldbody.add_body(name="chassis")
+        ball.add_freejoint()
+        ball.add_geom(size=[0.05, 0, 0])
+        return spec
+
+
+def test_units_of_a_robots_values_are_its_own(tmp_path):
+    """On the axis and in the schema of the table: of no other robot with a value of that name."""
+    data = {
+        "name": "own",
+        "base": "straight",
+        "set": {"robot.kind": Hinged.kind, "run.time_limit": 0.02},
+        "axes": [
+            {"path": "robot.spring_stiffness", "kind": "list", "values": [1.0, 2.0]},
+            {"path": "robot.blades", "kind": "list", "values": [3]},
+        ],
+    }
+    sweep = resolve(data)
+    assert sweep.units == {"robot.spring_stiffness": "N m/rad", "robot.blades": None}
+    assert [spread.unit for spread in spreads(sweep)] == ["N m/rad", "1"]
+    table = ot.run_trials(sweep, out=tmp_path / "own").table
+    assert table.schema.field("robot.spring_stiffness").metadata == {b"unit": b"N m/rad"}
+    assert table.schema.field("robot.blades").metadata is None
+    assert ot.load_sweep_result(tmp_path / "own").table.schema.equals(table.schema, True)
+    other = resolve({**data, "set": {}, "axes": [data["axes"][0]]})
+    assert other.units == {"robot.spring_stiffness": "N/m"}
+    runs = [ot.run(sweep.scenario(i), no_load=False) for i in (0, 1)]
+    assert ("robot.spring_stiffness", "N m/rad") in {
+        (v.name, v.unit) for v in ot.compare(*runs).values
+    }

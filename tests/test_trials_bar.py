@@ -21,8 +21,8 @@ from omnitrack_sim.cli.trials import trials_bar
 from omnitrack_sim.trials.run import Status, TrialsResult
 
 
-def _status(done, found=0, lost=0, total=10):
-    return Status(total, found, done, successes=done, lost=lost)
+def _status(done, found=0, lost=0, total=10, batch=0):
+    return Status(total, found, done, successes=done, lost=lost, batch=batch)
 
 
 def _bar():
@@ -135,10 +135,10 @@ def test_a_short_or_quiet_work_tells_nothing(capfd):
     assert capfd.readouterr().err == ""
 
 
-def _interrupted(told):
+def _interrupted(told, total=10, batch=0):
     with _bar() as tell:
         for done in told:
-            tell(_status(done))
+            tell(_status(done, total=total, batch=batch))
         raise KeyboardInterrupt
 
 
@@ -153,6 +153,15 @@ def test_an_interruption_says_how_far_it_came(told, said, capfd):
         _interrupted(told)
     assert ended.value.exit_code == 130
     assert f"interrupted: {said}; the same command goes on" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("size", "told"), [(32, "the batch of up to 32 trials"), (1, "the trial")])
+def test_an_interruption_says_what_begins_anew(size, told, capfd):
+    """The batch that each worker was at."""
+    with pytest.raises(typer.Exit):
+        _interrupted([64], total=120, batch=size)
+    said = f"64 of 120 trials done, and {told} that each worker was at begins anew; the same"
+    assert said in " ".join(capfd.readouterr().err.split())
 
 
 def test_a_piped_sweep_tells_its_size_and_its_end_and_keeps_its_json_clean(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 
 import pytest
@@ -76,3 +77,17 @@ def test_a_long_word_is_never_cut_off() -> None:
     text = printed(table, 12)
     assert "…" not in text
     assert text.count("x") == 30
+
+
+def test_titles_and_styles_of_rows_are_kept():
+    """A title above its table, and rows in the style they were given."""
+    table = WordTable("name", "value")
+    table.title, table.title_justify = "turn", "left"
+    table.add_row("all", "3", style="bold")
+    table.add_row("one", "2")
+    console = Console(width=40, force_terminal=True, color_system="standard", file=io.StringIO())
+    console.print(table)
+    title, _, first, second = console.file.getvalue().splitlines()
+    assert "turn" in title
+    assert "\x1b[1m" in first
+    assert "\x1b[1m" not in second

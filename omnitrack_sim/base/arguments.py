@@ -22,7 +22,7 @@ _MAKERS = {
     "Network": ("load_network",),
     "Plan": ("load_sweep", "load_study"),
     "Result": ("load_result",),
-    "TrialsResult": ("run_trials",),
+    "TrialsResult": ("load_sweep_result", "run_trials"),
     "Pipes": ("add_pipes",),
 }
 """Functions of the package that make a thing from a file, a folder or a name, by its class."""

@@ -72,6 +72,33 @@ each other: a route that goes round in a circle a hundred times has thousands of
 MAX_COORDINATE = 1e5
 """Distance of a network's place from the origin, m: there a position is still exact to 1e-11 m."""
 
+MAX_RUN_BYTES = 64_000_000
+"""Size of ``scenario.json`` or ``result.json`` of a run: a long exploration tells of events and
+legs in some megabytes."""
+MAX_RECORDING_BYTES = 4_000_000_000
+"""Size of a recording, packed and unpacked: an hour of a robot of 50 joints at 50 samples a second
+has 1 GB."""
+MAX_TABLE_BYTES = 20_000_000_000
+"""Size of a file of samples, pictures or trials: pictures of ten hours."""
+MAX_TEXT = 500_000_000
+"""Bytes of all texts in a column of a table, each row's counted: reasons of a million trials."""
+MAX_COLUMNS = 10_000
+"""Columns of such a table."""
+MAX_MODEL_TEXT = 10_000_000
+"""Size of the text of a model file, MJCF or URDF: read and checked in half a second."""
+MAX_MODEL_LEVELS = 400
+"""Elements in each other: bodies of a chain, with what surrounds them. MuJoCo reads 500."""
+MAX_MODEL_ELEMENTS = 100_000
+"""Elements of a model, with all copies that ``replicate`` makes: compiled in some seconds."""
+MAX_MODEL_CELLS = 100_000_000
+"""Cells of a model's height fields, textures and made-up meshes: 400 MB."""
+MAX_MODEL_COUNT = 1_000_000
+"""Any other number of things that a model asks for, such as user data."""
+MAX_MODEL_MEMORY = 4 * 1024**3
+"""Bytes that a model asks for, for contacts and constraints of one robot."""
+MAX_MODEL_FILES = 500_000_000
+"""Bytes of all files that a model names: meshes and pictures."""
+
 
 def too_long(length: float, where: str, limit: float = MAX_LENGTH) -> list[Fault]:
     """Return a fault if pipes are longer together than ``limit`` m."""

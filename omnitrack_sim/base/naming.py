@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -22,7 +25,52 @@ if TYPE_CHECKING:
 _HANDED_OVER: dict[str, Any] = {}
 _FOLDERS: list[Path] = []
 """Of the files that were read, the newest last: modules may lie beside them."""
+_TRUSTED: ContextVar[Collection[str] | None] = ContextVar("_TRUSTED", default=())
+"""Modules that a name in a file may import; None: any."""
 _Value = TypeVar("_Value")
+
+
+TRUST = "--trust, or in Python trust=True"
+"""How a user says that the code which a file names may be run."""
+
+
+class NotTrustedError(InputError):
+    """A file names code that is not loaded, and what reads it runs none."""
+
+
+@contextmanager
+def trusting(modules: Collection[str] | None = None) -> Iterator[None]:
+    """Let names in files import their modules, as what is about to be run has to.
+
+    Outside of this no name imports anything: saved runs, maps and passports are looked at, and
+    whoever made them may not be trusted.
+
+    Args:
+        modules: that may be imported; None: all.
+    """
+    before = _TRUSTED.set(modules)
+    try:
+        yield
+    finally:
+        _TRUSTED.reset(before)
+
+
+def is_trusting() -> bool:
+    """Return whether names in files may import any module at this moment."""
+    return _TRUSTED.get() is None
+
+
+def is_usable(name: str) -> bool:
+    """Return whether an object ``module:Object`` is loaded, or may be."""
+    try:
+        module_name, _, path = name.partition(":")
+        return (
+            is_trusting()
+            or name in _HANDED_OVER
+            or bool(_already_loaded(name, module_name, path, ""))
+        )
+    except NotTrustedError:
+        return False
 
 
 class ByName(dict[str, _Value]):
@@ -41,6 +89,26 @@ def name_of(thing: Any) -> str:
     name = f"{thing.__module__}:{thing.__qualname__}"
     _HANDED_OVER[name] = thing
     return name
+
+
+def by_pattern(table: Mapping[str, _Value], names: Sequence[str], where: str) -> dict[str, _Value]:
+    """Return values by names of which a table has some, or patterns of them such as ``wheel_*``.
+
+    Args:
+        table: where several keys fit one name, the last one counts.
+        names: all that there are.
+        where: dotted path of the table.
+
+    Raises:
+        InputError: a key fits none of the names.
+    """
+    found: dict[str, _Value] = {}
+    for key, value in table.items():
+        fitting = [key] if key in names else [n for n in names if fnmatchcase(n, key)]
+        if not fitting:
+            raise InputError(Fault(f"{where}.{key}", "fits no name", tuple(names), given=key))
+        found |= dict.fromkeys(fitting, value)
+    return found
 
 
 Group = Literal["robots", "controllers", "fittings"]
@@ -74,8 +142,9 @@ def named(
     """Return the object that a name in a file stands for.
 
     That is a shipped one, one that an installed distribution adds, or the user's own
-    ``module:Object``, which is imported. Modules are looked for where Python looks for them, in the
-    working folder, and beside the files that were read.
+    ``module:Object``. Where the caller trusts the file (``trusting``) its module is imported; it is
+    looked for where Python looks for modules, in the working folder, and beside the files that were
+    read. Elsewhere the name stands for an object only if its module has been imported already.
 
     Args:
         name: as it stands in a file.
@@ -86,6 +155,7 @@ def named(
             None: all.
 
     Raises:
+        NotTrustedError: the object is not loaded, and the file is not trusted.
         InputError: there is no such object; the fault says what was looked for and the choices.
     """
     if name in shipped:
@@ -94,13 +164,34 @@ def named(
     if name in _HANDED_OVER:
         return _HANDED_OVER[name]
     added = {} if group is None else installed(group)
-    if name in added:
-        return _loaded(added[name], where)
-    module_name, colon, path = name.partition(":")
+    value = added[name].value if name in added else name
+    module_name, colon, path = value.partition(":")
     if not (colon and module_name and path):
         choices = (*shipped, *added, "module:Object")
         raise InputError(Fault(where, f"is {name!r}", choices, given=name))
+    trusted = _TRUSTED.get()
+    if trusted is not None and module_name not in trusted:
+        return _already_loaded(name, module_name, path, where)
+    if name in added:
+        return _loaded(added[name], where)
     return _imported(module_name, path, where, (*shipped, *added), fits)
+
+
+def _already_loaded(name: str, module_name: str, path: str, where: str) -> Any:
+    """Return the object ``path`` of a module that this process has imported; nothing is run.
+
+    Raises:
+        NotTrustedError: there is none.
+    """
+    thing: Any = sys.modules.get(module_name)
+    for part in path.split("."):
+        # Not by getattr, at which modules and classes may run code, such as a lazy import.
+        members = getattr(thing, "__dict__", {}) if isinstance(thing, ModuleType | type) else {}
+        if part not in members:
+            problem = f"is {name!r}, code that only looking at a file does not run; if you trust it"
+            raise NotTrustedError(Fault(where, f"{problem}: {TRUST}"))
+        thing = members[part]
+    return thing
 
 
 def _loaded(entry: EntryPoint, where: str) -> Any:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -82,7 +84,7 @@ _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",
     frozenset({"sha256", "sweep"}): "is the record of a sweep; give the file that the sweep was "
-    "run from",
+    "run from. Its folder is what ot.load_sweep_result and `omnitrack run --trial` take",
     frozenset({"sha256", "study"}): "is the record of a study; give the file that the study was "
     "run from",
 }
@@ -123,11 +125,7 @@ def table_of(path: Path, noun: str, error: type[InputError]) -> dict[str, Any]:
     language = "JSON" if path.suffix.lower() == ".json" else "TOML"
     most = MAX_BYTES[language] * (TOWN_TIMES if noun == NETWORK.noun else 1)
     try:
-        with path.open("rb") as file:
-            # One byte more than allowed shows that a file is too large without reading all of it.
-            content = file.read(most + 1)
-        if len(content) > most:
-            raise ValueError(f"is too large: at most {most} bytes of {language} are read")
+        content = read_bytes(path, most, f" of {language}")
         # Editors on Windows put a byte order mark first, which neither TOML nor JSON takes.
         text = content.decode("utf-8-sig")
         data = _read(text, language)
@@ -208,11 +206,61 @@ def _is_deep(data: Any) -> bool:
     return bool(layer)
 
 
+def read_bytes(path: str | os.PathLike[str], most: int, what: str = "") -> bytes:
+    """Read a regular file of at most ``most`` bytes; nothing else is waited for or read.
+
+    Args:
+        path: of the file.
+        most: bytes.
+        what: words behind the number of bytes in a message, with their blank.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is a pipe, a device or the like, or larger.
+    """
+    size_of(path, most, what)  # before it is opened: a device may act on that
+    with open(path, "rb", opener=_without_waiting) as file:
+        _check_size(os.fstat(file.fileno()), most, what)
+        # What the system makes up as it is read has no size before.
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"is too large: at most {most} bytes{what} are read")
+    return content
+
+
+def size_of(path: str | os.PathLike[str], most: int, what: str = "") -> int:
+    """Return the size of a regular file; arguments and errors as of ``read_bytes``."""
+    return _check_size(os.stat(path), most, what)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    # A pipe that took the place of the file would else be waited for.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _check_size(status: os.stat_result, most: int, what: str) -> int:
+    if stat.S_ISDIR(status.st_mode):
+        raise ValueError("is a folder, no file")
+    if not stat.S_ISREG(status.st_mode):
+        raise ValueError("is no regular file")
+    if status.st_size > most:
+        raise ValueError(f"is too large: at most {most} bytes{what} are read")
+    return status.st_size
+
+
 def is_file(path: Path) -> bool:
     """Return whether a path leads to a regular file; false if it cannot be examined."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # too long, no permission, a null character
+        return False
+
+
+def exists(path: Path) -> bool:
+    """Return whether a path leads to anything; false if it cannot be examined."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
         return False
 
 
@@ -239,6 +287,7 @@ def _located(source: str | Path, kind: Kind, error: type[InputError]) -> Path:
         problem = f"is a folder, not a {kind.noun} file"
         if kind is SCENARIO:
             problem += _scenario_beside(path / "scenario.json")
+        problem += in_folder(path)
         raise error(Fault(name or "''", problem))
     if there:
         raise error(Fault(name, "is no regular file"))
@@ -249,6 +298,16 @@ def _scenario_beside(path: Path) -> str:
     """Hint at the scenario of a run, for a path in the run's folder; empty for other paths."""
     scenario = path.with_name("scenario.json")
     return f"; the scenario of this run is {scenario}" if is_file(scenario) else ""
+
+
+def in_folder(folder: Path) -> str:
+    """Return the hint that a folder is that of a sweep, and who takes it; empty for others."""
+    if not is_file(folder / "sweep.json"):
+        return ""
+    return (
+        f"; it is the folder of a sweep: ot.load_sweep_result({str(folder)!r}) reads it, "
+        f"`omnitrack run {folder} --trial 0` runs a trial of it again"
+    )
 
 
 def _unknown(name: str, kind: Kind) -> Fault:

@@ -66,6 +66,11 @@ class FileName:
     digest: str
 
 
+@dataclass(frozen=True)
+class ObjectName:
+    """Mark, in the annotation of a key, that it may name an object of a user's own."""
+
+
 def marks_of(table: type[BaseModel], kind: type[_Mark]) -> dict[str, _Mark]:
     """Marks of a kind, such as ``Unit``, in the annotations of the keys that have one."""
     return {

@@ -18,6 +18,13 @@ from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 _PR_SET_PDEATHSIG = 1
 
 
+def cores() -> int:
+    """Return the number of cores that this process may use, which may be fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):  # of Linux alone
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class LocalPool(ProcessPoolExecutor):
     """Worker processes that die with this one.
 

@@ -110,6 +110,13 @@ FolderOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder of the results; one below out/ by default."),
 ]
+TrustOption = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Import the code that the file names, and read its robot's own file, as a run does.",
+    ),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

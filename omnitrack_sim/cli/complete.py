@@ -41,6 +41,14 @@ def policies(incomplete: str) -> Choices:
     return names + [(path, "") for path in _files(incomplete, (".npz",))]
 
 
+def towns(incomplete: str) -> Choices:
+    """Towns that come with wntr, and files of networks of other programs."""
+    from omnitrack_sim.pipes.importing import wntr_towns
+
+    names = [(name, "") for name in wntr_towns() if name.startswith(incomplete)]
+    return names + [(path, "") for path in _files(incomplete, (".inp", ".pcf"))]
+
+
 def kinds(incomplete: str) -> Choices:
     """Kinds of robots."""
     from omnitrack_sim.robots.kinds import robot_kinds

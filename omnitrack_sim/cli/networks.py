@@ -10,10 +10,12 @@ from rich.text import Text
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, NetworkError
+from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
     JsonOption,
     NetworkArgument,
     PlotOption,
+    TrustOption,
     app,
     out,
     plain,
@@ -65,11 +67,12 @@ def network(
         ),
     ] = None,
     as_json: JsonOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Show a pipe network: parts, open ends, shortest route between two, figures, exports."""
     # A random network may take seconds: places that cannot be written are refused before.
     _check_outputs(to_file, plot, export)
-    net = _network(source, random, fittings)
+    net = _network(source, random, fittings, trust)
     route = _asked_route(net, start, goal, avoid or [])
     written = _save(net, route, to_file, plot, export)
     if as_json:
@@ -87,7 +90,10 @@ def import_file(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="A town of EPANET (.inp; extra town), an isometric (.pcf)."
+            metavar="FILE",
+            help="A town of EPANET (.inp; extra town), one of wntr's by name, such as ky10, or an "
+            "isometric (.pcf).",
+            autocompletion=complete.towns,
         ),
     ],
     to_file: Annotated[
@@ -162,7 +168,7 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
         check_folder(export)
 
 
-def _network(source: str | None, seed: int | None, fittings: int | None) -> ot.Network:
+def _network(source: str | None, seed: int | None, fittings: int | None, trust: bool) -> ot.Network:
 
     # Exactly one of the two says where the network comes from.
     if (source is None) == (seed is None):
@@ -171,7 +177,7 @@ def _network(source: str | None, seed: int | None, fittings: int | None) -> ot.N
     if seed is None:
         if fittings is not None:
             raise NetworkError(Fault("--fittings", "is for --random"))
-        return ot.load_network(str(source))
+        return ot.load_network(str(source), trust=trust)
     return ot.random_network(seed) if fittings is None else ot.random_network(seed, fittings)
 
 

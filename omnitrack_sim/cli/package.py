@@ -51,8 +51,8 @@ def parameters(
         str | None,
         typer.Argument(
             metavar="[ROBOT]",
-            help="A kind of robot, an MJCF file, or a scenario whose robot is shown; the default "
-            "one if left out.",
+            help="A kind of robot, an MJCF or URDF file, or a scenario whose robot is shown; the "
+            "default one if left out.",
             autocompletion=complete.robots,
         ),
     ] = None,
@@ -73,16 +73,18 @@ def parameters(
 
 
 def _robot(source: str | None) -> ot.Robot:
-    """Return the robot of a kind, an MJCF file or a scenario; None: the default one."""
+    """Return the robot of a kind, a model file or a scenario; None: the default one."""
+    from omnitrack_sim.base.naming import trusting
     from omnitrack_sim.base.reading import checked
-    from omnitrack_sim.robots.kinds import DEFAULT, robot_class, robot_kinds
+    from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class, robot_kinds
 
     kind = source or DEFAULT
-    if Path(kind).suffix in (".xml", ".mjcf", ".urdf"):
+    if is_model_file(kind):
         return checked(ot.Mjcf, {"file": kind}, InputError)
     if kind not in robot_kinds() and ":" not in kind:
         return load(kind, None).robot
-    model = robot_class(kind)
+    with trusting():
+        model = robot_class(kind)
     needed = [name for name, field in model.model_fields.items() if field.is_required()]
     if needed:
         problem = (

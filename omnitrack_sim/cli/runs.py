@@ -1,8 +1,7 @@
-"""run, render, replay, compare: running one scenario, and showing saved runs."""
+"""run, render, replay, export, compare: running one scenario, and showing saved runs."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from omnitrack_sim.cli.common import (
     JsonOption,
     ScenarioArgument,
     SetOption,
+    TrustOption,
     app,
     load,
     out,
@@ -26,11 +26,12 @@ from omnitrack_sim.cli.common import (
     print_json,
     print_saved,
     progress,
+    with_changes,
 )
 from omnitrack_sim.cli.word_table import WordTable
 
-PAGE = "replay.html"
-"""Name of the page in the folder of its run."""
+PAGE, EXPORT = "replay.html", "trajectory"
+"""Names of the page, and of what is exported, in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
 _MIN_VALUE_WIDTH = 6
@@ -59,27 +60,72 @@ def run(
     folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: CameraOption = None,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="FORMAT",
+            help="Also write trajectory.FORMAT: mcap for Foxglove and Rerun, or csv. Repeat for "
+            "both.",
+        ),
+    ] = None,
+    trial: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="SCENARIO is a sweep, or the folder of one: run its trial N again, to the same "
+            "bytes.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run one scenario and save result, timeline, trajectory, plots, replay page and video."""
     from omnitrack_sim.base.writing import check_folder
     from omnitrack_sim.results.files import RESULT_FILE
 
-    loaded = load(scenario, assignments)
+    if trial is None:
+        loaded, name = load(scenario, assignments), None
+    else:
+        loaded, name = _trial_of(scenario, trial, assignments)
     camera = camera or usual_camera(loaded)
     if video:
         check_camera(camera)
+    for format in exports or ():
+        _check_export(format)
     # Places and cameras are checked before the run, which may take minutes.
-    target = folder or Path("out") / loaded.name
+    target = folder or Path("out") / (name or loaded.name)
     check_folder(target, RESULT_FILE)
     with progress(f"run {loaded.name}", as_json) as report:
         result = ot.run(loaded, progress=report)
     result.save(target)
     draw(result, target, camera if video else None, as_json)
+    for format in exports or ():
+        ot.export_result(result, target / f"{EXPORT}.{format}")
     if as_json:
         print_json(result.summary())
     else:
         print_result(result, target)
+
+
+def _trial_of(
+    source: str, trial: int, assignments: Sequence[str] | None
+) -> tuple[ot.Scenario, str]:
+    """Return a trial of a sweep, by file, name or folder, and a name for its own folder."""
+
+    def chosen(changes: dict[str, Any]) -> tuple[ot.Scenario, str]:
+        if Path(source).is_dir():
+            sweep = ot.load_sweep_result(source, trust=True).plan
+            assert isinstance(sweep, ot.Sweep)
+        else:
+            sweep, changes = ot.load_sweep(source, changes), {}
+        if trial >= sweep.size:
+            problem = f"is {trial}; {sweep.name} has trials 0 to {sweep.size - 1}"
+            raise InputError(Fault("--trial", problem))
+        scenario = sweep.scenario(trial)
+        return ot.override(scenario, changes) if changes else scenario, f"{sweep.name}_{trial}"
+
+    return with_changes(chosen, assignments)
 
 
 def draw(result: ot.Result, target: Path, camera: str | None, quiet: bool) -> None:
@@ -262,7 +308,9 @@ def usual_camera(scenario: ot.Scenario) -> str:
 
 def processes_for(duration: float, fps: int) -> int:
     """Return how many processes paint a film of this length, s, fastest on this machine."""
-    spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
+    from omnitrack_sim.base.workers import cores
+
+    spare = cores() // 2  # each painter keeps the one that encodes busy, too
     return max(1, min(spare, int(duration * fps) // FRAMES_A_PROCESS))
 
 
@@ -304,23 +352,25 @@ def render(
             help="Times of the stills, s; evenly over the manoeuvres if not given.",
         ),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Render a saved run from any camera: as a film, or as stills side by side."""
     if camera is not None:
         check_camera(camera)
     pixels = {} if size is None else _size(size)
     if strip is None and at is None:
-        _film(run_dir, camera, file, pixels, fps, processes)
+        _film(run_dir, trust, camera, file, pixels, fps, processes)
         return
     idle = {"--fps": fps, "--processes": processes}
     faults = [Fault(name, "is for films, not strips") for name, v in idle.items() if v is not None]
     if faults:
         raise InputError(faults)
-    _strip(run_dir, camera, file, pixels, strip, None if at is None else _times(at))
+    _strip(run_dir, trust, camera, file, pixels, strip, None if at is None else _times(at))
 
 
 def _strip(
     run_dir: Path,
+    trust: bool,
     camera: str | None,
     file: Path | None,
     size: dict[str, int],
@@ -334,7 +384,7 @@ def _strip(
 
     target = file or run_dir / "strip.png"
     count = FRAMES if count is None else count
-    result = ot.load_result(run_dir)
+    result = ot.load_result(run_dir, trust=trust)
     camera = camera or usual_camera(result.scenario)
     try:
         ot.render_strip(result, path=target, count=count, times=times, camera=camera, **size)
@@ -346,6 +396,7 @@ def _strip(
 
 def _film(
     run_dir: Path,
+    trust: bool,
     camera: str | None,
     file: Path | None,
     size: dict[str, int],
@@ -364,7 +415,7 @@ def _film(
     check_request(camera or CAMERAS[0], **wanted, format=format, processes=painters)
     if file is not None:
         check_file(file)
-    result = ot.load_result(run_dir)
+    result = ot.load_result(run_dir, trust=trust)
     camera = camera or usual_camera(result.scenario)
     target = file or run_dir / f"{camera}.mp4"
     filmed(result, target, camera, False, processes, **wanted)
@@ -426,6 +477,7 @@ def replay(
         Path | None,
         typer.Option("--out", metavar="FILE", help=f"A .html; RUN_DIR/{PAGE} when not given."),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Write a page that plays a saved run in any browser, without a network."""
     from omnitrack_sim.show.replay.document import pipes_mismatch
@@ -433,8 +485,12 @@ def replay(
 
     # A run that cannot be read is the clearer message of the two.
     # And before the place of the page, which may be in its folder.
-    result = RunPlayback(ot.load_result(run_dir), coarse=False)
-    other = None if compare is None else RunPlayback(ot.load_result(compare), coarse=False)
+    result, *others = (
+        RunPlayback(ot.load_result(folder, trust=trust), coarse=False)
+        for folder in (run_dir, compare)
+        if folder is not None
+    )
+    other = others[0] if others else None
     if other is not None and (problem := pipes_mismatch(result, other)):
         hint = "compares figures and scenarios of any two runs"
         problem += f"; `omnitrack compare {run_dir} {compare}` {hint}"
@@ -442,6 +498,33 @@ def replay(
     target = file or run_dir / PAGE
     ot.render_replay(result, path=target, compare=other)
     print_saved(target)
+
+
+@app.command()
+def export(
+    run_dir: RunArgument,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=f"A .mcap for Foxglove and Rerun, or a .csv; RUN_DIR/{EXPORT}.mcap when not "
+            "given.",
+        ),
+    ] = None,
+) -> None:
+    """Export a saved run for other tools: poses, joints, contacts and channels."""
+    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap"))
+
+
+def _check_export(format: str) -> None:
+    """Refuse a format of ``--export``, by the name of the option."""
+    from omnitrack_sim.show.export import check_export
+
+    try:
+        check_export(format)
+    except InputError as error:
+        raise InputError([fault.at("--export") for fault in error.faults]) from None
 
 
 @app.command()
@@ -457,10 +540,11 @@ def compare(
         ),
     ] = None,
     as_json: JsonOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Compare two saved runs: scenarios, outcomes, metrics, and curves in one figure."""
     _check_target(target)
-    comparison = ot.compare(a, b)
+    comparison = ot.compare(a, b, trust=trust)
     if as_json:
         print_json(comparison.summary())
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from omnitrack_sim.cli.common import (
     JsonOption,
     SetOption,
     app,
+    clock,
     err,
     out,
     plain,
@@ -34,6 +34,8 @@ from omnitrack_sim.cli.word_table import WordTable
 if TYPE_CHECKING:
     from omnitrack_sim.trials.run import Status
 
+FAILED, FILM = "failed", "video.mp4"
+"""Folder of the runs of trials that failed, in that of a sweep, and the film in each."""
 LISTED = 10
 """Number of trials of a sweep that --list shows."""
 _LONGEST = 1000
@@ -46,7 +48,20 @@ DaskOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
 ]
 ListOption = Annotated[
-    bool, typer.Option("--list", help="Show what would be run, and how much; run nothing.")
+    bool,
+    typer.Option(
+        "--list", help="Show what would be run, how much, and how long it takes; run nothing."
+    ),
+]
+BatchOption = Annotated[
+    int | None,
+    typer.Option(
+        "--batch",
+        metavar="N",
+        min=1,
+        help="Trials that run together, in place of the file's number: so many an interruption "
+        "costs each worker at most, and the fewer they are the longer each takes.",
+    ),
 ]
 CoursesOption = Annotated[
     list[str] | None,
@@ -79,18 +94,29 @@ def sweep(
     go_on: Annotated[
         bool, typer.Option("--continue", help="DIR must hold this sweep already.")
     ] = False,
+    batch: BatchOption = None,
+    film_failed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Run N of the trials that failed again, as runs with films, into DIR/failed: "
+            "first one of each outcome.",
+        ),
+    ] = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a sweep; the same command resumes it after an interruption."""
     from omnitrack_sim.trials.store import record_name
 
-    loaded = with_changes(lambda changes: ot.load_sweep(source, changes), assignments)
+    loaded = with_changes(lambda changes: ot.load_sweep(source, changes, batch=batch), assignments)
+    target = folder or Path("out") / loaded.name
     if only_list:
         _print_trials(loaded)
+        print_extent(loaded, target, workers)
         return
     share = _share(shard)
-    target = folder or Path("out") / loaded.name
     if go_on and not (target / record_name(ot.Sweep)).is_file():
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
@@ -101,7 +127,9 @@ def sweep(
     if as_json:
         print_json(result.summary)
     else:
-        _print_sweep(result, target)
+        _print_sweep(result, loaded.size, target)
+    if film_failed is not None:
+        _film_failed(result, loaded, film_failed, target, as_json)
 
 
 @app.command()
@@ -118,15 +146,17 @@ def optimise(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Search for the best values of a scenario; the same command resumes an interrupted search."""
-    study = with_changes(lambda changes: ot.load_study(source, changes), assignments)
+    study = with_changes(lambda changes: ot.load_study(source, changes, batch=batch), assignments)
+    target = folder or Path("out") / study.name
     if only_list:
         _print_plan(study)
+        print_extent(study, target, workers)
         return
-    target = folder or Path("out") / study.name
     options = worker_options(workers, dask)
     with trials_bar(f"optimise {study.name}") as report:
         result = ot.run_trials(study, out=target, progress=report, **options)
@@ -176,6 +206,7 @@ def bench(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Put robots or controllers through the same courses.
@@ -185,15 +216,23 @@ def bench(
     from omnitrack_sim.trials.suite import load_suite
 
     shipped = [] if alone else [*load_suite(suite).entries]
-    entries = [*shipped, *_pairs(robots or [], controllers or [])]
+    own = _pairs(robots or [], controllers or [])
+    entries = [*shipped, *own]
     planned = with_changes(
         lambda changes: ot.Bench.of(
             suite, courses, entries, quick=quick, trials=trials, changes=changes
         ),
         assignments,
     )
+    if own and shipped:
+        beside = counted(len(shipped), "shipped entry", "shipped entries")
+        err.say(f"runs beside {beside}; --alone leaves these out")
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_{Path(suite).stem}{kind}"
+    if only_list:
+        _print_courses(planned)
+        print_extent(planned, target, workers)
+        return
     options = worker_options(workers, dask)
     with trials_bar(f"bench {planned.name}") as report:
         result = ot.run_trials(planned, out=target, progress=report, **options)
@@ -218,13 +257,12 @@ def worker_options(workers: int | None, dask: str | None) -> dict[str, Any]:
     Raises:
         InputError: both are asked for.
     """
+    from omnitrack_sim.base.workers import DaskPool, cores
+
     if dask is None:
-        # The cores that this process may use, which may be fewer than the machine has.
-        return {"workers": workers or len(os.sched_getaffinity(0)), "executor": None}
+        return {"workers": workers or cores(), "executor": None}
     if workers is not None:
         raise InputError(Fault("--workers, --dask", "give one of the two"))
-    from omnitrack_sim.base.workers import DaskPool
-
     logging.disable(logging.ERROR)  # distributed logs each lost connection with its traceback
     return {"workers": 1, "executor": lambda: DaskPool(dask)}
 
@@ -261,6 +299,9 @@ def trials_bar(title: str) -> Iterator[Callable[[Status], None]]:
             done = f"{last.stage}, {counted(last.done, 'trial')} done"
         elif last is not None:
             done = f"{last.done} of {counted(last.total, 'trial')} done"
+        if last is not None and last.batch:
+            batch = "the trial" if last.batch == 1 else f"the batch of up to {last.batch} trials"
+            done += f", and {batch} that each worker was at begins anew"
         err.say(f"interrupted: {done}; the same command goes on from there")
         raise typer.Exit(130) from None
 
@@ -300,19 +341,49 @@ def _print_trials(loaded: ot.Sweep) -> None:
         out.print(f"and {loaded.size - LISTED} more")
 
 
+def _print_courses(planned: ot.Bench) -> None:
+    """Print the courses of a bench, and how many trials each entry has on each."""
+    names = [entry.name for entry in planned.entries]
+    sweeps = planned.sweeps()
+    rows = []
+    for course in planned.courses:
+        own = [sweeps[course.name, name] for name in names]
+        trials = [sweep.size for sweep in own if not isinstance(sweep, str)]
+        rows.append((course.name, str(len(trials)), str(sum(trials)), course.words))
+    print_table(("course", "entries that fit", "trials", "what"), rows)
+    out.say(f"entries: {plain(', '.join(names))}")
+
+
+def print_extent(plan: ot.Plan, target: Path, workers: int | None) -> None:
+    """Print how many trials a plan has, and how long they take on this machine."""
+    from omnitrack_sim.base.workers import cores
+    from omnitrack_sim.trials.estimate import estimate
+
+    count = workers or cores()
+    extent = estimate(plan, target if target.is_dir() else None)
+    ends = [clock(seconds / count) for seconds in (extent.shortest, extent.longest)]
+    takes = "takes" if extent.trials == 1 else "take"
+    before = f"; {extent.done} of them done before" if extent.done else ""
+    out.say(
+        f"{counted(extent.trials, 'trial')} {takes} {ends[0]} (each robot cruises to its goal) to "
+        f"{ends[1]} (each runs to its time limit) with "
+        f"{counted(count, 'process', 'processes')} like this one{before}"
+    )
+
+
 def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return "[" + ", ".join(map(_shown, value)) + "]" if isinstance(value, list) else str(value)
 
 
-def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
-    """Print the summary of a finished sweep, or how far a share of it is."""
+def _print_sweep(result: ot.TrialsResult, size: int, target: Path) -> None:
+    """Print the summary of a finished sweep of ``size`` trials, or how far a share of it is."""
     summary, place = result.summary, plain(str(target))
     if not summary:
         out.say(
             f"of this share {counted(result.table.num_rows, 'trial')} done; the table follows when "
-            f"all {result.status.total} are in {place}"
+            f"all {size} are in {place}"
         )
         return
     table = WordTable("group", "passed", "of", "rate", "95 % interval")
@@ -326,6 +397,29 @@ def _print_sweep(result: ot.TrialsResult, target: Path) -> None:
     if summary["invalid"] or summary["error"]:
         out.say(f"  not in the rates: {summary['invalid']} invalid, {summary['error']} error")
     out.say(f"  saved in {place}")
+
+
+def _film_failed(
+    result: ot.TrialsResult, sweep: ot.Sweep, count: int, target: Path, quiet: bool
+) -> None:
+    """Run trials that failed again, and save each with its pictures below ``failed``."""
+    from omnitrack_sim.cli.runs import draw, usual_camera
+    from omnitrack_sim.results.files import RESULT_FILE
+    from omnitrack_sim.trials.table import failures
+
+    chosen = failures(result.table, count)
+    if not chosen and not quiet:
+        out.say("  no trial failed: nothing to film")
+    for trial in chosen:
+        folder = target / FAILED / f"trial_{trial}"
+        scenario = sweep.scenario(trial)
+        if not ((folder / RESULT_FILE).is_file() and (folder / FILM).is_file()):
+            with progress(f"trial {trial}", quiet) as report:
+                run = ot.run(scenario, progress=report)
+            run.save(folder)
+            draw(run, folder, usual_camera(scenario), quiet)
+        if not quiet:
+            out.say(f"  trial {trial} in {plain(str(folder))}")
 
 
 def _rate(row: dict[str, Any]) -> list[str]:

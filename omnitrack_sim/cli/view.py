@@ -14,6 +14,7 @@ from omnitrack_sim.cli.common import (
     FolderOption,
     ScenarioArgument,
     SetOption,
+    TrustOption,
     app,
     load,
     out,
@@ -56,13 +57,14 @@ def view(
     ],
     assignments: SetOption = None,
     speed: SpeedOption = "1",
+    trust: TrustOption = False,
 ) -> None:
     """Show a scenario as it runs, or a saved run again, in a window (needs a screen)."""
     pace = _speed(speed)
     is_saved = _is_folder(source)
     if is_saved and assignments:
         raise InputError(Fault(source, "is a saved run; --set is for scenarios"))
-    result = ot.load_result(source) if is_saved else None
+    result = ot.load_result(source, trust=trust) if is_saved else None
     scenario = load(source, assignments) if result is None else result.scenario
     from omnitrack_sim.show.viewer.player import Player, Replayer
     from omnitrack_sim.show.viewer.window import Window, require_screen

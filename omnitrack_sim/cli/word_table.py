@@ -41,15 +41,22 @@ class WordTable(Table):
         gap = next((n for n in gaps if sum(least) + n * len(least) <= options.max_width), gaps[-1])
         widths = fitted(least, most, options.max_width - gap * len(least))
         padding = self.padding if gap == gaps[0] else (0, 1, 0, 0)
-        table = Table(box=None, padding=padding, show_header=self.show_header)
+        table = Table(
+            title=self.title,
+            title_justify=self.title_justify,
+            box=None,
+            padding=padding,
+            show_header=self.show_header,
+        )
         wrapped = [
             [_wrapped(text, width) for text in column]
             for column, width in zip(columns, widths, strict=True)
         ]
         for column, (head, *_), width in zip(self.columns, wrapped, widths, strict=True):
             table.add_column(head, justify=column.justify, width=width, overflow="fold")
-        for cells in zip(*(column[1:] for column in wrapped), strict=True):
-            table.add_row(*cells)
+        rows = zip(*(column[1:] for column in wrapped), strict=True)
+        for cells, row in zip(rows, self.rows, strict=True):
+            table.add_row(*cells, style=row.style)
         yield table
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
@@ -72,7 +73,8 @@ class EnvOptions(Table):
 
     def features(self, robot: Robot) -> tuple[Feature, ...]:
         """Observed features of a robot, in the order of the entries."""
-        return robot.decisions.features_of(robot, self.observation)
+        with trusting():
+            return robot.decisions.features_of(robot, self.observation)
 
     def senses(self, robot: Robot) -> str:
         """The scenario's ``sensing.kind``."""

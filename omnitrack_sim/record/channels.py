@@ -156,6 +156,18 @@ class Vector(Channel):
         return tuple(f"{self.name}_{axis}" for axis in ("xyz" if self.shape == (3,) else "wxyz"))
 
 
+@dataclass(frozen=True)
+class Labelled(Channel):
+    """A channel of a saved run with names of its columns that another class has given it."""
+
+    labels: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As they stand in the file."""
+        return self.labels
+
+
 def _on_route(name: str, unit: str, meaning: str, shown: Display) -> Channel:
     """A number that follows from the pose and the route."""
     return Channel(name, (), unit, meaning, "route", source="route", shown=shown)

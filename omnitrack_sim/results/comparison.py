@@ -92,8 +92,9 @@ class Comparison:
         """Values in which the resolved scenarios differ, by dotted path; names do not count."""
         first, second = (r.scenario.model_dump(mode="json") for r in (self.a, self.b))
         del first["name"], second["name"]
+        robots = [run.scenario.robot for run in (self.a, self.b)]
         return tuple(
-            ComparedValue(path, unit_of(path) or "", a, b)
+            ComparedValue(path, unit_of(path, robots) or "", a, b)
             for path, a, b in differing(first, second)
         )
 
@@ -146,12 +147,15 @@ class Comparison:
         return f"<div>{head}{values}{figures}</div>"
 
 
-def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str]) -> Comparison:
+def compare(
+    a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[str], *, trust: bool = False
+) -> Comparison:
     """Compare two runs.
 
     Args:
         a: run, or folder of a saved one.
         b: the other.
+        trust: see ``load_result``.
 
     Raises:
         OutputError: a folder is no run.
@@ -163,7 +167,7 @@ def compare(a: Result | str | os.PathLike[str], b: Result | str | os.PathLike[st
         >>> [(one.name, one.a, one.b) for one in ot.compare(*runs).values]
         [('world.friction', 0.9, 0.5)]
     """
-    return Comparison(as_result(a), as_result(b))
+    return Comparison(as_result(a, trust), as_result(b, trust))
 
 
 class _Absent:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 import shlex
@@ -18,9 +17,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from omnitrack_sim.base.arguments import check_is
+from omnitrack_sim.base.bounds import MAX_RUN_BYTES
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, OutputError
-from omnitrack_sim.base.naming import ByName
-from omnitrack_sim.base.reading import table_of
+from omnitrack_sim.base.naming import ByName, trusting
+from omnitrack_sim.base.reading import parsed, read_bytes, table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted, shown, strict_json
 from omnitrack_sim.base.writing import whole, whole_folder
@@ -45,8 +45,10 @@ from omnitrack_sim.results.files import (
 )
 from omnitrack_sim.results.html import safe, sketch, table_html
 from omnitrack_sim.results.pictures import PICTURES_FILE, Pictures, read_pictures
+from omnitrack_sim.robots.recorded import MODEL_FILE, is_recorded, model_bytes, values_of
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import Scenario, read_back
+from omnitrack_sim.scenario.model import sha256_of
 
 
 @dataclass(frozen=True)
@@ -256,12 +258,19 @@ class Result:
             "legs": [dataclasses.asdict(leg) for leg in self.legs],
             "map_stds": self.map_stds,
             "provenance": self.provenance,
+            **self._robot(),
         }
+
+    def _robot(self) -> dict[str, Any]:
+        """What is kept of a robot that the scenario and the package alone do not make again."""
+        robot = self.scenario.robot
+        return {"robot": values_of(robot, self.trajectory.schema)} if is_recorded(robot) else {}
 
     def save(self, directory: str | Path) -> Path:
         """Save the run as a folder, completely or not at all; replace an earlier run there.
 
-        Scenario, result, timeline, trajectory, replay, map and pictures are a file each.
+        Scenario, result, timeline, trajectory, replay, map and pictures are a file each, and so is
+        the model of a robot from outside the package.
 
         Raises:
             OutputError: the folder holds something that is no run, or cannot be written.
@@ -273,6 +282,9 @@ class Result:
             (folder / RESULT_FILE).write_text(summary + "\n", encoding="utf-8")
             write_timeline(self.timeline(), folder / TIMELINE_FILE)
             write_trajectory(self.trajectory, folder, self.scenario.robot)
+            if is_recorded(self.scenario.robot):
+                model = model_bytes(self.scenario.robot, self.pipes, self.scenario.plates)
+                (folder / MODEL_FILE).write_bytes(model)
             if self.map is not None:
                 (folder / MAP_FILE).write_text(self.map.to_toml(), encoding="utf-8")
             if self.album is not None:
@@ -314,10 +326,18 @@ class _Summary(_Part):
     events: tuple[dict[str, Any], ...]
     legs: tuple[_LegTable, ...]
     map_stds: dict[str, dict[str, Annotated[float, Field(ge=0)]]] = {}
+    robot: dict[str, Any] | None = None
 
 
-def load_result(directory: str | Path) -> Result:
+def load_result(directory: str | Path, *, trust: bool = False) -> Result:
     """Read a run back from its folder.
+
+    Nothing that its scenario names is imported, and no file outside of the folder is read: a robot
+    from outside the package is known by what the run has recorded of it. It can be shown, not run.
+
+    Args:
+        directory: of the run.
+        trust: import what the scenario names, and read the robot's own file.
 
     Raises:
         OutputError: it is no run, or a file of it is missing or damaged; the message names the
@@ -329,14 +349,22 @@ def load_result(directory: str | Path) -> Result:
         >>> ot.load_result(folder).duration_s == result.duration_s
         True
     """
-    folder = whole(directory)
+    with trusting(None if trust else ()):
+        return _loaded(whole(directory))
+
+
+def _loaded(folder: Path) -> Result:
+    """Return the run in a folder; see ``load_result``."""
     with reading(folder / RESULT_FILE) as path:
-        summary = _summary(path.read_bytes())
+        summary = _summary(read_bytes(path, MAX_RUN_BYTES))
     with reading(folder / SCENARIO_FILE) as path:
-        scenario = read_back(json.loads(path.read_bytes()))
-        # Files of two runs may be mixed by hand: the hash ties the result to its scenario.
-        if scenario.hash != summary.provenance.get("scenario_sha256"):
+        data = parsed(read_bytes(path, MAX_RUN_BYTES).decode(), "JSON")
+        # Files of two runs may be mixed by hand: the hash ties the result to its scenario. It is
+        # looked at before anything that the scenario names.
+        if sha256_of(data) != summary.provenance.get("scenario_sha256"):
             raise ValueError(f"it is not the scenario that {RESULT_FILE} tells the end of")
+        kept = {"file": str((folder / MODEL_FILE).absolute()), "values": summary.robot}
+        scenario = read_back(data, None if summary.robot is None else kept)
     with reading(folder / RESULT_FILE):
         # Only now: kinds of events of the robot are known once its class is.
         events = [event_of(table) for table in summary.events]
@@ -375,14 +403,14 @@ def load_result(directory: str | Path) -> Result:
     return result
 
 
-def as_result(result: Result | str | os.PathLike[str]) -> Result:
-    """Return a result itself, or load the one in the folder of a saved run.
+def as_result(result: Result | str | os.PathLike[str], trust: bool = False) -> Result:
+    """Return a result itself, or load the one in the folder of a saved run; see ``load_result``.
 
     Raises:
         OutputError: the folder is no run. TypeError: it is neither result nor folder.
     """
     if isinstance(result, str | os.PathLike):
-        return load_result(Path(result))
+        return load_result(Path(result), trust=trust)
     return check_is(Result, "result", result)
 
 

@@ -7,6 +7,7 @@ an installed distribution, or is named ``module:Class`` in the file.
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Annotated, TypeGuard
 
 from pydantic import SerializeAsAny
@@ -30,6 +31,16 @@ ROBOTS = (
     "mjcf",
 )
 """Kinds of the robots that come with the package."""
+RECORDED = "recorded"
+"""Kind of the robot of a saved run whose own class is not loaded; no file of a user's has it."""
+
+MODEL_FILES = (".xml", ".mjcf", ".urdf")
+"""Ends of the names of files that hold a model of a robot."""
+
+
+def is_model_file(source: str) -> bool:
+    """Return whether a text is the name of a file that holds a model of a robot."""
+    return Path(source).suffix.lower() in MODEL_FILES
 
 
 def robot_kinds() -> tuple[str, ...]:
@@ -107,6 +118,10 @@ def _shipped(kind: str) -> type[Robot] | None:
             from omnitrack_sim.robots.mjcf import Mjcf
 
             return Mjcf
+        case "recorded":
+            from omnitrack_sim.robots.recorded import Recorded
+
+            return Recorded
     return None
 
 

@@ -1,8 +1,9 @@
-"""A robot of somebody else: an MJCF file as it is."""
+"""A robot of somebody else: MJCF or URDF."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -11,22 +12,77 @@ import mujoco
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from omnitrack_sim.base.reading import is_file
+from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.naming import by_pattern
+from omnitrack_sim.base.reading import exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
-from omnitrack_sim.base.table import FileName, Positive
-from omnitrack_sim.robots.plant import compiled, initial_state
-from omnitrack_sim.robots.quantity import quantity
+from omnitrack_sim.base.table import FileName, NotNegative, Positive
+from omnitrack_sim.robots.model_file import (
+    AmbiguousRootError,
+    RobotModel,
+    check_robot,
+    in_words,
+    robot_model,
+)
+from omnitrack_sim.robots.plant import initial_state
+from omnitrack_sim.robots.quantity import QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
-from omnitrack_sim.walls.geoms import leave_no_log
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+MAX_SERVOS = 100
+"""Tables of servos of one robot; one may be for many joints."""
+
+
+class Servo(QuantityModel):
+    """Motors of joints, for files without actuators. Each is an actuator with its joint's name.
+
+    Example:
+        >>> ot.Servo(joints="wheel_*", kind="velocity", gain=2.0, limit=5.0).gain
+        2.0
+    """
+
+    joints: str = quantity(..., "", "unstated", 'name of a joint, or a pattern such as "wheel_*"')
+    kind: Literal["velocity", "position", "force"] = quantity(
+        "position", "", "unstated", "what its input asks for; of a hinge in rad/s, rad or N m"
+    )
+    gain: Positive = quantity(
+        1.0,
+        "",
+        "unstated",
+        "force for a unit that is missing: of a hinge N m s/rad of speed, N m/rad of angle; of a "
+        "force that of its input",
+    )
+    damping: NotNegative | None = quantity(
+        None, "", "unstated", "of a position, N m s/rad of a hinge. Left out: critical at the start"
+    )
+    limit: Positive | None = quantity(
+        None, "", "unstated", "largest force, N, or torque, N m. Left out: that of the joint"
+    )
+
+    def add_to(self, spec: mujoco.MjSpec, joint: str) -> None:
+        """Add the motor of a joint to a model."""
+        motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        match self.kind:
+            case "velocity":
+                motor.set_to_velocity(kv=self.gain)
+            case "position" if self.damping is None:
+                motor.set_to_position(kp=self.gain, dampratio=1.0)
+            case "position":
+                motor.set_to_position(kp=self.gain, kv=self.damping)
+            case "force":
+                motor.set_to_motor()
+                motor.gainprm[0] = self.gain
+        if self.limit is not None:
+            motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            motor.forcerange = [-self.limit, self.limit]
 
 
 class Mjcf(Robot):
-    """Robot of an MJCF file, driven by a controller of your own.
+    """Robot of an MJCF or URDF file, driven by a controller of your own.
 
     Its nose and tail are the ends of what can touch the wall, along ``forward``, in the state in
-    which the file has it.
+    which the file has it. What the file has beside the robot, such as a floor, is left out.
 
     Example:
         >>> from pathlib import Path
@@ -55,7 +111,8 @@ class Mjcf(Robot):
         "",
         "",
         "derived",
-        "chassis: the body whose pose is the robot's. Left out: the first one with a free joint",
+        "chassis: the body whose pose is the robot's. Left out: the one of the world that carries "
+        "actuators, a free joint or joints",
         validate_default=True,
     )
     forward: Axis = quantity(
@@ -69,13 +126,23 @@ class Mjcf(Robot):
         "its axis along the two others",
     )
 
+    servos: tuple[Servo, ...] = quantity(
+        (),
+        "",
+        "unstated",
+        "a list of motors of joints, for files without actuators such as URDF",
+        max_length=MAX_SERVOS,
+    )
+
     @field_validator("file")
     @classmethod
     def _can_be_read(cls, file: str) -> str:
         try:
-            _model(file)
+            _loaded(file, "")
+        except AmbiguousRootError:
+            pass  # which body it is, ``body`` may tell
         except (ValueError, OSError) as error:
-            raise ValueError(f"cannot be read: {' '.join(str(error).split())}") from None
+            raise ValueError(in_words(error, file)) from None
         return file
 
     @field_validator("sha256")
@@ -93,26 +160,46 @@ class Mjcf(Robot):
     def _is_a_body(cls, body: str, info: ValidationInfo) -> str:
         if "file" not in info.data:
             return body  # reported at the file's own key
-        model = _model(info.data["file"])
-        names = [model.body(i).name for i in range(1, model.nbody)]
-        if body and body not in names:
-            raise ValueError(f"there is no body {body!r} (choose from: {', '.join(names)})")
-        if not body and mujoco.mjtJoint.mjJNT_FREE not in model.jnt_type:
-            raise ValueError("is missing: no body of the file has a free joint")
+        try:
+            _loaded(info.data["file"], body)
+        except (ValueError, OSError) as error:
+            raise ValueError(in_words(error, info.data["file"])) from None
         return body
+
+    @field_validator("servos")
+    @classmethod
+    def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
+        if "body" in info.data:
+            names = _loaded(info.data["file"], info.data["body"]).drivable
+            try:
+                by_pattern({servo.joints: servo for servo in servos}, names, "joints")
+            except InputError as error:
+                raise ValueError(str(error)) from None
+        return servos
 
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
-        return mujoco.MjSpec.from_file(self.file)
+        robot = robot_model(self.file, self.body)
+        wanted = {servo.joints: servo for servo in self.servos}
+        motors = by_pattern(wanted, robot.drivable, "robot.servos")
+        for joint in robot.drivable:
+            if joint in motors:
+                motors[joint].add_to(robot.spec, joint)
+        if motors:
+            # By Euler's own method a servo of a light wheel would blow up at a step of 2 ms.
+            robot.spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return robot.spec
+
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002 - protocol
+        """See ``Robot``; what was left out of the file or changed."""
+        changes = _loaded(self.file, self.body).changes
+        if changes:
+            yield f"{Path(self.file).name}: {'; '.join(changes)}"
 
     @property
     def chassis(self) -> str:
         """See ``Robot``."""
-        if self.body:
-            return self.body
-        model = compiled(self)
-        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        return model.body(model.jnt_bodyid[free[0]]).name
+        return self.body or _loaded(self.file, "").root
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
@@ -160,25 +247,26 @@ class Mjcf(Robot):
 
 
 def _digest(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(file, MAX_MODEL_TEXT)).hexdigest()
 
 
-def _model(file: str) -> mujoco.MjModel:
-    """Return the model of a file, compiled once for each of its versions.
+def _loaded(file: str, body: str) -> RobotModel:
+    """Return the robot of a file, once for each of its versions.
 
     Raises:
         OSError: it cannot be read.
-        ValueError: MuJoCo cannot make a model of it.
+        ValueError: MuJoCo cannot make a model of it, or it is no robot in a pipe.
     """
-    if not is_file(Path(file)):
-        raise ValueError("no such file")
-    return _compiled(file, _digest(file))
+    if not exists(Path(file)):
+        raise ValueError("cannot be read: no such file")
+    return _checked(file, body, _digest(file))
 
 
 @lru_cache(maxsize=16)
-def _compiled(file: str, _version: str) -> mujoco.MjModel:
-    leave_no_log()
-    return mujoco.MjSpec.from_file(file).compile()
+def _checked(file: str, body: str, _version: str) -> RobotModel:
+    robot = robot_model(file, body)
+    check_robot(robot.spec.compile())
+    return robot
 
 
 def _turn(forward: Axis) -> Array:

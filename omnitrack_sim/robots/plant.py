@@ -5,7 +5,9 @@ And the diagnosis of robots that make no headway.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -104,7 +106,7 @@ def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSp
     bodies = touching_bodies(spec)
     # Contacts as soft as MuJoCo's own let wheels sink in: they would run 2 % slower.
     soft = max(CONTACT_TIME * robot.time_scale, 2 * options.timestep)
-    contact: dict[str, Any] = {"solref": [soft, 1.0]}
+    contact: dict[str, Any] = {"solref": [soft, 1.0]} | _touching_bits(spec)
     add_pipes(spec, network, friction=1.0, **contact)
     more = [end for end in options.plates if end not in network.closed_ends]
     walls = wall_attributes(1.0, contact)
@@ -114,6 +116,12 @@ def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSp
         for body in bodies:
             _add_touch(spec, body)
     return spec
+
+
+def _touching_bits(spec: mujoco.MjSpec) -> dict[str, int]:
+    """Return the bits with which walls touch whatever of a robot can touch anything."""
+    bits = functools.reduce(operator.or_, (g.contype | g.conaffinity for g in spec.geoms), 1)
+    return {"contype": bits, "conaffinity": bits}
 
 
 def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
@@ -451,9 +459,16 @@ class Plant:
                     problem = (
                         f"does not fit: body {contact.body!r} is {1000 * contact.depth:.1f} mm "
                         f"deep in the wall of a bore of {2000 * radius:.4g} mm once it has settled "
-                        "with its axis on the pipe's"
+                        f"with its axis on the pipe's; {self._way_to_fit(2 * radius, contact)}"
                     )
                     raise InputError(Fault("robot", problem))
+
+    def _way_to_fit(self, bore: float, contact: WallContact) -> str:
+        """Return the bore, and the size of the robot, with which a robot would fit, in words."""
+        made_for = self.robot.nominal_bore
+        wanted = made_for if made_for > bore else bore + 2 * contact.depth
+        part = math.floor(1000 * bore / wanted) / 1000
+        return f"it would in one of {1000 * wanted:.4g} mm, or at {part:.3g} of its size"
 
     def _wall_contacts(self, robot: int) -> list[WallContact]:
         """Contacts of a robot with the pipes as it is now; the batch keeps none."""

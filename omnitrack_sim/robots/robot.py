@@ -28,7 +28,8 @@ from omnitrack_sim.record.metrics import COMMON_METRICS, Metric, Run
 from omnitrack_sim.record.timeline import Touch
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.control import Controller, OwnController
-from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity
+from omnitrack_sim.robots.periodic import Periodic
+from omnitrack_sim.robots.quantity import Parameter, parameter_rows, quantity, unit_at
 from omnitrack_sim.robots.size import GRAVITY, Sized
 from omnitrack_sim.robots.tail import Tether
 
@@ -151,6 +152,15 @@ class Robot(Sized, ABC):
         Fields of tables in it have names such as ``motor.NAME``.
         """
         return [row for row in parameter_rows(self) if row.name != "tether"]
+
+    def unit_at(self, path: str) -> str | None:
+        """Return the unit of the value at a dotted path below its table; None where none is there.
+
+        Example:
+            >>> ot.Omnitrack().unit_at("motor.stall_torque")
+            'N m'
+        """
+        return unit_at(type(self), path)
 
     def check(self) -> None:
         """Refuse names of things that are not there.
@@ -309,7 +319,7 @@ class Robot(Sized, ABC):
         The first is the default. Controllers of installed distributions are beside them, see
         ``controller_of``.
         """
-        return {"own": OwnController}
+        return {"own": OwnController, "periodic": Periodic}
 
     @property
     def decisions(self) -> Any:

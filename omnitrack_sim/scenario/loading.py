@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,16 +14,17 @@ from pydantic import BaseModel, ValidationError
 from omnitrack_sim.base.arguments import check_changes, check_is
 from omnitrack_sim.base.bounds import MAX_PARTS
 from omnitrack_sim.base.errors import Fault, InputError, NetworkError, ScenarioError, gathered
+from omnitrack_sim.base.naming import TRUST, NotTrustedError, is_trusting, is_usable, trusting
 from omnitrack_sim.base.paths import Document, keys_of, value_at
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
-from omnitrack_sim.base.table import FileName, marks_of
+from omnitrack_sim.base.table import FileName, ObjectName, marks_of
 from omnitrack_sim.base.text import finite, shown
 from omnitrack_sim.pipes.network import network_data
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
-from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, is_model_file, robot_class
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import RecordTable
@@ -127,12 +130,14 @@ def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) 
     return validate(data, path.parent, changes)
 
 
+@trusting()
 def validate(
     data: Mapping[str, Any], folder: Path = Path(), changes: Mapping[str, Any] | None = None
 ) -> Scenario:
     """Return a scenario from plain data, as read from TOML or JSON.
 
-    A network may be a table, a file or the name of a shipped one.
+    A network may be a table, a file or the name of a shipped one. What is validated is to be run:
+    modules of the user's own objects that it names are imported.
 
     Args:
         data: of the file.
@@ -269,8 +274,7 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
     """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
-        is_file_name = Path(robot).suffix in (".xml", ".mjcf")
-        robot = {"kind": "mjcf", "file": robot} if is_file_name else {"kind": robot}
+        robot = {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
         data = {**data, "robot": robot}
     kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
     if kind == DEFAULT or not isinstance(kind, str):
@@ -365,9 +369,59 @@ def _unread(where: str, table: Mapping[str, Any], known: Mapping[str, Any]) -> l
     return faults
 
 
-def read_back(data: Mapping[str, Any]) -> Scenario:
-    """Return the scenario of a saved run, without importing the user's own objects it names."""
+def read_back(data: Mapping[str, Any], kept: Mapping[str, Any] | None = None) -> Scenario:
+    """Return the scenario of a saved run, without importing the user's own objects it names.
+
+    Args:
+        data: of its file.
+        kept: what the run has recorded of its robot, ``Recorded``'s ``file`` and ``values``.
+
+    Raises:
+        ScenarioError: a fault of the data.
+        NotTrustedError: it names code that is not loaded, and there is no record.
+    """
+    robot = data.get("robot")
+    if isinstance(robot, Mapping):
+        if kept is None:
+            refuse_file(robot)
+        elif not can_be_made(robot):
+            table = {"table": json.dumps(robot), "tether": robot.get("tether")}
+            data = {**data, "robot": {"kind": RECORDED, **table, **kept}}
     return checked(Scenario, data, ScenarioError, choices_at=_document(data).keys_at)
+
+
+def refuse_file(robot: Mapping[str, Any]) -> None:
+    """Raise a ``NotTrustedError`` for a robot of a file, unless the run is trusted."""
+    for key in () if is_trusting() else marks_of(robot_class(_kind_in(robot)), FileName):
+        problem = f"is {robot.get(key)!r}, a file that only looking at a run does not read; if you"
+        raise NotTrustedError(Fault(f"robot.{key}", f"{problem} trust it: {TRUST}"))
+
+
+def _kind_in(robot: Mapping[str, Any]) -> str:
+    return str(robot.get("kind", DEFAULT))
+
+
+def can_be_made(robot: Mapping[str, Any]) -> bool:
+    """Return whether a robot's table may be read: its code is loaded, and no file is asked for."""
+    try:
+        model = robot_class(_kind_in(robot))
+    except NotTrustedError:
+        return False
+    names = [str(robot.get(key, "")) for key in marks_of(model, ObjectName)]
+    if not all(is_usable(name) for name in names if ":" in name):
+        return False
+    return is_trusting() or not marks_of(model, FileName)
+
+
+def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
+    """Return a scenario itself, or read the one of a file or of a shipped name.
+
+    Raises:
+        ScenarioError: as of ``load_scenario``. TypeError: it is neither of these.
+    """
+    if isinstance(scenario, str | os.PathLike):
+        return load_scenario(os.fspath(scenario))
+    return check_is(Scenario, "scenario", scenario)
 
 
 def override(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:

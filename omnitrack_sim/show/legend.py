@@ -170,7 +170,7 @@ def parts_of_run(model: mujoco.MjModel, trajectory: Trajectory) -> list[Parts]:
     """Return the kinds of parts that the channels of a run have names for.
 
     Args:
-        model: of the robot alone.
+        model: of the robot.
         trajectory: the record.
     """
     groups: dict[str, list[str]] = {}
@@ -193,6 +193,6 @@ def _owners(model: mujoco.MjModel, each: str, names: Sequence[str]) -> tuple[int
     """Return the bodies that parts belong to; those that are no bodies of the model are apart."""
     if each == "actuator" and len(names) == model.nu:
         return actuator_owners(model)
-    kind = mujoco.mjtObj.mjOBJ_BODY
-    found = [mujoco.mj_name2id(model, kind, name) if each == "body" else -1 for name in names]
-    return tuple(one if one > 0 else model.nbody + i for i, one in enumerate(found))
+    numbers = {model.body(i).name or f"body_{i}": i for i in range(1, model.nbody)}
+    known = numbers if each == "body" else {}
+    return tuple(known.get(name, model.nbody + i) for i, name in enumerate(names))

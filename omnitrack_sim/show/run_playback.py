@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.base.text import finite
 from omnitrack_sim.record.channels import COMMON, Channel, Vector
@@ -21,7 +23,9 @@ from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.plant import scene
+from omnitrack_sim.robots.recorded import Recorded
+from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans
@@ -71,8 +75,12 @@ class RunPlayback(Playback):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Tables of fittings are classes made while files are read, which cannot be pickled.
-        scenario = self._run.scenario.model_dump(mode="json", exclude_none=True)
-        return _run_again, (scenario, replace(self._run, scenario=None), self._coarse)  # type: ignore[arg-type]
+        scenario, robot = self._run.scenario, self._run.scenario.robot
+        data = scenario.model_dump(mode="json", exclude_none=True)
+        if isinstance(robot, Recorded):
+            data["robot"] = robot.to_table()
+        rest: Any = replace(self._run, scenario=None)  # type: ignore[arg-type]
+        return _run_again, (data, rest, self._coarse, tuple(sys.modules))
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -198,7 +206,7 @@ class RunPlayback(Playback):
         trajectory = self.trajectory
         if not any(channel.names for channel in trajectory.schema.values()):
             return {}
-        return legends_of(parts_of_run(compiled(self.display.robot), trajectory))
+        return legends_of(parts_of_run(self.model, trajectory))
 
     @cached_property
     def badges(self) -> Sequence[Badge]:
@@ -343,7 +351,11 @@ class RunPlayback(Playback):
         trajectory = self.trajectory
         if "wall_force" not in trajectory.channels or not trajectory["wall_force"].size:
             return None
-        model = self._run.scenario.to_spec().compile()
+        robot, step = self.display.robot, self._run.scenario.physics.timestep
+        # The model of a recorded robot has its plates.
+        plates = () if isinstance(robot, Recorded) else self.plates
+        options = SceneOptions(plates, step, 0.0, None, exact=True, looks=True)
+        model = scene(robot, self.network, options).compile()
         return contacts_of_run(model, trajectory), model
 
     @cached_property
@@ -352,9 +364,13 @@ class RunPlayback(Playback):
         return self.display.travel(self.trajectory)
 
 
-def _run_again(scenario: dict[str, Any], rest: Result, coarse: bool) -> RunPlayback:
-    """Return a playback of a run whose scenario was sent apart."""
-    return RunPlayback(replace(rest, scenario=Scenario.model_validate(scenario)), coarse)
+def _run_again(
+    data: dict[str, Any], rest: Result, coarse: bool, modules: Collection[str]
+) -> RunPlayback:
+    """Return a playback of a run whose scenario was sent apart, by a process with ``modules``."""
+    with trusting(modules):
+        scenario = Scenario.model_validate(data)
+    return RunPlayback(replace(rest, scenario=scenario), coarse)
 
 
 def _figure_rows(result: Result) -> list[dict[str, Any]]:

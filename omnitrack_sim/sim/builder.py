@@ -180,5 +180,6 @@ def _still_note(scenario: Scenario) -> Iterator[str]:
     if scenario.control.kind == "own" and gait is Robot.gait and robot.channels["ctrl"].shape[0]:
         yield (
             "nothing drives the robot: it has no gait of its own (Robot.gait), so its inputs stay "
-            'as they are at the start; name your controller as control.kind = "module:Class"'
+            'as they are at the start; name your controller as control.kind = "module:Class", or '
+            'give inputs in [control.parameters.inputs] with control.kind = "periodic"'
         )

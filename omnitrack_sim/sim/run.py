@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from omnitrack_sim.base.arguments import check_all, check_is
+from omnitrack_sim.base.arguments import check_all
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.table import FileName, marks_of
 from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.control import Controller, parameters_model
 from omnitrack_sim.robots.sensor import Sensor
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.scenario.loading import autopilot_of
+from omnitrack_sim.scenario.loading import as_scenario, autopilot_of
 from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.sensing import MakeSenses
 from omnitrack_sim.sim.simulation import MakePilot, Progress, Simulation
@@ -28,7 +30,7 @@ SLIP = "slip_velocity"
 
 
 def run(
-    scenario: Scenario,
+    scenario: Scenario | str | os.PathLike[str],
     *,
     controller: type[Controller] | None = None,
     pilot: MakePilot = Scenario.pilot,
@@ -42,7 +44,7 @@ def run(
     """Run one scenario to its end. A robot that fails is a result, not an error.
 
     Args:
-        scenario: what to run.
+        scenario: what to run; a file, or the name of a shipped one.
         controller: see ``Simulation``.
         pilot: see ``Simulation``.
         senses: see ``Simulation``.
@@ -54,16 +56,19 @@ def run(
             speed; without it ``no_load_slip_m_s`` is not a number.
 
     Raises:
+        ScenarioError: the file cannot be used, or there is no scenario of that name.
         TypeError: an argument is of another type.
 
     Example:
-        >>> scenario = ot.override(ot.load_scenario("straight"), {"run.time_limit": 0.2})
+        >>> ot.run("straight", no_load=False).success
+        True
+        >>> scenario = ot.load_scenario("straight", {"run.time_limit": 0.2})
         >>> result = ot.run(scenario, no_load=False)
         >>> result.outcome.value, round(result.duration_s, 2)
         ('timed_out', 0.2)
     """
     return run_batch(
-        [check_is(Scenario, "scenario", scenario)],
+        [as_scenario(scenario)],
         controller=controller,
         pilot=pilot,
         senses=senses,
@@ -75,6 +80,7 @@ def run(
     )[0]
 
 
+@trusting()
 def run_batch(
     scenarios: Sequence[Scenario],
     *,

@@ -132,8 +132,19 @@ class Runs:
         """End the runs of those of ``robots`` (n,) that are truly in no pipe."""
         off = self._monitor.off_route(self.location) & robots & self.active
         for robot in np.flatnonzero(off).tolist() if np.count_nonzero(off) else ():
-            if not self._scenarios[robot].route.network.holds(self._pose(robot)[0]):
+            if self._is_outside(robot):
                 self._end(robot, Outcome.LEFT_PIPE)
+
+    def _is_outside(self, robot: int) -> bool:
+        """Return whether neither the centre of a robot nor its chassis is in a pipe.
+
+        Of a robot that bends the point half-way between nose and tail need not lie in it.
+        """
+        scenario, centre = self._scenarios[robot], self._readings["position"][robot]
+        own = scenario.robot.frame
+        way = self._readings["rotation"][robot] @ own.rotation.T @ own.position
+        network = scenario.route.network
+        return not (network.holds(centre) or network.holds(centre - way))
 
     def _situation(self, robot: int, found: Outcome | Hindrance) -> Situation:
         """What a robot's pilot is told where it has to decide: by its senses, but for the goal."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.arguments import check_all, check_is, refuse_taken
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.route_map import Location
@@ -95,6 +96,7 @@ class Simulation:
         plant, monitor, runs, recorder: the other parts of the loop.
     """
 
+    @trusting()
     def __init__(
         self,
         scenarios: Sequence[Scenario],
@@ -387,6 +389,7 @@ class Simulation:
             },
         )
 
+    @trusting()
     def results(
         self, no_load_slip: Sequence[float] | None = None, metrics: Sequence[Metric] = ()
     ) -> list[Result]:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omnitrack_sim.base.bounds import MAX_TRIALS
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import shipped_files
+from omnitrack_sim.base.naming import NotTrustedError, shipped_files, trusting
+from omnitrack_sim.base.reading import checked
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.results.files import read_table
 from omnitrack_sim.results.provenance import environment
+from omnitrack_sim.robots.recorded import Recorded, is_recorded, values_of
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.scenario.loading import can_be_made, refuse_file
 from omnitrack_sim.towns.features import FEATURES, as_straights
 from omnitrack_sim.towns.passage_model import MODEL, Estimate, KindTrials
 from omnitrack_sim.trials.entries import robot_of
@@ -120,6 +125,8 @@ class Passport:
             "misfits": dict(self.misfits),
             **environment(),
         }
+        if is_recorded(self.robot):
+            about["robot"] = values_of(self.robot)
         table = pa.table(columns)
         text = json.dumps(about, sort_keys=True)
         return table.replace_schema_metadata({"passport": text})
@@ -155,8 +162,13 @@ def _is_whole(column: pa.ChunkedArray, name: str) -> bool:
     return not np.isinf(values).any() and (name in COSTS or not np.isnan(values).any())
 
 
-def load_passport(path: str | Path) -> Passport:
+def load_passport(path: str | Path, *, trust: bool = False) -> Passport:
     """Read a passport from its file or the folder that it is in, or a shipped one by name.
+
+    Args:
+        path: file, folder or name.
+        trust: import the class of a robot from outside the package, or read its own file. Otherwise
+            its sizes are those that the passport has recorded.
 
     Raises:
         InputError: there is none, or it is not a passport of this version.
@@ -167,20 +179,34 @@ def load_passport(path: str | Path) -> Passport:
         >>> ot.load_passport("presser")
         Passport('presser': 1 trials of 1 ways)
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    with trusting(None if trust else ()), _reading(path) as file:
+        return _passport(file)
 
+
+@contextmanager
+def _reading(path: str | Path) -> Iterator[Path]:
+    """Yield the file of a passport; turn any exception while it is read into an ``InputError``.
+
+    On damaged bytes decoders raise anything.
+    """
     path = shipped_files("passports").get(str(path), Path(path))
-    file = path / PASSPORT_FILE if path.is_dir() else path
     try:
-        table = pq.read_table(io.BytesIO(file.read_bytes()))
-        about = _about(table.schema.metadata or {})
-        table = table.select([field.name for field in _schema()]).cast(_schema())
-        if odd := [name for name in table.column_names if not _is_whole(table[name], name)]:
-            raise ValueError(f"{odd[0]} holds what is no number, or nothing")
-    except (OSError, KeyError, ValueError, pa.ArrowException) as error:
-        problem = f"{file} is no passport of this version: `omnitrack passport` makes one ({error})"
+        yield path / PASSPORT_FILE if path.is_dir() else path
+    except NotTrustedError as error:
+        raise InputError([fault.at(f"{path}: {fault.where}") for fault in error.faults]) from error
+    except Exception as error:
+        cause = "; ".join(str(error).splitlines()) or type(error).__name__
+        problem = f"{path} is no passport of this version: `omnitrack passport` makes one ({cause})"
         raise InputError(Fault("passport", problem)) from error
+
+
+def _passport(file: Path) -> Passport:
+    """Return the passport in a file; any error where it is damaged."""
+    table = read_table(file, MAX_TRIALS)
+    about = _about(table.schema.metadata or {})
+    table = table.select([field.name for field in _schema()]).cast(_schema())
+    if odd := [name for name in table.column_names if not _is_whole(table[name], name)]:
+        raise ValueError(f"{odd[0]} holds what is no number, or nothing")
     names = table["kind"].to_pylist()
     points = np.stack([table[name].to_numpy() for name in FEATURES], axis=-1)
     passed = table["passed"].to_numpy().astype(float)
@@ -191,5 +217,15 @@ def load_passport(path: str | Path) -> Passport:
         rows = np.array([own == name for own in names])
         own = [outcome for outcome, row in zip(outcomes, rows, strict=True) if row]
         kinds[name] = KindTrials(points[rows], passed[rows], costs[rows], own)
-    robot = robot_of(about["changes"])
-    return Passport(robot, about["changes"], kinds, about["misfits"])
+    return Passport(_robot_in(about), about["changes"], kinds, about["misfits"])
+
+
+def _robot_in(about: Mapping[str, Any]) -> Robot:
+    """Return the robot of a passport; by what is recorded of it where it is not to be trusted."""
+    changes, kept = about["changes"], about.get("robot")
+    own = {p.removeprefix("robot."): v for p, v in changes.items() if p.startswith("robot.")}
+    if kept is None:
+        refuse_file(own)
+    elif not can_be_made(own):
+        return checked(Recorded, {"table": json.dumps(own), "file": "", "values": kept}, InputError)
+    return robot_of(changes)

@@ -132,7 +132,7 @@ class PassportPlan(Plan):
         Raises:
             SweepError: all trials are invalid.
         """
-        table = yield Round(self.sweep.batches(), self.sweep.trials())
+        table = yield Round(self.sweep.batches(), self.sweep.trials(), units=self.sweep.units)
         refuse_all_invalid(table, "robot", "", SweepError)
         passport = self.passport(table)
         tables = {"passport": passport.table()}

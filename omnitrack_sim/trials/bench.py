@@ -98,8 +98,12 @@ class Bench(Plan):
         names = [entry.name for entry in self.entries]
         for name in names:
             if names.count(name) > 1:
-                problem = f"{name!r} is the name of two; write NAME= before one of them"
-                raise InputError(Fault("entries", problem))
+                problem = f"{name!r} is the name of two"
+                if name in self.suite.entries:
+                    problem += (
+                        ", one of which comes with the package: leave that out by --alone, or"
+                    )
+                raise InputError(Fault("entries", f"{problem} write NAME= before one of them"))
         if not self.courses or not self.entries:
             raise InputError(Fault("courses, entries", "one of each at least"))
         if self.quick and self.trials is not None:
@@ -182,6 +186,7 @@ def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:
     # As one list, so that workers stay busy from one course to the next.
     batches: list[Batch] = []
     columns: dict[str, list[Any]] = {"course": [], "entry": []}
+    units: dict[str, str | None] = {}
     size = 0
     for (course, entry), sweep in sweeps.items():
         for batch in sweep.batches():
@@ -192,8 +197,9 @@ def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:
             # Of an axis that this course does not vary, or none did before.
             before = columns.setdefault(name, [None] * size)
             before += values.get(name, [None] * sweep.size)
+        units = {**sweep.units, **{name: unit for name, unit in units.items() if unit}}
         size += sweep.size
-    return Round(batches, columns)
+    return Round(batches, columns, units=units)
 
 
 def _tables_of(

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.naming import installed
+from omnitrack_sim.base.naming import installed, trusting
 from omnitrack_sim.base.reading import NAME_PATTERN, checked
 from omnitrack_sim.robots.control import controller_of
-from omnitrack_sim.robots.kinds import DEFAULT, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class
 from omnitrack_sim.robots.plant import is_similar
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario import kinds_first, set_value
@@ -65,6 +65,7 @@ def robot_of(changes: Changes) -> Robot:
     return checked(robot_class(str(kind)), data["robot"], InputError)
 
 
+@trusting()
 def robot_entry(
     source: str, controller: str = "", shipped: Mapping[str, Entry] | None = None
 ) -> Entry:
@@ -84,7 +85,7 @@ def robot_entry(
     what, bore = _without_bore(what)
     if what in (shipped or {}):
         entry = (shipped or {})[what]
-    elif Path(what).suffix in (".xml", ".mjcf", ".urdf"):
+    elif is_model_file(what):
         # Workers may run in another folder.
         changes = {"robot.kind": "mjcf", "robot.file": str(Path(what).resolve())}
         entry = Entry(Path(what).stem, f"robot of {what}", changes)
@@ -102,6 +103,7 @@ def robot_entry(
     return entry.renamed(name if is_renamed else entry.name, source)
 
 
+@trusting()
 def controller_entry(source: str, shipped: Mapping[str, Entry]) -> Entry:
     """Return the entry for a controller of the default robot.
 

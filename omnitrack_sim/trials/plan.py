@@ -25,6 +25,7 @@ class Round:
             before, or as many as have been asked for.
         stage: of the plan, such as "generation 2 of 20"; empty for a plan of one round.
         tables: what is known so far, by name, for the folder.
+        units: of the columns that have one, by name.
 
     Example:
         >>> asked = next(ot.load_sweep("tee_orientation").rounds())
@@ -37,6 +38,7 @@ class Round:
     total: int | None = None
     stage: str = ""
     tables: Mapping[str, pa.Table] = field(default_factory=dict)
+    units: Mapping[str, str | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,8 @@ class Status:
         successes: how many of these succeeded.
         lost: how often workers were lost.
         stage: of a study, such as "generation 2 of 20"; else empty.
+        batch: trials of the largest batch of the round at hand: what an interruption costs each
+            worker at most.
     """
 
     total: int
@@ -41,6 +43,7 @@ class Status:
     successes: int = 0
     lost: int = 0
     stage: str = ""
+    batch: int = 0
 
 
 Progress = Callable[[Status], None]
@@ -162,7 +165,8 @@ class _Run:
         total = asked.total
         if total is None or self._shard is not None:
             total = max(self.status.total, many)
-        self.status = replace(self.status, total=total, stage=asked.stage)
+        largest = max((len(batch.trials) for batch in mine), default=0)
+        self.status = replace(self.status, total=total, stage=asked.stage, batch=largest)
         parts = self._run(mine)
         # With shards, others may have run the rest by now, or are still at it.
         for batch in asked.batches:
@@ -172,7 +176,8 @@ class _Run:
         done = asked.batches if is_whole else mine
         self._makers |= {made_by(part) for part in parts.values()}
         first = sum(len(table) for table in self._tables)
-        table = trials_table(done, [parts[batch.hash] for batch in done], asked.columns, first)
+        own = [parts[batch.hash] for batch in done]
+        table = trials_table(done, own, asked.columns, asked.units, first)
         self._tables.append(table)
         return is_whole, table
 

@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
+from omnitrack_sim.base.bounds import MAX_RUN_BYTES
 from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.reading import parsed, read_bytes
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.base.writing import as_output_error, check_folder, is_workshop, write_file
 from omnitrack_sim.results.comparison import differing
+from omnitrack_sim.results.files import read_table
 from omnitrack_sim.results.html import LONGEST
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt
@@ -106,8 +108,8 @@ class Folder(Store):
 
     def _recorded(self) -> dict[str, Any] | None:
         """Contents of the record; None in a folder that holds nothing yet, or parts only."""
-        file, noun = self._place / self.record, self.plan.noun
-        if not file.is_file():
+        noun = self.plan.noun
+        if not (self._place / self.record).is_file():
             names = [path.name for path in self._place.iterdir()]
             # A process may have been killed after it made the folders and before it wrote the
             # record.
@@ -119,32 +121,19 @@ class Folder(Store):
                 )
             return None
         try:
-            data = json.loads(file.read_text(encoding="utf-8"))
-            return {"sha256": data["sha256"], noun: dict(data[noun])}
-        except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
-            raise OutputError(
-                f"{file}: is no description of a {noun} ({error}); choose another folder"
-            ) from error
+            return read_record(self._place, noun)
+        except OutputError as error:
+            raise OutputError(f"{error}; choose another folder") from error
 
     def read(self, batch: Batch) -> pa.Table | None:
         """Return the rows of a batch; None where its file is missing, damaged, or of others."""
-        try:
-            data = pa.BufferReader(self._part(batch).read_bytes())
-            table = pq.read_table(data, page_checksum_verification=True)
-            made_by(table)
-            is_part_table = is_part(table)  # names are decoded only now; a wrong byte may be in one
-        except Exception:  # decoders raise anything on damaged bytes; the batch is run again
-            return None
-        # A file of the right name may be copied from another one.
-        is_whole = table.schema.metadata.get(b"part") == batch.hash.encode()
-        is_whole = is_whole and is_part_table and table.num_rows == len(batch.trials)
-        return table if is_whole else None
+        return read_part(self._place, batch)
 
     def write(self, batch: Batch, results: Rows) -> pa.Table:
         """Keep the rows of a batch and return them as a table."""
         table = part_table(batch, results)
         with self._keeping():
-            write_file(self._part(batch), to_parquet(table))
+            write_file(_part_of(self._place, batch), to_parquet(table))
         return table
 
     def put_tables(self, tables: Mapping[str, pa.Table]) -> None:
@@ -203,9 +192,6 @@ class Folder(Store):
         except OSError:  # what cannot be read is written anew
             return False
 
-    def _part(self, batch: Batch) -> Path:
-        return self._place / PARTS / f"{batch.hash}.parquet"
-
     @contextlib.contextmanager
     def _keeping(self) -> Iterator[None]:
         """Add to an error of writing that the same command continues the work."""
@@ -216,6 +202,40 @@ class Folder(Store):
             raise OutputError(
                 f"{error}; the finished batches are kept, and the same command goes on from there"
             ) from error
+
+
+def read_record(folder: Path, noun: str) -> dict[str, Any]:
+    """Return what the record of a plan in a folder says: ``sha256``, and its data under ``noun``.
+
+    Raises:
+        OutputError: it cannot be read, or is none.
+    """
+    file = folder / f"{noun}.json"
+    try:
+        data = parsed(read_bytes(file, MAX_RUN_BYTES).decode(), "JSON")
+        return {"sha256": data["sha256"], noun: dict(data[noun])}
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:
+        raise OutputError(f"{file}: is no description of a {noun} ({error})") from error
+
+
+def read_part(folder: Path, batch: Batch) -> pa.Table | None:
+    """Return the rows of a batch in a folder; None where they are missing, damaged or of others."""
+    try:
+        table = read_table(_part_of(folder, batch), len(batch.trials))
+        made_by(table)
+        is_part_table = is_part(table)  # names are decoded only now; a wrong byte may be in one
+    except Exception:  # decoders raise anything on damaged bytes; the batch is run again
+        return None
+    # A file of the right name may be copied from another one.
+    is_whole = table.schema.metadata.get(b"part") == batch.hash.encode()
+    is_whole = is_whole and is_part_table and table.num_rows == len(batch.trials)
+    return table if is_whole else None
+
+
+def _part_of(folder: Path, batch: Batch) -> Path:
+    return folder / PARTS / f"{batch.hash}.parquet"
 
 
 def record_name(plan: type[Plan]) -> str:

@@ -349,8 +349,10 @@ def _history_columns(study: Study, rows: History) -> list[tuple[pa.Field, list[A
         (column(key, whole), [getattr(one, key) for one in candidates])
         for key in ("number", "generation", "search")
     ]
+    robots = [base.robot for sweep in study.trials for base in sweep.bases.values()]
     for i, variable in enumerate(study.variables):
-        field = column(variable.name, whole if variable.whole else real, unit_of(variable.name))
+        unit = unit_of(variable.name, robots)
+        field = column(variable.name, whole if variable.whole else real, unit)
         columns.append((field, [one.values[i] for one in candidates]))
     for i, (name, objective) in enumerate(zip(study.columns, study.objectives, strict=True)):
         field = column(name, real, _unit_of_objective(study, objective))

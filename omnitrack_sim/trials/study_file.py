@@ -50,13 +50,16 @@ class StudyFile(SearchPlan):
     final: Final = Final()
 
 
-def load_study(source: str | Path, changes: Mapping[str, Any] | None = None) -> Study:
+def load_study(
+    source: str | Path, changes: Mapping[str, Any] | None = None, *, batch: int | None = None
+) -> Study:
     """Read a study file, or a shipped study by name.
 
     Args:
         source: the file or name.
         changes: of the base scenarios by dotted path; they come after those of the file's ``set``,
             and both are set before the base scenarios are checked.
+        batch: trials that run together, see ``load_sweep``.
 
     Raises:
         StudyError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
@@ -68,6 +71,10 @@ def load_study(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
         'robot.motor.speed_bandwidth'
     """
     path, data = read_file(source, STUDY, StudyError)
+    trials = data.get("trials")
+    if batch is not None and isinstance(trials, list):
+        own = [one | {"batch": batch} if isinstance(one, dict) else one for one in trials]
+        data = data | {"trials": own}
     return resolve(data, path.parent, changes)
 
 

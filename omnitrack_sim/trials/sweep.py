@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -22,6 +22,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.scenario import Scenario, validate
+from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.trials.axes import (
     BASE,
     Axis,
@@ -121,6 +122,12 @@ class Sweep(SweepTable, Plan):
         """
         return {name: list(values) for name, values in self._values.items()}
 
+    @cached_property
+    def units(self) -> dict[str, str | None]:
+        """Units of the values of each axis; None where they have none."""
+        robots = [base.robot for base in self.bases.values()]
+        return {name: unit_of(name, robots) for name in self._values}
+
     def trial(self, index: int) -> Trial:
         """Return one trial, with its values by single paths."""
         base = self._values[BASE][index] if BASE in self._values else next(iter(self.bases))
@@ -146,9 +153,7 @@ class Sweep(SweepTable, Plan):
     @property
     def hash(self) -> str:
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
-        # What only names things may be changed without running the trials again.
-        left_out = dict.fromkeys(FOR_THE_RECORD, True) | {"axes": {"__all__": {"labels"}}}
-        return sha256_of([FORMAT, self.model_dump(mode="json", exclude=left_out)])
+        return hash_of(self.data())
 
     def data(self) -> dict[str, Any]:
         """Return the sweep as plain data, with its bases in full."""
@@ -162,7 +167,7 @@ class Sweep(SweepTable, Plan):
         """
         from omnitrack_sim.trials.table import refuse_all_invalid
 
-        table = yield Round(self.batches(), self.trials())
+        table = yield Round(self.batches(), self.trials(), units=self.units)
         refuse_all_invalid(table, "axes", "", SweepError)
         return Conclusion(self.summary(table), draw=lambda: self.draw_map(table))
 
@@ -265,6 +270,14 @@ class Sweep(SweepTable, Plan):
             for name, items in drawn.items():
                 values[name] += items[first : first + each]
         return values
+
+
+def hash_of(data: Mapping[str, Any]) -> str:
+    """Return the ``Sweep.hash`` of a sweep as plain data."""
+    # What only names things may be changed without running the trials again.
+    kept = {key: value for key, value in data.items() if key not in FOR_THE_RECORD}
+    axes = [{k: v for k, v in axis.items() if k != "labels"} for axis in kept["axes"]]
+    return sha256_of([FORMAT, kept | {"axes": axes}])
 
 
 def trial_count(bases: int, axes: Sequence[AxisTable], samples: int) -> int:

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from omnitrack_sim.base.rotations import Array, direction_of
 from omnitrack_sim.record.display import SingularRange
-from omnitrack_sim.scenario.model import unit_of, words_of
+from omnitrack_sim.scenario.model import words_of
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import Spread, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
@@ -57,7 +57,7 @@ def spreads(sweep: Sweep) -> list[Spread]:
             and getattr(axis, "labels", None) is None
         ):
             numbers = np.array(values, float)
-            axes.append(Spread(name, unit_of(name) or "1", numbers, words=words_of(name)))
+            axes.append(Spread(name, sweep.units[name] or "1", numbers, words=words_of(name)))
         else:
             order = tuple(sweep.label(name, value) for value in sweep.crossed[name])
             words = [sweep.label(name, value) for value in values]

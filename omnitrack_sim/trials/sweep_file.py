@@ -39,13 +39,17 @@ class SweepFile(SweepTable):
     set: dict[str, Any] = Field(default_factory=dict)
 
 
-def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> Sweep:
+def load_sweep(
+    source: str | Path, changes: Mapping[str, Any] | None = None, *, batch: int | None = None
+) -> Sweep:
     """Read a sweep file, or a shipped sweep by name.
 
     Args:
         source: the file or name.
         changes: of the base scenarios by dotted path; they come after those of the file's
             ``[set]``. Both are set before the base scenarios are checked.
+        batch: trials that run together, in place of the file's own number. An interruption costs
+            each worker the batch that it is at; smaller batches take more time a trial.
 
     Raises:
         SweepError: no such file, bad TOML or JSON, or any fault in it; every fault is listed with
@@ -56,7 +60,8 @@ def load_sweep(source: str | Path, changes: Mapping[str, Any] | None = None) -> 
         20.0
     """
     path, data = read_file(source, SWEEP, SweepError)
-    return resolve(data, path.parent, changes)
+    own = {} if batch is None else {"batch": batch}
+    return resolve(data | own, path.parent, changes)
 
 
 def resolve(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from omnitrack_sim.base.text import counted
 from omnitrack_sim.show.plots.style import chart, page
 from omnitrack_sim.show.plots.success import CHART, Spread, draw_chart, groups_of
 from omnitrack_sim.trials.run import TrialsResult
+from omnitrack_sim.trials.saved_sweep import as_sweep_result
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_figure import figure_of, spreads
 from omnitrack_sim.trials.table import passed_of
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def plot_sweep(
-    result: TrialsResult,
+    result: TrialsResult | str | os.PathLike[str],
     path: str | Path | None = None,
     *,
     over: str | Sequence[str] | None = None,
@@ -32,7 +34,7 @@ def plot_sweep(
     """Plot success over the axes of a sweep.
 
     Args:
-        result: of a sweep, all trials.
+        result: of a sweep, all trials; or the folder of a finished one.
         path: file to write; none: the figure is returned and nothing is written.
         over: one axis of the sweep for the rates over it with Wilson 95 % intervals, or two that
             are numbers for a map; none: as in a sweep's folder (docs/how-to/sweeps.md).
@@ -45,13 +47,14 @@ def plot_sweep(
     Raises:
         InputError: trials are missing; no such axis or format; ``ax`` is given, and the sweep has
             more axes than one chart can show; ``path`` is given with ``ax``.
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written, or the folder holds no sweep.
 
     Example:
         >>> result = ot.run_trials(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
         >>> figure = ot.plot_sweep(result)
     """
-    sweep = check_is(Sweep, "result.plan", check_is(TrialsResult, "result", result).plan)
+    result = as_sweep_result(result)
+    sweep = check_is(Sweep, "result.plan", result.plan)
     if result.table.num_rows != sweep.size:
         problem = f"has {result.table.num_rows} of {counted(sweep.size, 'trial')} of {sweep.name!r}"
         raise InputError(Fault("result", problem))

@@ -16,7 +16,6 @@ from pyarrow import csv
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
-from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.trials.batches import ERROR, INVALID, Batch, Rows
 
 XYZ = "xyz"
@@ -87,6 +86,7 @@ def trials_table(
     batches: Sequence[Batch],
     parts: Sequence[pa.Table],
     columns: Mapping[str, Sequence[Any]],
+    units: Mapping[str, str | None],
     first: int = 0,
 ) -> pa.Table:
     """Return the rows of batches in the order of their trials.
@@ -95,6 +95,7 @@ def trials_table(
         batches: of one round.
         parts: the table of each.
         columns: of the plan, see ``Round``.
+        units: of these.
         first: number of the round's first trial.
     """
     indices = np.array([trial.index for batch in batches for trial in batch.trials], int)
@@ -102,7 +103,7 @@ def trials_table(
     results = joined(parts).take(pa.array(order))
     table = pa.table([pa.array(indices[order] + first)], pa.schema([TRIAL]))
     for name, values in columns.items():
-        for field, cells in _columns_of(name, values):
+        for field, cells in _columns_of(name, values, units.get(name)):
             table = table.append_column(field, pa.array(cells, field.type).take(indices[order]))
     for field in results.schema:
         table = table.append_column(field, results[field.name])
@@ -121,10 +122,11 @@ def joined(tables: Iterable[pa.Table]) -> pa.Table:
     return whole.select([*names, *behind]).combine_chunks()
 
 
-def _columns_of(name: str, values: Sequence[Any]) -> list[tuple[pa.Field, Sequence[Any]]]:
+def _columns_of(
+    name: str, values: Sequence[Any], unit: str | None
+) -> list[tuple[pa.Field, Sequence[Any]]]:
     """A plan's values as plain columns."""
     known = [value for value in values if value is not None]
-    unit = unit_of(name)
     if known and all(_is_vector(value) for value in known):
         parts = [[None if value is None else float(value[i]) for value in values] for i in range(3)]
         fields = [column(f"{name}_{letter}", pa.float64(), unit) for letter in XYZ]
@@ -181,6 +183,17 @@ def passed_of(table: pa.Table) -> Array:
     """Return 1 for each trial that passed, 0 for one that failed, NaN without a robot's outcome."""
     ends = zip(table["outcome"].to_pylist(), table["success"].to_pylist(), strict=True)
     return np.array([np.nan if end in (INVALID, ERROR) else float(ok) for end, ok in ends])
+
+
+def failures(table: pa.Table, count: int) -> list[int]:
+    """Return numbers of trials whose robots failed: one of each outcome, then the next of each."""
+    of: dict[str, list[int]] = {}
+    rows = zip(table["trial"].to_pylist(), table["outcome"].to_pylist(), strict=True)
+    for (trial, outcome), passed in zip(rows, passed_of(table), strict=True):
+        if passed == 0:
+            of.setdefault(outcome, []).append(trial)
+    in_turn = itertools.zip_longest(*of.values())
+    return [trial for each in in_turn for trial in each if trial is not None][:count]
 
 
 def refuse_all_invalid(table: pa.Table, where: str, which: str, error: type[InputError]) -> None:

@@ -125,14 +125,23 @@ YIELDING = {
     "condim": 1,
     "friction": [0.0, 0.0, 0.0],
     "solmix": 0.0,
+    "margin": 0.0,
+    "gap": 0.0,
     "mass": 0.0,
     "rgba": [*WALL_COLOUR[:3], 0.0],
 }
 """Attributes of walls that leave every contact to the robot's geom: MuJoCo takes the larger
-friction and dimension, and mixes the rest by ``solmix``. Without opacity a wall's box is neither
-drawn nor met by MuJoCo's own rays."""
+friction and dimension, and mixes the rest by ``solmix``. What they do not state is that of the
+model's own default class. Without opacity a wall's box is neither drawn nor met by MuJoCo's own
+rays."""
 
-DECIDING = {"priority": 1, "condim": 3, "solmix": 1.0, "solref": [FIRM_TIME, 1.0]}
+DECIDING = {
+    "priority": 1,
+    "condim": 3,
+    "solmix": 1.0,
+    "solref": [FIRM_TIME, 1.0],
+    "solimp": [0.9, 0.95, 0.001, 0.5, 2.0],
+}
 """Attributes of walls that state a friction: these outrank those of the robot's geoms. With
 MuJoCo's own contact time, 20 ms, wheels sink in and run 2 % slower."""
 ATTRIBUTES = (

@@ -54,15 +54,19 @@ def new_spec(name: str) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
-    option = spec.option
-    option.timestep = TIMESTEP
+    spec.option.timestep = TIMESTEP
+    set_numerics(spec.option)
+    return spec
+
+
+def set_numerics(option: mujoco.MjOption) -> None:
+    """Set the options of contacts and integration that the package's own models have."""
     # A pyramidal cone would raise the slip by half, and its friction depends on the direction.
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # MuJoCo 4.0.0's sparse Hessian is wrong from 60 dofs on.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.impratio = IMPEDANCE_RATIO
-    return spec
 
 
 GROUP = 3

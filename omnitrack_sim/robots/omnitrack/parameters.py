@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -16,6 +16,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from omnitrack_sim.base.table import ObjectName
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.record.events import Event, Outcome, Overloaded
@@ -232,7 +233,7 @@ class Omnitrack(Robot):
         "assumed",
         "crawler motor: a shipped motor's name, or a table of its own",
     )
-    drive: str = quantity(
+    drive: Annotated[str, ObjectName()] = quantity(
         "three_motors",
         "",
         "published",

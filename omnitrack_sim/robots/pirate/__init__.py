@@ -234,7 +234,8 @@ class ShapeSettings:
             of 12 random turns 8 pass, with 0.25 7; of other 8 with 0.5 and a ramp of half a bore 1.
         ramp: bores before and behind a tee over which it falls to that; with 0.5 of 8 turns into a
             branch 4 pass, with 1 bore 1.
-        iterations: of the arc length at which a link ends; it is off by less than 1 mm then.
+        iterations: of the arc length at which a link ends; it is off by 1.2 mm at most then, in a
+            tee.
         off: rad, by which its plane may lie beside that of the bend: it passes with 30 degrees.
         twist: rad, of the roll joint at most in each cycle; with 0.5 a turn takes twice as long.
         half_cycle: s, for which one end turns, then the other.

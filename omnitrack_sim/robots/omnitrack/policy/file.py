@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.bounds import MAX_LAYERS, MAX_POLICY_BYTES, MAX_WEIGHT, MAX_WIDTH
 from omnitrack_sim.base.errors import Fault, InputError, PolicyError
-from omnitrack_sim.base.naming import ByName, named, shipped_files
-from omnitrack_sim.base.reading import is_file
+from omnitrack_sim.base.naming import ByName, named, shipped_files, trusting
+from omnitrack_sim.base.reading import is_file, read_bytes
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.base.writing import npz_of, write_file
@@ -307,10 +307,15 @@ def named_features(names: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(single)
 
 
-def load_policy(source: str | Path) -> Policy:
-    """Read a policy file or a shipped policy by name, or import a policy ``module:Object``.
+def load_policy(source: str | Path, *, trust: bool | None = None) -> Policy:
+    """Read a policy file or a shipped policy by name, or a policy ``module:Object``.
 
-    Nothing in a file is executed; only a feature ``module:Object`` that it names is imported.
+    Nothing in a file is executed.
+
+    Args:
+        source: the file or name.
+        trust: import a feature ``module:Object`` that a file names, or the policy itself. When not
+            given, the caller decides: a scenario that is to be run does, all others do not.
 
     Raises:
         PolicyError: no such file, or it is damaged, too large, or made for something else.
@@ -321,6 +326,9 @@ def load_policy(source: str | Path) -> Policy:
         >>> policy.acting.name, policy.network.widths[-1]
         ('residual', 4)
     """
+    if trust is not None:
+        with trusting(None if trust else ()):
+            return load_policy(source)
     shipped = shipped_files("policies")
     path = shipped.get(str(source), Path(source))
     try:
@@ -347,10 +355,7 @@ def load_policy(source: str | Path) -> Policy:
 @functools.lru_cache(maxsize=64)
 def _read(path: Path, *_version: int) -> Policy:
     """Return the policy of a file; another ``_version`` of it is read anew."""
-    with path.open("rb") as file:
-        data = file.read(MAX_POLICY_BYTES + 1)
-    if len(data) > MAX_POLICY_BYTES:
-        raise ValueError(f"is too large: at most {MAX_POLICY_BYTES} bytes are read")
+    data = read_bytes(path, MAX_POLICY_BYTES)
     arrays = _arrays(data)
     texts = {name: arrays.pop(name) for name in TEXTS if name in arrays}
     features = [str(name) for name in texts.pop("features")]

@@ -1,0 +1,222 @@
+"""Looking at somebody else's files runs none of their code, and waits for nothing."""
+
+from __future__ import annotations
+
+import importlib.abc
+import json
+import pickle
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from policy_samples import driver
+from samples import sample_result
+from town_samples import passport
+
+import omnitrack_sim as ot
+from omnitrack_sim.base.errors import OmnitrackError
+from omnitrack_sim.base.writing import npz_of
+from omnitrack_sim.results.provenance import provenance_of
+from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.scenario import validate
+from omnitrack_sim.scenario.model import sha256_of
+from omnitrack_sim.show.sources import playback_of
+
+EVIL = "evil_module"
+THING = f"{EVIL}:Thing"
+SCENARIO = {"pipes": [{"kind": "straight", "length": 1.0}]}
+
+
+class Watch(importlib.abc.MetaPathFinder):
+    """Hook of imports that writes down what of the evil module is looked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def find_spec(self, name: str, *_: Any) -> None:
+        if name.startswith("evil"):
+            self.asked.append(name)
+
+
+@pytest.fixture
+def watch(tmp_path, monkeypatch) -> Iterator[Watch]:
+    """The hook; the evil module lies in the working folder, where Python looks for it."""
+    (tmp_path / f"{EVIL}.py").write_text("open('ran', 'w').close()\nThing = 1\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    hook = Watch()
+    sys.meta_path.insert(0, hook)
+    yield hook
+    sys.meta_path.remove(hook)
+    sys.modules.pop(EVIL, None)
+
+
+class Stranger(Omnitrack):
+    """A robot from outside the package."""
+
+
+def hostile(folder: Path, path: str, value: Any, robot: str = "", **tables: Any) -> Path:
+    """Save a run whose scenario names ``value`` at a dotted path, with a hash that fits it."""
+    scenario = validate(SCENARIO | tables | ({"robot": {"kind": robot}} if robot else {}))
+    sample_result(scenario=scenario, provenance=provenance_of(scenario)).save(folder)
+    file, summary = folder / "scenario.json", folder / "result.json"
+    plain, told = json.loads(file.read_text()), json.loads(summary.read_text())
+    *tables_in, key = path.split(".")
+    place: Any = plain
+    for name in tables_in:
+        place = place[int(name) if name.isdigit() else name]
+    place[key] = value
+    file.write_text(json.dumps(plain))
+    told["provenance"]["scenario_sha256"] = sha256_of(plain)
+    summary.write_text(json.dumps(told))
+    return folder
+
+
+def network(folder: Path) -> Path:
+    """A network with a fitting of evil."""
+    file = folder / "network.toml"
+    file.write_text(f'[[fittings]]\nkind = "{THING}"\nname = "a"\nlength = 0.5\n')
+    return file
+
+
+def evil_passport(folder: Path) -> Path:
+    """A passport of a robot and controller of evil."""
+    table = passport(trials=3).table()
+    about = json.loads(table.schema.metadata[b"passport"])
+    about["changes"] = {"robot.kind": THING, "control.kind": THING}
+    file = folder / "passport.parquet"
+    pq.write_table(table.replace_schema_metadata({"passport": json.dumps(about)}), file)
+    return file
+
+
+def evil_policy(folder: Path) -> Path:
+    """A policy that observes a feature of evil."""
+    driver().save(folder / "policy.npz")
+    arrays = dict(np.load(folder / "policy.npz"))
+    arrays["features"] = np.array([THING])
+    (folder / "policy.npz").write_bytes(npz_of(arrays))
+    return folder / "policy.npz"
+
+
+def evil_recording(folder: Path) -> Path:
+    """A recording in pipes of evil."""
+    head = {"format": 1, "mujoco": mujoco.__version__, "period": 0.0, "body": 1, "joints": []}
+    head["parts"] = [{"kind": THING, "name": "a"}]
+    arrays = {"part_position": np.zeros((1, 3)), "part_rotation": np.eye(3)[None]}
+    octets = np.frombuffer(json.dumps(head).encode(), np.uint8)
+    (folder / "recording.npz").write_bytes(npz_of(arrays | {"head": octets}))
+    return folder / "recording.npz"
+
+
+RUNS: dict[str, Callable[[Path], Path]] = {
+    "robot": lambda at: hostile(at, "robot.kind", THING, Stranger.kind),
+    "robot without a record": lambda at: hostile(at, "robot.kind", THING),
+    "drive": lambda at: hostile(at, "robot.drive", THING),
+    "fitting": lambda at: hostile(at, "pipes.0.kind", THING),
+    "controller": lambda at: hostile(at, "control.kind", THING),
+    "sensors": lambda at: hostile(at, "record.sensors", [THING]),
+    "metrics": lambda at: hostile(at, "record.metrics", [THING]),
+    "camera": lambda at: hostile(at, "sensing.camera", THING, sensing={"kind": "onboard"}),
+    "features": lambda at: hostile(
+        at, "control.parameters", {"policy": THING}, control={"kind": "jacobian"}
+    ),
+}
+"""Runs that name code at each place of a scenario."""
+FILES: dict[str, tuple[Callable[[Path], Path], tuple[Callable[[Any], object], ...]]] = {
+    "network": (network, (ot.load_network,)),
+    "passport": (evil_passport, (ot.load_passport,)),
+    "policy": (evil_policy, (ot.load_policy,)),
+    "recording": (evil_recording, (ot.Recording.load, ot.render_replay)),
+}
+"""Files that name code, and what reads them."""
+
+
+def look(folder: Path, out: Path) -> Iterator[str]:
+    """Look at a run in every way; yield what is said where one is refused."""
+    ways: tuple[Callable[[Any], object], ...] = (
+        ot.load_result,
+        lambda run: ot.compare(run, run)._repr_html_(),
+        lambda run: ot.load_result(run).save(out / "copy"),
+        lambda run: ot.load_result(run)._repr_html_(),
+        lambda run: ot.render_replay(run, path=out / "page.html", compare=ot.load_result(run)),
+        lambda run: ot.plot_summary(run),
+        lambda run: ot.plot_compare(run, run),
+        lambda run: pickle.loads(pickle.dumps(playback_of(run))).model,
+    )
+    for way in ways:
+        try:
+            way(folder)
+        except OmnitrackError as error:
+            yield str(error)
+
+
+def assert_nothing_ran(watch: Watch, folder: Path) -> None:
+    """Neither looked for nor run."""
+    assert not watch.asked
+    assert not (folder / "ran").exists()
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_looking_at_a_run_imports_nothing_that_it_names(name, watch, tmp_path):
+    """Whatever the scenario names at any place; what cannot be shown without it is refused in one
+    line, which names it and says how it is trusted."""
+    folder = RUNS[name](tmp_path / "run")
+    for told in look(folder, tmp_path):
+        assert THING in told
+        assert "--trust" in told
+        assert len(told.splitlines()) == 1
+    assert_nothing_ran(watch, tmp_path)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_looking_at_a_file_imports_nothing_that_it_names(name, watch, tmp_path):
+    """Networks, passports, policies and recordings."""
+    make, ways = FILES[name]
+    file = make(tmp_path)
+    for way in ways:
+        with pytest.raises(OmnitrackError, match=THING):
+            way(file)
+    assert_nothing_ran(watch, tmp_path)
+
+
+def test_whoever_trusts_a_file_has_its_code_imported(watch, tmp_path):
+    """The law above is no accident of a module that cannot be found."""
+    folder = RUNS["robot"](tmp_path / "run")
+    with pytest.raises(OmnitrackError, match=r"no ot\.Robot"):
+        ot.load_result(folder, trust=True)
+    assert watch.asked == [EVIL]
+    assert (tmp_path / "ran").exists()
+
+
+def test_a_strangers_run_is_shown_as_it_is_where_its_class_is(watch, tmp_path):
+    """The page is that of the class but for what its display adds; the numbers are the same."""
+    own = sample_result(scenario=validate(SCENARIO | {"robot": {"kind": Stranger.kind}}))
+    known = ot.load_result(own.save(tmp_path / "known"))
+    other = ot.load_result(RUNS["robot"](tmp_path / "run"))
+    assert type(known.scenario.robot) is Stranger
+    assert other.scenario.robot.kind == "recorded"
+    assert known.trajectory.schema == other.trajectory.schema
+    for name, values in known.trajectory.items():
+        assert np.array_equal(values, other.trajectory[name])
+    for one in ("metrics", "advice", "joints", "reason"):
+        assert getattr(known, one) == getattr(other, one)
+    assert ot.compare(known, other).figures == ot.compare(known, known).figures
+    ours, theirs = (playback_of(run) for run in (known, other))
+    for one in ("plots", "first_plots", "columns", "visible_geoms", "body"):
+        assert getattr(ours, one) == getattr(theirs, one)
+    assert ours.headline == theirs.headline
+    moved = np.abs(ours.body_poses([ours.body]) - theirs.body_poses([theirs.body]))
+    assert moved.max() < 1e-5
+
+
+def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
+    """A robot without its code would drive by another physics."""
+    other = ot.load_result(RUNS["robot"](tmp_path / "run"))
+    with pytest.raises(OmnitrackError, match="it can be shown, not run"):
+        ot.run(other.scenario)
+    assert other.scenario.hash == other.provenance["scenario_sha256"]
