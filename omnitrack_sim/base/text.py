@@ -61,6 +61,11 @@ def _inert(text: str) -> str:
     return f"'{text}" if is_formula else text
 
 
+def installing(extra: str) -> str:
+    """Return the command that installs an extra of this package, which no index has."""
+    return f"pip install 'omnitrack_sim[{extra}]', or in a checkout of it pip install '.[{extra}]'"
+
+
 def counted(count: int, one: str, more: str = "") -> str:
     """Count of things in words: "1 batch", "2 batches"; the plural ``more`` defaults to an s."""
     return f"{count} {one if count == 1 else more or f'{one}s'}"

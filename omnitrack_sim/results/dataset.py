@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.text import csv_text, strict_json
+from omnitrack_sim.base.text import csv_text, installing, strict_json
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.robots.robot import Robot
@@ -52,7 +52,7 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
     try:
         import xarray
     except ImportError as error:
-        needed = "to_xarray needs xarray: pip install 'omnitrack_sim[xarray]'"
+        needed = f"to_xarray needs xarray: {installing('xarray')}"
         raise ImportError(needed) from error
     run = as_result(result)
     trajectory, robot = run.trajectory, run.scenario.robot
