@@ -46,7 +46,9 @@ have a map."""
 def write_timeline(records: list[PassageRecord], path: Path) -> None:
     """Write one row a passage, with numbers that read back exactly; missing values are empty."""
     names = [field.name for field in dataclasses.fields(PassageRecord)]
-    path.write_bytes(csv_text([names, *map(dataclasses.astuple, records)]).encode())
+    path.write_bytes(
+        csv_text([names, *(dataclasses.astuple(record) for record in records)]).encode()
+    )
 
 
 def write_trajectory(trajectory: Trajectory, folder: Path, robot: Robot) -> None:
