@@ -512,9 +512,11 @@ def export(
             "given.",
         ),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Export a saved run for other tools: poses, joints, contacts and channels."""
-    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap"))
+    source = ot.load_result(run_dir, trust=True) if trust else run_dir
+    print_saved(ot.export_result(source, file or run_dir / f"{EXPORT}.mcap"))
 
 
 def _check_export(format: str) -> None:
