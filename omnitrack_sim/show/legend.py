@@ -193,6 +193,6 @@ def _owners(model: mujoco.MjModel, each: str, names: Sequence[str]) -> tuple[int
     """Return the bodies that parts belong to; those that are no bodies of the model are apart."""
     if each == "actuator" and len(names) == model.nu:
         return actuator_owners(model)
-    numbers = {model.body(i).name or f"body_{i}": i for i in range(1, model.nbody)}
-    known = numbers if each == "body" else {}
+    bodies = range(1, model.nbody) if each == "body" else ()
+    known: dict[str, int] = {str(model.body(i).name or f"body_{i}"): i for i in bodies}
     return tuple(known.get(name, model.nbody + i) for i, name in enumerate(names))

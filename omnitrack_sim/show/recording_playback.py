@@ -191,7 +191,7 @@ class RecordingPlayback(Playback):
         """Legends of bodies that touch the walls, of actuators, and of joints by their kind."""
         model, kinds = self.model, []
         names = tuple(model.body(i).name or f"body_{i}" for i in range(1, model.nbody))
-        touches = tuple(self._body_forces.any(axis=0).tolist())
+        touches = tuple((self._body_forces != 0).any(axis=0).tolist())
         kinds.append(Parts("body", names, tuple(range(1, model.nbody)), touches))
         motors = actuator_names(model)
         kinds.append(Parts("actuator", motors, actuator_owners(model), (True,) * len(motors)))

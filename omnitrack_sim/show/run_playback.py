@@ -60,12 +60,14 @@ class RunPlayback(Playback):
     Args:
         result: the run.
         coarse: faces may be coarse, which is enough for films.
+
+    Attributes:
+        run: as given as ``result``.
+        display: of its robot.
     """
 
-    result: Result
-
     def __init__(self, result: Result, coarse: bool = True) -> None:
-        self._run, self._coarse = result, coarse
+        self.run, self._coarse = result, coarse
         scenario, display = result.scenario, result.scenario.robot.display
         self.result, self.display = result, display
         self.name, self.network, self.plates = scenario.name, result.pipes, scenario.plates
@@ -75,17 +77,17 @@ class RunPlayback(Playback):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Tables of fittings are classes made while files are read, which cannot be pickled.
-        scenario, robot = self._run.scenario, self._run.scenario.robot
+        scenario, robot = self.run.scenario, self.run.scenario.robot
         data = scenario.model_dump(mode="json", exclude_none=True)
         if isinstance(robot, Recorded):
             data["robot"] = robot.to_table()
-        rest: Any = replace(self._run, scenario=None)  # type: ignore[arg-type]
+        rest: Any = replace(self.run, scenario=None)  # type: ignore[arg-type]
         return _run_again, (data, rest, self._coarse, tuple(sys.modules))
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The record, each sample that has diverged replaced by the last one before it."""
-        trajectory = self._run.trajectory
+        trajectory = self.run.trajectory
         values = [trajectory.qpos, *(trajectory[name] for name in self.display.finite)]
         rows = sound_rows([value.reshape(len(trajectory.time), -1) for value in values])
         if (rows == np.arange(len(rows))).all():
@@ -101,7 +103,7 @@ class RunPlayback(Playback):
     @cached_property
     def time(self) -> Array:
         """See ``Playback``."""
-        return self._run.trajectory.time
+        return self.run.trajectory.time
 
     @cached_property
     def qpos(self) -> Array:
@@ -219,7 +221,7 @@ class RunPlayback(Playback):
     @cached_property
     def passages(self) -> list[PassageSpan]:
         """See ``Playback``."""
-        return passage_spans(self._run, self.trajectory)
+        return passage_spans(self.run, self.trajectory)
 
     @cached_property
     def _begins(self) -> list[int]:
@@ -229,7 +231,7 @@ class RunPlayback(Playback):
     @cached_property
     def leg(self) -> NDArray[np.intp] | None:
         """See ``Playback``."""
-        return self.trajectory["leg"] if len(self._run.routes()) > 1 else None
+        return self.trajectory["leg"] if len(self.run.routes()) > 1 else None
 
     @cached_property
     def phases(self) -> list[PhaseSpan]:
@@ -240,7 +242,7 @@ class RunPlayback(Playback):
     @cached_property
     def events(self) -> list[tuple[float, str]]:
         """See ``Playback``."""
-        events = sorted(self._run.events, key=lambda event: event.time)
+        events = sorted(self.run.events, key=lambda event: event.time)
         return [
             (event.time, event.text)
             for event in events
@@ -250,12 +252,12 @@ class RunPlayback(Playback):
     @cached_property
     def notes(self) -> list[str]:
         """See ``Playback``."""
-        return [str(event) for event in self._run.events if isinstance(event, Note)]
+        return [str(event) for event in self.run.events if isinstance(event, Note)]
 
     @cached_property
     def landmarks(self) -> Landmarks | None:
         """See ``Playback``."""
-        return Landmarks.of(self._run, self.trajectory) if needs_map(self._run) else None
+        return Landmarks.of(self.run, self.trajectory) if needs_map(self.run) else None
 
     @cached_property
     def curves(self) -> Mapping[str, Curve]:
@@ -289,7 +291,7 @@ class RunPlayback(Playback):
         plots, known = self.display.plots, {*COMMON, *self.display.plots, *self.display.unplotted}
         own = [
             name
-            for name, channel in self._run.trajectory.schema.items()
+            for name, channel in self.run.trajectory.schema.items()
             if name not in known and len(channel.columns) <= MAX_COLUMNS
         ]
         return tuple(name for name in (*plots, *own) if self.trajectory[name][0].size)
@@ -302,7 +304,7 @@ class RunPlayback(Playback):
     @cached_property
     def heading(self) -> dict[str, Any]:
         """Name, outcome, metrics and versions."""
-        run, provenance = self._run, self._run.provenance
+        run, provenance = self.run, self.run.provenance
         versions: Mapping[str, Any] = provenance.get("versions") or {}
         kept = {key: provenance.get(key) for key in PROVENANCE}
         return finite(
@@ -324,7 +326,7 @@ class RunPlayback(Playback):
     @cached_property
     def headline(self) -> Mapping[str, str]:
         """See ``Playback``."""
-        metrics = _metrics(self._run)
+        metrics = _metrics(self.run)
         modules = self.display.robot.modules
         return {name: _title(metrics[name], modules) for name in self.display.headline}
 
@@ -351,7 +353,7 @@ class RunPlayback(Playback):
         trajectory = self.trajectory
         if "wall_force" not in trajectory.channels or not trajectory["wall_force"].size:
             return None
-        robot, step = self.display.robot, self._run.scenario.physics.timestep
+        robot, step = self.display.robot, self.run.scenario.physics.timestep
         # The model of a recorded robot has its plates.
         plates = () if isinstance(robot, Recorded) else self.plates
         options = SceneOptions(plates, step, 0.0, None, exact=True, looks=True)

@@ -101,7 +101,7 @@ def draw_panel(axis: Axes, playback: RunPlayback, name: str, module: int | None 
 
     ``module`` is 1 to 3. The command is drawn where there is one. Phases are not; see ``shade``.
     """
-    trajectory = playback.result.trajectory
+    trajectory = playback.run.trajectory
     time, values = trajectory.time, display_values(trajectory, name)
     display = trajectory.schema[name].display
     command = display_values(trajectory, display.command) if display.command else None
@@ -344,7 +344,7 @@ def plot_summary(
 
 def _summary(playback: RunPlayback) -> Figure:
     """Return the panels that the robot of a run chooses."""
-    result = playback.result
+    result = playback.run
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
     summary = _filled(result.scenario.robot.display.summary, trajectory)
@@ -384,7 +384,7 @@ def _filled(summary: Sequence[_Panels], trajectory: Trajectory) -> list[_Panels]
 
 def _summary_legends(playback: RunPlayback, estimates: bool) -> list[tuple[str, list[Any]]]:
     """Legends of a summary with words before them: lines, and phases where there are several."""
-    trajectory, legends = playback.result.trajectory, [("", _line_handles(playback, estimates))]
+    trajectory, legends = playback.run.trajectory, [("", _line_handles(playback, estimates))]
     legends += _legend_lines(playback.legends.values()).items()
     phases = _phase_handles(trajectory)
     legends += [("", phases)] if len(phases) > 1 else []
@@ -596,7 +596,7 @@ def plot_channel(
         'Normal force, module 2 [N]'
     """
     playback = RunPlayback(as_result(result))
-    run = playback.result
+    run = playback.run
     schema = run.trajectory.schema
     if channel not in schema:
         raise InputError(Fault("channel", f"is {channel!r}", tuple(schema), str(channel)))
@@ -624,7 +624,8 @@ def _legends(axis: Axes, trajectory: Trajectory) -> None:
     figure: Any = axis.get_figure()
     for place, handles in (("upper", lines), ("lower", _phase_handles(trajectory))):
         if handles:
-            loc, names = f"outside {place} left", [handle.get_label() for handle in handles]
+            loc = f"outside {place} left"
+            names = [str(handle.get_label()) for handle in handles]
             ncols = min(4, legend_columns(names, _MAX_LEGEND // 2))
             figure.legend(handles=handles, loc=loc, ncols=ncols, borderaxespad=0.4)
 
