@@ -512,9 +512,10 @@ def export(
             "given.",
         ),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Export a saved run for other tools: poses, joints, contacts and channels."""
-    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap"))
+    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap", trust=trust))
 
 
 def _check_export(format: str) -> None:
