@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.text import strict_json
+from omnitrack_sim.base.text import csv_text, installing, strict_json
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.robots.recorded import Recorded
@@ -56,7 +54,7 @@ def to_xarray(result: Result | str | os.PathLike[str], *, trust: bool = False) -
     try:
         import xarray
     except ImportError as error:
-        needed = "to_xarray needs xarray: pip install 'omnitrack_sim[xarray]'"
+        needed = f"to_xarray needs xarray: {installing('xarray')}"
         raise ImportError(needed) from error
     run = as_result(result, trust)
     trajectory, robot = run.trajectory, run.scenario.robot
@@ -160,8 +158,5 @@ def _headed(name: str, unit: str) -> str:
 
 def _csv(columns: Mapping[str, NDArray | list[str]]) -> bytes:
     """Return columns as CSV; numbers read back exactly."""
-    file = io.StringIO()
-    rows = csv.writer(file, lineterminator="\n")
     values = [own if isinstance(own, list) else own.tolist() for own in columns.values()]
-    rows.writerows(chain([list(columns)], zip(*values, strict=True)))
-    return file.getvalue().encode()
+    return csv_text(chain([list(columns)], zip(*values, strict=True))).encode()

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.base.writing import check_file, format_of, write_file
 from omnitrack_sim.results.dataset import to_csv
 from omnitrack_sim.results.result import Result, as_result
@@ -24,7 +25,7 @@ def check_export(format: str) -> None:
     if format not in EXPORTS:
         raise InputError(Fault("export", f"is {format!r}", EXPORTS, given=format))
     if format == "mcap" and None in map(find_spec, ("mcap", "foxglove_schemas_protobuf")):
-        problem = "needs the extra mcap: pip install 'omnitrack_sim[mcap]'"
+        problem = f"needs the extra mcap: {installing('mcap')}"
         raise InputError(Fault("export", problem))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.show.film.overlay import Panel, draw_forces
 from omnitrack_sim.show.film.shots import (
@@ -165,5 +166,5 @@ def _open_context(width: int, height: int) -> Any:
             reasons.append(f"{backend}: {error}")
     hint = f"On Debian or Ubuntu: {APT_LINE}"
     if sys.platform != "linux":
-        hint = "It needs GLFW: pip install 'omnitrack_sim[view]'"
+        hint = f"It needs GLFW: {installing('view')}"
     raise RenderError(f"no offscreen OpenGL ({'; '.join(reasons)}). {hint}")
