@@ -190,9 +190,9 @@ def parts_of_run(model: mujoco.MjModel, trajectory: Trajectory) -> list[Parts]:
 
 
 def _owners(model: mujoco.MjModel, each: str, names: Sequence[str]) -> tuple[int, ...]:
-    """Return the bodies that parts belong to; those that are no bodies of the model are apart."""
+    """Return the bodies that parts belong to; of no body of the model a number below 0."""
     if each == "actuator" and len(names) == model.nu:
         return actuator_owners(model)
     bodies = range(1, model.nbody) if each == "body" else ()
     known: dict[str, int] = {str(model.body(i).name or f"body_{i}"): i for i in bodies}
-    return tuple(known.get(name, model.nbody + i) for i, name in enumerate(names))
+    return tuple(known.get(name, -1 - i) for i, name in enumerate(names))

@@ -102,7 +102,7 @@ def drawn_forces(
     metres = ARROW_BORES * bore / large if large > 0 else 0.0
     paint = np.zeros((model.nbody, 3))
     for owner, colour in zip(legend.owners, legend.colours, strict=True):
-        if colour is not None and owner < model.nbody:
+        if colour is not None and owner >= 0:
             paint[owner] = colour
     colour = paint[model.geom_bodyid[contacts.geom]]
     return ContactForces(contacts.sample, contacts.position, contacts.force, colour, metres)
