@@ -24,6 +24,7 @@ from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 from omnitrack_sim.results.files import reading
+from omnitrack_sim.robots.model_bounds import check_binary
 from omnitrack_sim.walls.around import AxisPoints, Pipes
 
 FIELDS = (
@@ -353,6 +354,7 @@ class Recording:
         # The walls have to be known before a binary model with them is used.
         pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
         binary = {"model.mjb": arrays["model"].tobytes()}
+        check_binary(binary["model.mjb"])
         model = mujoco.MjModel.from_binary_path("model.mjb", binary)
         recording = cls(model, pipes, period=head["period"])
         recording.body = int(head["body"])
