@@ -24,8 +24,8 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.bounds import MAX_TRIALS
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.cli.common import settings_of
-from omnitrack_sim.robots.model_bounds import check_binary
 from omnitrack_sim.trials.suite import load_suite
+from omnitrack_sim.walls.model_bounds import check_binary
 
 PATIENCE = 5.0
 """Time, s, in which a file is refused on a machine that does other things, too; alone it takes

@@ -24,8 +24,8 @@ from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 from omnitrack_sim.results.files import reading
-from omnitrack_sim.robots.model_bounds import check_binary
 from omnitrack_sim.walls.around import AxisPoints, Pipes
+from omnitrack_sim.walls.model_bounds import check_binary
 
 if TYPE_CHECKING:
     import pandas
