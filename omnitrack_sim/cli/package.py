@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -175,17 +176,25 @@ def _text(target: Path, source: str) -> str:
 
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
-    """The data of a file for one that may stand elsewhere: the path of a network leads there."""
+    """The data of a file for one that may stand elsewhere: paths of its files lead there."""
+    from omnitrack_sim.robots.kinds import robot_in_full
+
+    robot = robot_in_full(data.get("robot"))
+    if isinstance(robot, Mapping):
+        data = data | {"robot": _with_path(robot, "file", path, target)}
+    return _with_path(data, "network", path, target)
+
+
+def _with_path(table: Mapping[str, Any], key: str, path: Path, target: Path) -> dict[str, Any]:
+    """A table of the file ``path`` for ``target``: the path at a key relative to that."""
     from omnitrack_sim.base.reading import beside
 
-    network = data.get("network")
-    if not isinstance(network, str):
-        return data
-    place = beside(path.parent, network)
+    name = table.get(key)
+    place = beside(path.parent, name) if isinstance(name, str) else ""
     if isinstance(place, str):
-        return data  # the name of a shipped one
+        return dict(table)  # the name of a shipped one, or a table
     # Relative to the new file, so that both can be moved together.
-    return data | {"network": os.path.relpath(place, target.parent)}
+    return {**table, key: os.path.relpath(place, target.parent)}
 
 
 @app.command()
