@@ -33,6 +33,8 @@ ARCHIVES = (".mjz", ".zip")
 MODELS = ("include", "model")
 """Elements that name a further file of elements."""
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_AROUND = b" \t\r\n\0"
+"""Bytes that MuJoCo passes over before and behind the text of a file."""
 _UNITS = {unit: 1024**power for power, unit in enumerate("KMGTPE", start=1)}
 _CELLS: Mapping[str, tuple[str, ...]] = {
     "hfield": ("nrow", "ncol"),
@@ -149,7 +151,7 @@ class _Demands:
         if name in self._read:
             return
         self._read.add(name)
-        text = _COMMENT.sub(b"", self._files.read(name)).lstrip()
+        text = _COMMENT.sub(b"", self._files.read(name)).strip(_AROUND)
         if b"<!ENTITY" in text:
             raise ValueError("has entities of its own, which are not read")
         stack = [times]

@@ -99,6 +99,8 @@ def robot_model(file: str, body: str = "") -> RobotModel:
     # Else the compiler does, and the bodies that sensors were added for are gone.
     if spec.compiler.fusestatic:
         spec.fuse_static()
+    if body and spec.body(body) is None:
+        raise ValueError(f"{body!r} is fixed to another body, of which it becomes a part")
     return RobotModel(spec, root.name, tuple(changes))
 
 
