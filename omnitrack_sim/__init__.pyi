@@ -46,6 +46,7 @@ from .record.timeline import PassageRecord as PassageRecord
 from .record.trajectory import Trajectory as Trajectory
 from .results.comparison import Comparison as Comparison
 from .results.comparison import compare as compare
+from .results.dataset import to_xarray as to_xarray
 from .results.result import Result as Result
 from .results.result import load_result as load_result
 from .robots.control import Actuation as Actuation
@@ -78,6 +79,7 @@ from .robots.tail import Tether as Tether
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import override as override
 from .scenario.model import Scenario as Scenario
+from .show.export import export_result as export_result
 from .show.film.render import render_frame as render_frame
 from .show.film.render import render_video as render_video
 from .show.film.strip import render_strip as render_strip

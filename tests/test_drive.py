@@ -47,6 +47,31 @@ def test_integral_grows_only_while_the_motor_can_follow():
     assert not free.saturated.any()
 
 
+def test_a_motor_at_its_limit_lets_go_when_it_is_asked_to_turn_back():
+    """A belt that stalled at the limit, its integral grown by 0.25 m/s, gives that back while the
+    torque is still at the limit, and drives on into the limit no further."""
+    for command, change in ((0.1, 0.0), (-0.1, -50 * 0.01 * 0.1 / 0.1)):
+        drive = _drive(limit=0.1)
+        for _ in range(25):
+            before = _advance(drive, 0.1, 0.0, torque=0.09)[0][0, 0] - 0.1
+        for _ in range(50):
+            after = _advance(drive, command, 0.0, torque=0.1)[0][0, 0] - command
+        assert before == pytest.approx(0.025 * 10)
+        assert after - before == pytest.approx(change)
+
+
+def test_what_losses_hold_winds_nothing_up():
+    """A belt that is dragged on, held by its gears with twice what the motor gives, keeps its set
+    point; with less than the motor gives it winds up."""
+    motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
+    for torque, grows in ((-2 * 0.245, False), (-0.9 * 0.245, True)):
+        drive = _drive(motor)
+        for _ in range(20):
+            asked = _advance(drive, -0.05, 0.05, torque=torque)[0][0, 0]
+        assert (asked < -0.051) == grows
+        assert not drive.saturated.any()
+
+
 def test_a_motor_is_at_its_limit_where_rounding_has_its_force_a_little_short():
     """Within a part in a million of its limit it does not wind up; within a twentieth it does."""
     for torque, saturated in ((0.1 * (1 - 1e-6), True), (0.095, False)):

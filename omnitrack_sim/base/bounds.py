@@ -75,8 +75,13 @@ MAX_COORDINATE = 1e5
 MAX_RUN_BYTES = 64_000_000
 """Size of ``scenario.json`` or ``result.json`` of a run: a long exploration tells of events and
 legs in some megabytes."""
+MAX_RECORDING_BYTES = 4_000_000_000
+"""Size of a recording, packed and unpacked: an hour of a robot of 50 joints at 50 samples a second
+has 1 GB."""
 MAX_TABLE_BYTES = 20_000_000_000
 """Size of a file of samples, pictures or trials: pictures of ten hours."""
+MAX_TEXT = 500_000_000
+"""Bytes of all texts in a column of a table, each row's counted: reasons of a million trials."""
 MAX_COLUMNS = 10_000
 """Columns of such a table."""
 MAX_MODEL_TEXT = 10_000_000

@@ -256,6 +256,14 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def exists(path: Path) -> bool:
+    """Return whether a path leads to anything; false if it cannot be examined."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def beside(folder: Path, source: str) -> str | Path:
     """Resolve a path or name in a file of ``folder``: the file there, or else the same text."""
     path = folder / source

@@ -14,8 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
+from omnitrack_sim.base.text import installing
 
 _PR_SET_PDEATHSIG = 1
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use, which may be fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):  # of Linux alone
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class LocalPool(ProcessPoolExecutor):
@@ -87,7 +95,7 @@ class DaskPool(Executor):
         try:
             from distributed import Client
         except ImportError:
-            problem = "needs the package distributed: pip install 'omnitrack_sim[dask]'"
+            problem = f"needs the package distributed: {installing('dask')}"
             raise InputError(Fault("--dask", problem)) from None
         try:
             self._client = Client(address, timeout=DASK_PATIENCE, set_as_default=False)

@@ -1,8 +1,7 @@
-"""run, render, replay, compare: running one scenario, and showing saved runs."""
+"""run, render, replay, export, compare: running one scenario, and showing saved runs."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,8 +30,8 @@ from omnitrack_sim.cli.common import (
 )
 from omnitrack_sim.cli.word_table import WordTable
 
-PAGE = "replay.html"
-"""Name of the page in the folder of its run."""
+PAGE, EXPORT = "replay.html", "trajectory"
+"""Names of the page, and of what is exported, in the folder of its run."""
 TABLE_FILE, FIGURE_FILE = "comparison.json", "comparison.png"
 """Files that ``compare --out`` leaves in a folder."""
 _MIN_VALUE_WIDTH = 6
@@ -61,6 +60,15 @@ def run(
     folder: FolderOption = None,
     video: Annotated[bool, typer.Option(help="Also render video.mp4.")] = True,
     camera: CameraOption = None,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="FORMAT",
+            help="Also write trajectory.FORMAT: mcap for Foxglove and Rerun, or csv. Repeat for "
+            "both.",
+        ),
+    ] = None,
     trial: Annotated[
         int | None,
         typer.Option(
@@ -83,6 +91,8 @@ def run(
     camera = camera or usual_camera(loaded)
     if video:
         check_camera(camera)
+    for format in exports or ():
+        _check_export(format)
     # Places and cameras are checked before the run, which may take minutes.
     target = folder or Path("out") / (name or loaded.name)
     check_folder(target, RESULT_FILE)
@@ -90,6 +100,8 @@ def run(
         result = ot.run(loaded, progress=report)
     result.save(target)
     draw(result, target, camera if video else None, as_json)
+    for format in exports or ():
+        ot.export_result(result, target / f"{EXPORT}.{format}")
     if as_json:
         print_json(result.summary())
     else:
@@ -296,7 +308,9 @@ def usual_camera(scenario: ot.Scenario) -> str:
 
 def processes_for(duration: float, fps: int) -> int:
     """Return how many processes paint a film of this length, s, fastest on this machine."""
-    spare = len(os.sched_getaffinity(0)) // 2  # each painter keeps the one that encodes busy, too
+    from omnitrack_sim.base.workers import cores
+
+    spare = cores() // 2  # each painter keeps the one that encodes busy, too
     return max(1, min(spare, int(duration * fps) // FRAMES_A_PROCESS))
 
 
@@ -484,6 +498,35 @@ def replay(
     target = file or run_dir / PAGE
     ot.render_replay(result, path=target, compare=other)
     print_saved(target)
+
+
+@app.command()
+def export(
+    run_dir: RunArgument,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help=f"A .mcap for Foxglove and Rerun, or a .csv; RUN_DIR/{EXPORT}.mcap when not "
+            "given.",
+        ),
+    ] = None,
+    trust: TrustOption = False,
+) -> None:
+    """Export a saved run for other tools: poses, joints, contacts and channels."""
+    source = ot.load_result(run_dir, trust=True) if trust else run_dir
+    print_saved(ot.export_result(source, file or run_dir / f"{EXPORT}.mcap"))
+
+
+def _check_export(format: str) -> None:
+    """Refuse a format of ``--export``, by the name of the option."""
+    from omnitrack_sim.show.export import check_export
+
+    try:
+        check_export(format)
+    except InputError as error:
+        raise InputError([fault.at("--export") for fault in error.faults]) from None
 
 
 @app.command()

@@ -31,9 +31,11 @@ from omnitrack_sim.cli.common import (
 from omnitrack_sim.cli.trials import (
     CoursesOption,
     DaskOption,
+    ListOption,
     QuickOption,
     TrialsOption,
     WorkersOption,
+    print_extent,
     trials_bar,
     worker_options,
 )
@@ -59,6 +61,7 @@ def passport(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Measure what a robot passes, how surely, and at what cost.
@@ -81,6 +84,10 @@ def passport(
         ),
         assignments,
     )
+    if only_list:
+        _print_passport(plan)
+        print_extent(plan, target, workers)
+        return
     with trials_bar(f"passport {name}") as report:
         summary = ot.run_trials(plan, out=target, progress=report, **options).summary
     if as_json:
@@ -88,6 +95,14 @@ def passport(
         return
     _print_ways(summary)
     out.say(f"{plain(str(target / PASSPORT_FILE))}")
+
+
+def _print_passport(plan: ot.PassportPlan) -> None:
+    """Print the courses of a passport, and those that the robot does not fit."""
+    rows = [(name, str(plan.trials)) for name in plan.sweep.bases]
+    print_table(("course", "trials"), rows)
+    for course, why in plan.misfits.items():
+        out.say(f"{plain(course)}: does not fit: {plain(why)}")
 
 
 def _print_ways(summary: dict[str, Any]) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import io
 import json
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.bounds import MAX_COLUMNS, MAX_SAMPLES, MAX_TABLE_BYTES
+from omnitrack_sim.base.bounds import MAX_COLUMNS, MAX_SAMPLES, MAX_TABLE_BYTES, MAX_TEXT
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.base.naming import NotTrustedError
 from omnitrack_sim.base.reading import in_folder, size_of
+from omnitrack_sim.base.text import csv_text
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import Channel, Display, Labelled, Vector, recorded
 from omnitrack_sim.record.timeline import PassageRecord
@@ -45,10 +45,10 @@ have a map."""
 
 def write_timeline(records: list[PassageRecord], path: Path) -> None:
     """Write one row a passage, with numbers that read back exactly; missing values are empty."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(field.name for field in dataclasses.fields(PassageRecord))
-        rows.writerows(dataclasses.astuple(record) for record in records)
+    names = [field.name for field in dataclasses.fields(PassageRecord)]
+    path.write_bytes(
+        csv_text([names, *(dataclasses.astuple(record) for record in records)]).encode()
+    )
 
 
 def write_trajectory(trajectory: Trajectory, folder: Path, robot: Robot) -> None:
@@ -127,12 +127,56 @@ def opened(path: Path, rows: int = MAX_SAMPLES) -> pq.ParquetFile:
     import pyarrow.parquet as pq
 
     size_of(path, MAX_TABLE_BYTES)
-    file = pq.ParquetFile(str(path), pre_buffer=False, page_checksum_verification=True)
+    options = {"pre_buffer": False, "page_checksum_verification": True}
+    file = pq.ParquetFile(str(path), **options)
     about = file.metadata
-    # Before anything is unpacked: a few bytes may hold millions of equal rows.
+    # Before anything is unpacked: a few bytes may hold millions of equal rows, or of values in one.
     require(about.num_rows <= rows, f"has {about.num_rows} rows; at most {rows}")
     require(about.num_columns <= MAX_COLUMNS, f"has {about.num_columns} columns")
-    return file
+    for group in map(about.row_group, range(about.num_row_groups)):
+        values = (group.column(i).num_values for i in range(group.num_columns))
+        require(all(count == group.num_rows for count in values), "has lists in its rows")
+    texts = [field.name for field in file.schema_arrow if str(field.type) in _TEXTS]
+    if not texts:
+        return file
+    file.close()
+    return pq.ParquetFile(str(path), read_dictionary=texts, **options)
+
+
+def read_table(path: Path, rows: int, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read a Parquet file with texts, which together are of ``MAX_TEXT`` bytes at most.
+
+    Args:
+        path: of the file.
+        rows: at most.
+        columns: names of those that are read; None: all.
+
+    Raises:
+        OSError, ValueError: see ``opened``. pyarrow.ArrowException: it is damaged.
+    """
+    import pyarrow as pa
+
+    with opened(path, rows) as file:
+        table = file.read(columns, use_threads=False)
+    for number, field in enumerate(table.schema):
+        if isinstance(field.type, pa.DictionaryType):
+            text = table[field.name]
+            require(sum(map(_text_size, text.chunks)) <= MAX_TEXT, f"{field.name} is too long")
+            plain = pa.field(field.name, field.type.value_type, metadata=field.metadata)
+            table = table.set_column(number, plain, text.cast(plain.type))
+    return table
+
+
+def _text_size(chunk: Any) -> int:
+    """Return the number of bytes of the texts of an array, each of which is kept once."""
+    import pyarrow.compute as pc
+
+    sizes = pc.binary_length(chunk.dictionary)
+    return pc.sum(pc.take(sizes, chunk.indices)).as_py() or 0
+
+
+_TEXTS = ("string", "large_string", "binary", "large_binary")
+"""Types of columns whose values have any length."""
 
 
 def require(holds: bool | np.bool_, fault: str) -> None:

@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
+from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.naming import by_pattern
-from omnitrack_sim.base.reading import is_file
+from omnitrack_sim.base.reading import exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, NotNegative, Positive
 from omnitrack_sim.robots.model_file import (
@@ -283,7 +284,7 @@ class Mjcf(Robot):
 
 
 def _digest(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(file, MAX_MODEL_TEXT)).hexdigest()
 
 
 def _loaded(file: str, body: str) -> RobotModel:
@@ -293,7 +294,7 @@ def _loaded(file: str, body: str) -> RobotModel:
         OSError: it cannot be read.
         ValueError: MuJoCo cannot make a model of it, or it is no robot in a pipe.
     """
-    if not is_file(Path(file)):
+    if not exists(Path(file)):
         raise ValueError("cannot be read: no such file")
     return _checked(file, body, _digest(file))
 

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 ARCHIVES = (".mjz", ".zip")
 MODELS = ("include", "model")
 """Elements that name a further file of elements."""
+GRIDS = ("flexcomp", "composite")
+"""Elements that make a body or vertex of each cell."""
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _AROUND = b" \t\r\n\0"
 """Bytes that MuJoCo passes over before and behind the text of a file."""
@@ -172,11 +174,15 @@ class _Demands:
     def _element(self, tag: str, attributes: dict[str, str], times: float, level: int) -> None:
         self._elements += times
         _refuse(level, MAX_MODEL_LEVELS, "levels of elements in each other")
-        _refuse(self._elements, MAX_MODEL_ELEMENTS, "elements, with all copies")
         if cells := [attributes[key] for key in _CELLS.get(tag, ()) if key in attributes]:
             numbers = [abs(_number(word)) for text in cells for word in text.split()]
-            self._cells += times * math.prod(max(1.0, number) for number in numbers)
-            _refuse(self._cells, MAX_MODEL_CELLS, "cells of fields, pictures and meshes")
+            asked = times * math.prod(max(1.0, number) for number in numbers)
+            if tag in GRIDS:
+                self._elements += asked
+            else:
+                self._cells += asked
+        _refuse(self._elements, MAX_MODEL_ELEMENTS, "elements, with all copies")
+        _refuse(self._cells, MAX_MODEL_CELLS, "cells of fields, pictures and meshes")
         if tag == "compiler":
             keys = ("meshdir", "texturedir", "assetdir")
             self._folders |= {attributes[key] for key in keys if key in attributes}

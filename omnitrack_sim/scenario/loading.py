@@ -261,8 +261,10 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(mission, Mapping) or mission.get("map") == "unknown":
         return data
     start, goals = mission.get("start"), mission.get("goals")
-    if not (isinstance(start, str) and isinstance(goals, Sequence) and len(goals) == 1):
+    if not (isinstance(goals, Sequence) and len(goals) == 1):
         return data
+    if not (isinstance(start, str) and isinstance(goals[0], str)):
+        return data  # reported with the table
     names = {fitting.name for fitting in network.fittings} - network.ports.keys()
     if len(network.fittings) <= MAX_PARTS and not names & {start, goals[0]}:
         return data

@@ -589,6 +589,18 @@ def max_seconds(scenario: Scenario) -> float:
     return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)
 
 
+def min_seconds(scenario: Scenario) -> float:
+    """Simulated time of a run, s, if the robot cruises to its goal; to its time limit at most."""
+    planner, exploration = scenario.planner, scenario.exploration
+    if exploration is not None:
+        way = 2 * exploration.network.length  # there and back
+    elif planner is not None:
+        way = sum(leg.end - leg.begin for leg in planner.plan())
+    else:
+        way = scenario.goal_distance - scenario.start.distance
+    return min(way / scenario.control.cruise_speed, max_seconds(scenario))
+
+
 def too_much_work(scenario: Scenario) -> Iterator[Fault]:
     """Figures of a scenario that go beyond the bounds, at the key that is to be changed."""
     physics, seconds = scenario.physics, max_seconds(scenario)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import zipfile
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.arguments import check_is, check_time
+from omnitrack_sim.base.bounds import MAX_RECORDING_BYTES
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import parsed, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
 from omnitrack_sim.pipes import Assembly, Part
@@ -333,14 +336,18 @@ class Recording:
             OutputError: the file is missing or damaged, or another release of MuJoCo wrote it.
         """
         with reading(Path(path)) as file:
-            return cls._read(file.read_bytes())
+            return cls._read(read_bytes(file, MAX_RECORDING_BYTES))
 
     @classmethod
     def _read(cls, file: bytes) -> Self:
         """Return the recording in the bytes of a file; any error where it is damaged."""
+        with zipfile.ZipFile(io.BytesIO(file)) as archive:
+            # Before anything is unpacked: a few bytes of zip may hold gigabytes.
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_RECORDING_BYTES:
+                raise ValueError(f"unpacks to more than {MAX_RECORDING_BYTES} bytes")
         with np.load(io.BytesIO(file), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        head = json.loads(arrays["head"].tobytes())
+        head = parsed(arrays["head"].tobytes().decode(), "JSON")
         if head["mujoco"] != mujoco.__version__:
             raise ValueError(f"MuJoCo {head['mujoco']} wrote it, this is {mujoco.__version__}")
         # The walls have to be known before a binary model with them is used.

@@ -16,7 +16,7 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import NotTrustedError, shipped_files, trusting
 from omnitrack_sim.base.reading import checked
 from omnitrack_sim.record.statistics import wilson_interval
-from omnitrack_sim.results.files import opened
+from omnitrack_sim.results.files import read_table
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.recorded import Recorded, is_recorded, values_of
 from omnitrack_sim.robots.robot import Robot
@@ -202,10 +202,9 @@ def _reading(path: str | Path) -> Iterator[Path]:
 
 def _passport(file: Path) -> Passport:
     """Return the passport in a file; any error where it is damaged."""
-    with opened(file, MAX_TRIALS) as parquet:
-        about = _about(parquet.schema_arrow.metadata or {})
-        table = parquet.read([field.name for field in _schema()], use_threads=False)
-    table = table.cast(_schema())
+    table = read_table(file, MAX_TRIALS)
+    about = _about(table.schema.metadata or {})
+    table = table.select([field.name for field in _schema()]).cast(_schema())
     if odd := [name for name in table.column_names if not _is_whole(table[name], name)]:
         raise ValueError(f"{odd[0]} holds what is no number, or nothing")
     names = table["kind"].to_pylist()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import string
@@ -16,7 +14,7 @@ import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import finite, strict_json
+from omnitrack_sim.base.text import csv_text, finite, strict_json
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.results.html import safe
 from omnitrack_sim.show.plots.style import GREY, INK, PAGE, chart, figure_bytes
@@ -134,13 +132,10 @@ def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
     check_is(ReachMap, "reach", reach)
     check_folder(folder, files=(*FILES, *PICTURES))
     rows, parts = ([finite(row._asdict()) for row in own] for own in (reach.pipes, reach.parts))
-    text = io.StringIO()
-    table = csv.DictWriter(text, PipeReach._fields, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
+    table = [PipeReach._fields, *([row[name] for name in PipeReach._fields] for row in rows)]
     figure = plot_reach(reach)
     made = {
-        "reach.csv": text.getvalue().encode(),
+        "reach.csv": csv_text(table).encode(),
         "reach.parquet": to_parquet(pa.Table.from_pylist(rows)),
         "reach_parts.parquet": to_parquet(pa.Table.from_pylist(parts)),
         "reach.geojson": _geojson(reach, rows),

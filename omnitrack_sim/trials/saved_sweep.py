@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from omnitrack_sim.base.arguments import check_is
+from omnitrack_sim.base.bounds import MAX_RUN_BYTES
 from omnitrack_sim.base.errors import InputError, OutputError, SweepError
 from omnitrack_sim.base.naming import NotTrustedError, trusting
-from omnitrack_sim.base.reading import checked
+from omnitrack_sim.base.reading import checked, parsed, read_bytes
 from omnitrack_sim.base.writing import whole
+from omnitrack_sim.results.files import read_table
 from omnitrack_sim.scenario import read_back
 from omnitrack_sim.trials.run import Status, TrialsResult
 from omnitrack_sim.trials.store import SUMMARY, TRIALS, read_part, read_record, record_name
@@ -97,7 +97,7 @@ def _whole_table(folder: Path, sweep: Sweep) -> pa.Table | None:
     if not file.is_file():
         return None
     try:
-        table = pq.read_table(pa.BufferReader(file.read_bytes()), page_checksum_verification=True)
+        table = read_table(file, sweep.size)
         metadata = table.schema.metadata or {}
     except Exception as error:  # decoders raise anything on damaged bytes
         raise OutputError(f"{file}: is damaged: {error}; {_AGAIN}") from error
@@ -109,7 +109,7 @@ def _whole_table(folder: Path, sweep: Sweep) -> pa.Table | None:
 def _summary(folder: Path, sweep: Sweep) -> dict[str, Any]:
     file = folder / SUMMARY
     try:
-        summary = dict(json.loads(file.read_bytes()))
+        summary = dict(parsed(read_bytes(file, MAX_RUN_BYTES).decode(), "JSON"))
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise OutputError(f"{file}: cannot be read: {error}; {_AGAIN}") from error
     if summary.get("sha256") != sweep.hash:

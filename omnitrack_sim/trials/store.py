@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
+from omnitrack_sim.base.bounds import MAX_RUN_BYTES
 from omnitrack_sim.base.errors import OutputError
+from omnitrack_sim.base.reading import parsed, read_bytes
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.base.writing import as_output_error, check_folder, is_workshop, write_file
 from omnitrack_sim.results.comparison import differing
+from omnitrack_sim.results.files import read_table
 from omnitrack_sim.results.html import LONGEST
 from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.show.plots.style import attempt
@@ -210,7 +212,7 @@ def read_record(folder: Path, noun: str) -> dict[str, Any]:
     """
     file = folder / f"{noun}.json"
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = parsed(read_bytes(file, MAX_RUN_BYTES).decode(), "JSON")
         return {"sha256": data["sha256"], noun: dict(data[noun])}
     except OSError as error:
         raise OutputError(f"{file}: cannot be read: {error.strerror or error}") from error
@@ -221,8 +223,7 @@ def read_record(folder: Path, noun: str) -> dict[str, Any]:
 def read_part(folder: Path, batch: Batch) -> pa.Table | None:
     """Return the rows of a batch in a folder; None where they are missing, damaged or of others."""
     try:
-        data = pa.BufferReader(_part_of(folder, batch).read_bytes())
-        table = pq.read_table(data, page_checksum_verification=True)
+        table = read_table(_part_of(folder, batch), len(batch.trials))
         made_by(table)
         is_part_table = is_part(table)  # names are decoded only now; a wrong byte may be in one
     except Exception:  # decoders raise anything on damaged bytes; the batch is run again

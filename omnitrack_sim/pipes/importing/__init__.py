@@ -10,7 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from omnitrack_sim.base.errors import Fault, NetworkError
-from omnitrack_sim.base.reading import faults_of, is_file
+from omnitrack_sim.base.reading import exists, faults_of, read_bytes
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes.importing.assumptions import Import, ImportSettings, check_schedule
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.epanet import read_epanet
@@ -18,7 +19,7 @@ from omnitrack_sim.pipes.importing.isometric import build_plant
 from omnitrack_sim.pipes.importing.pcf import read_pcf
 
 MAX_BYTES = 20_000_000
-"""Of an isometric: a plant of 100,000 components."""
+"""Of an isometric: a plant of 100,000 components; of a town: one of 100,000 pipes."""
 
 
 def import_network(file: str | Path, **settings: Any) -> Import:
@@ -45,20 +46,21 @@ def import_network(file: str | Path, **settings: Any) -> Import:
         keys = tuple(ImportSettings.model_fields)
         raise NetworkError(faults_of(error, lambda _: keys, lambda _: None)) from None
     check_schedule(asked.schedule)
-    if not is_file(path):
+    if not exists(path):
         path = _example(str(file))
     name = re.sub(r"[./\\\x00-\x1f\x7f-\x9f]", "_", path.stem) or "network"
-    if path.suffix.lower() == ".inp":
-        return build(name, read_epanet(path, asked), asked)
-    if path.suffix.lower() != ".pcf":
+    if path.suffix.lower() not in (".inp", ".pcf"):
         raise NetworkError(Fault(path.name, "is neither EPANET's .inp nor a .pcf"))
-    if path.stat().st_size > MAX_BYTES:
-        raise NetworkError(Fault(path.name, f"is too large: at most {MAX_BYTES} bytes are read"))
     try:
-        # Isometrics are of ASCII; other letters stand in descriptions only.
-        text = path.read_text(encoding="utf-8", errors="replace")
+        content = read_bytes(path, MAX_BYTES)
     except OSError as error:
         raise NetworkError(Fault(path.name, f"cannot be read: {error.strerror}")) from error
+    except ValueError as error:
+        raise NetworkError(Fault(path.name, str(error))) from error
+    if path.suffix.lower() == ".inp":
+        return build(name, read_epanet(path, asked), asked)
+    # Isometrics are of ASCII; other letters stand in descriptions only.
+    text = content.decode("utf-8", errors="replace")
     return build_plant(name, *read_pcf(text, asked.schedule))
 
 
@@ -73,7 +75,7 @@ def _example(name: str) -> Path:
         return towns[name]
     problem = "no such file, nor a town of wntr of that name"
     if not towns:
-        problem += "; wntr, which has some, is not installed: pip install 'omnitrack_sim[town]'"
+        problem += f"; wntr, which has some, is not installed: {installing('town')}"
     raise NetworkError(Fault(name, problem, tuple(towns), given=name))
 
 

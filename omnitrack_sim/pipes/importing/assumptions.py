@@ -26,9 +26,9 @@ class ImportSettings(Table):
     deflection_deg: Annotated[float, Field(ge=0, le=15), Unit("deg")] = 5.0
     """Up to which pipes bend in a joint, without a bend, and a branch counts as square: couplings
     of mains allow 3 to 5 degrees."""
-    simplify: Annotated[float, Field(ge=0), Unit("m")] = 0.1
+    simplify: Annotated[float, Field(ge=0, le=1e4), Unit("m")] = 0.1
     """Points of a line are left out where it moves by less: a drawing is not as exact."""
-    move: Annotated[float, Field(ge=0), Unit("m")] = 1.0
+    move: Annotated[float, Field(ge=0, le=1e4), Unit("m")] = 1.0
     """By how much a node may be moved to make room for fittings."""
     scale: Annotated[float, Field(ge=0), Unit("m")] = 0.0
     """Length of a unit of the coordinates; 0: as the lengths of the pipes say."""

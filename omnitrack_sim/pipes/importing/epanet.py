@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.base.bounds import MAX_TOWN_LENGTH, too_long
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, length
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes.importing.assumptions import ImportNote, ImportSettings, true_bore
 from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
 
@@ -22,7 +26,11 @@ MIN_FIT = 0.8
 STEEP = 1.0
 """Slope of all pipes of a node, m/m, from which its height is taken for missing."""
 MIN_PIPE = 0.01
-"""Of a drawn pipe, m."""
+"""Of a pipe, m."""
+MIN_BORE, MAX_BORE, MAX_LENGTH, MAX_HEIGHT = 1e-3, 20.0, 200_000.0, 10_000.0
+"""Sizes that pipes have, m, and heights of nodes: the longest water tunnel is of 137 km."""
+MAX_MAP = 1e9
+"""Largest coordinate of a map, in its units: millimetres of a country."""
 STUB, MIN_RISE = 10.0, 2.0
 """Level pipe between a node and a rise beside it, and the least height of one: a lower one has no
 room for its bends. Both in bores."""
@@ -48,8 +56,16 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
     }
     if not lines:
         raise NetworkError(Fault(path.name, "has no pipes"))
+    _refuse_odd(path, model, flat)
     notes: list[ImportNote] = []
     scale = _scale(path, model, lines, settings, notes)
+    drawn = scale * sum(
+        float(length(np.diff(_flat(line), axis=0)).sum()) for line in lines.values()
+    )
+    if faults := too_long(drawn, f"{path.name}: pipes", MAX_TOWN_LENGTH):
+        raise NetworkError(
+            [replace(fault, problem=f"{fault.problem}; see scale") for fault in faults]
+        )
     # Far from the origin positions would lose digits.
     middle = scale * np.mean(list(flat.values()), axis=0).round()
     notes.append(
@@ -80,6 +96,38 @@ def read_epanet(path: Path, settings: ImportSettings) -> Drawing:
     return drawing
 
 
+def _refuse_odd(path: Path, model: Any, flat: Mapping[str, Array]) -> None:
+    """Refuse sizes and places that no town has.
+
+    Raises:
+        NetworkError: with the first of them.
+    """
+    pipes, places = dict(model.pipes()), (-MAX_MAP, MAX_MAP)
+    values = [
+        *((f"pipe {n}", "diameter", p.diameter, MIN_BORE, MAX_BORE) for n, p in pipes.items()),
+        *((f"pipe {n}", "length", p.length, MIN_PIPE, MAX_LENGTH) for n, p in pipes.items()),
+        *(
+            (f"pipe {name}", "vertex", place, *places)
+            for name, pipe in pipes.items()
+            for place in np.ravel(pipe.vertices)
+        ),
+        *((f"node {name}", "coordinate", x, *places) for name, at in flat.items() for x in at),
+        *((f"node {n}", "height", _height(o), -MAX_HEIGHT, MAX_HEIGHT) for n, o in model.nodes()),
+    ]
+    faults = [
+        Fault(f"{path.name}: {where}", f"has a {what} of {value:.6g}; from {low:g} to {high:g}")
+        for where, what, value, low, high in values
+        if not low <= value <= high
+    ]
+    if faults:
+        raise NetworkError(faults)
+
+
+def _height(node: Any) -> float:
+    height = getattr(node, "elevation", None)
+    return float(node.base_head if height is None else height)
+
+
 def _assumptions(settings: ImportSettings) -> list[ImportNote]:
     """Return what EPANET does not know."""
     bores = f"those of schedule {settings.schedule}" if settings.schedule else "those of the file"
@@ -97,7 +145,7 @@ def _model(path: Path) -> Any:
     try:
         wntr = importlib.import_module("wntr")
     except ImportError as error:
-        problem = "is a file of EPANET, which wntr reads: pip install 'omnitrack_sim[town]'"
+        problem = f"is a file of EPANET, which wntr reads: {installing('town')}"
         raise NetworkError(Fault(path.name, problem)) from error
     try:
         return wntr.network.WaterNetworkModel(str(path))
@@ -115,7 +163,7 @@ def _scale(
 ) -> float:
     """Return the length of a unit of the coordinates, m, and note it."""
     pipes = dict(model.pipes())
-    drawn = np.array([length(np.diff(_flat(line), axis=0)).sum() for line in lines.values()])
+    drawn = np.array([_drawn(line) for line in lines.values()])
     asked = np.array([float(pipes[name].length) for name in lines])
     if not (drawn > 0).any():
         raise NetworkError(Fault(path.name, "has no coordinates: its pipes have no places"))
@@ -136,6 +184,11 @@ def _scale(
     return scale
 
 
+def _drawn(line: Array) -> float:
+    """Return the length of a line on the map, in its units."""
+    return float(length(np.diff(_flat(line), axis=0)).sum())
+
+
 def _flat(line: Array) -> Array:
     """Return points (k, 2) with a third coordinate of 0."""
     return np.column_stack([line, np.zeros(len(line))])
@@ -148,8 +201,7 @@ def _heights(model: Any, lines: dict[str, Array], notes: list[ImportNote]) -> di
     """
     heights = {}
     for name, node in model.nodes():
-        height = getattr(node, "elevation", None)
-        heights[name] = float(node.base_head if height is None else height)
+        heights[name] = _height(node)
     around: dict[str, list[tuple[str, float]]] = {name: [] for name in heights}
     for name, pipe in model.pipes():
         run = max(float(length(np.diff(_flat(lines[name]), axis=0)).sum()), MIN_PIPE)

@@ -234,17 +234,25 @@ def held_by_losses(motor, driving):
 
 
 @compiled
-def torque_range(motor, limit, speed, dt):
-    """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s for ``dt`` s.
+def driving_range(motor, limit, speed):
+    """Return the least and largest torque, N m, with which the motor drives at ``speed`` rad/s.
 
-    Driving, the torque-speed line and the limit hold as the maker states them, at the output
-    shaft. Against its direction of turning losses help the motor twice: the gears' and the
-    rotor's friction once for what it does not lose on the way out, and once for what it does
-    lose on the way in. Losses only stop: they get no more than stops the rotor within ``dt``.
+    Both the torque-speed line and the limit hold as the maker states them, at the output shaft.
     """
     line = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED]
     highest = within(motor[STALL_TORQUE] - line * speed, limit)
-    lowest = -within(motor[STALL_TORQUE] + line * speed, limit)
+    return -within(motor[STALL_TORQUE] + line * speed, limit), highest
+
+
+@compiled
+def torque_range(motor, lowest, highest, speed, dt):
+    """Return the least and largest torque, N m, at the shaft at ``speed`` rad/s for ``dt`` s.
+
+    Driving, a motor gives ``lowest`` to ``highest``. Against its direction of turning losses help
+    it twice: the gears' and the rotor's friction once for what it does not lose on the way out, and
+    once for what it does lose on the way in. Losses only stop: they get no more than stops the
+    rotor within ``dt``.
+    """
     stopping = motor[INERTIA] * abs(speed) / dt
     if speed > 0.0:
         lowest -= min(held_by_losses(motor, -lowest), stopping)
@@ -266,14 +274,19 @@ def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, correctio
         mean /= motors
         for k in range(i * motors, (i + 1) * motors):
             moment = forces[k] / motor[SIZE]  # N m, of one robot.motor
-            lowest, highest = torque_range(motor, limits[i], speeds[k] / motor[LUG_RADIUS], dt)
+            turning = speeds[k] / motor[LUG_RADIUS]  # rad/s
+            least, most = driving_range(motor, limits[i], turning)
+            lowest, highest = torque_range(motor, least, most, turning, dt)
             saturated = moment <= AT_LIMIT * lowest or moment >= AT_LIMIT * highest
-            # The integral grows only where the motor can follow (no wind-up in a stall).
-            if not saturated:
-                # Only what differs from the mean gives way: belts that work against each other
-                # relax, and a climb keeps its speed.
-                droop = motor[DROOP] * motor[LUG_RADIUS] * (moment - mean)
-                error = wanted[k] - droop - speeds[k]
+            # Only what differs from the mean gives way: belts that work against each other relax,
+            # and a climb keeps its speed.
+            droop = motor[DROOP] * motor[LUG_RADIUS] * (moment - mean)
+            error = wanted[k] - droop - speeds[k]
+            # No wind-up: the integral grows only as far as the motor gives more. What losses hold
+            # beyond its torque is not its own, and a motor at its limit lets go when it is asked
+            # to turn back.
+            gives_more = moment < AT_LIMIT * most if error > 0.0 else moment > AT_LIMIT * least
+            if gives_more:
                 corrections[k] += error * dt / motor[INTEGRAL_TIME]
             asked[k] = wanted[k] + corrections[k]
             asked[plane + k], asked[2 * plane + k] = lowest * per_force, highest * per_force

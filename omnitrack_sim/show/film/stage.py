@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
@@ -12,6 +13,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.show.film.overlay import Panel, draw_forces
 from omnitrack_sim.show.film.shots import (
@@ -147,10 +149,14 @@ class Stage:
 
 
 def _open_context(width: int, height: int) -> Any:
-    """Return a current offscreen OpenGL context: of ``MUJOCO_GL`` if set, else EGL or OSMesa."""
+    """Return a current offscreen OpenGL context: of ``MUJOCO_GL`` if set, else of this system.
+
+    That is EGL or OSMesa on Linux, which need no screen, and GLFW elsewhere.
+    """
+    here = ["egl", "osmesa"] if sys.platform == "linux" else ["glfw"]
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     reasons = []
-    for backend in [wanted] if wanted in ("egl", "osmesa", "glfw") else ["egl", "osmesa"]:
+    for backend in [wanted] if wanted in ("egl", "osmesa", "glfw") else here:
         try:
             context = import_module(f"mujoco.{backend}").GLContext(width, height)
             context.make_current()
@@ -158,6 +164,7 @@ def _open_context(width: int, height: int) -> Any:
         # OpenGL loaders raise anything: ImportError, AttributeError, RuntimeError, GLError
         except Exception as error:
             reasons.append(f"{backend}: {error}")
-    raise RenderError(
-        f"no offscreen OpenGL ({'; '.join(reasons)}). On Debian or Ubuntu: {APT_LINE}"
-    )
+    hint = f"On Debian or Ubuntu: {APT_LINE}"
+    if sys.platform != "linux":
+        hint = f"It needs GLFW: {installing('view')}"
+    raise RenderError(f"no offscreen OpenGL ({'; '.join(reasons)}). {hint}")

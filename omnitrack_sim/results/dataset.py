@@ -1,0 +1,159 @@
+"""A run's record as other tools take it: a dataset of xarray, and a table of CSV."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.text import csv_text, installing, strict_json
+from omnitrack_sim.record.channels import Channel, Vector
+from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.robot import Robot
+
+if TYPE_CHECKING:
+    import xarray
+
+TIME, PHASE = "time", "phase"
+_TURN = {"qw": "1", "qx": "1", "qy": "1", "qz": "1"}
+_PARTS: tuple[dict[str, str], ...] = (
+    {"x": "m", "y": "m", "z": "m", **_TURN},
+    _TURN,
+    {"": "m"},
+    {"": "rad"},
+)
+"""Numbers of a joint and their units: free, ball, slide and hinge, as MuJoCo numbers them."""
+
+
+def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
+    """Return the record of a run as a dataset of xarray, with units and names.
+
+    Each channel is a variable over ``time`` and, where it has several numbers, over ``module``,
+    ``body``, ``actuator`` or ``axis``, whose coordinates are their names; ``joint_position`` is
+    over ``joint``. Variables have the attributes ``units``, ``long_name`` and ``frame``. The
+    dataset has those of the run: ``scenario`` and ``metrics`` as JSON, ``outcome``, ``reason``, and
+    ``phases``, which the codes of ``phase`` index.
+
+    Args:
+        result: the run, or the folder of a saved one.
+
+    Raises:
+        ImportError: xarray is not installed; it is the extra ``xarray`` of this package.
+        OutputError: the folder is no run.
+
+    Example:
+        >>> dataset = ot.to_xarray(ot.run("straight"))  # doctest: +SKIP
+        >>> dataset.belt_speed.sel(module=1).plot()  # doctest: +SKIP
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        needed = f"to_xarray needs xarray: {installing('xarray')}"
+        raise ImportError(needed) from error
+    run = as_result(result)
+    trajectory, robot = run.trajectory, run.scenario.robot
+    known: dict[str, Sequence[Any]] = {}
+    variables: dict[str, Any] = {}
+    for name, channel in trajectory.schema.items():
+        dimensions = [TIME, *_dimensions(channel, robot, known)]
+        about = {"units": channel.unit, "long_name": channel.meaning, "frame": channel.frame}
+        variables[name] = (dimensions, trajectory[name], about)
+    columns = joint_columns(robot)
+    known["joint"] = [name for name, _ in columns]
+    about = {"units": "m, rad", "long_name": "positions of the joints, MuJoCo's qpos"}
+    variables["joint_position"] = ([TIME, "joint"], trajectory.qpos, about)
+    coordinates = {name: (name, np.asarray(labels)) for name, labels in known.items()}
+    coordinates[TIME] = (TIME, trajectory.time, {"units": "s"})  # type: ignore[assignment]
+    return xarray.Dataset(variables, coordinates, _about(run))
+
+
+def _about(run: Result) -> dict[str, Any]:
+    """Attributes of a run's dataset, all of types that its files may hold."""
+    return {
+        "name": run.scenario.name,
+        "outcome": run.outcome.value,
+        "reason": run.reason,
+        "phases": list(run.trajectory.phases),
+        "metrics": strict_json(run.metrics),
+        "scenario": run.scenario.model_dump_json(),
+    }
+
+
+def _dimensions(channel: Channel, robot: Robot, known: dict[str, Sequence[Any]]) -> list[str]:
+    """Return the names of a channel's axes after time; add the coordinates of new ones."""
+    names = []
+    for axis in range(len(channel.shape)):
+        name, labels = _axis(channel, axis, robot)
+        if known.setdefault(name, labels) != labels or name in names:
+            name = f"{channel.name}_{axis + 1}"
+            known[name] = labels
+        names.append(name)
+    return names
+
+
+def _axis(channel: Channel, axis: int, robot: Robot) -> tuple[str, Sequence[Any]]:
+    """Name and coordinates of an axis of a channel."""
+    size, is_last = channel.shape[axis], axis == len(channel.shape) - 1
+    if channel.names and len(channel.shape) == 1:
+        return channel.display.each or channel.name, list(channel.names)
+    if isinstance(channel, Vector):
+        return ("axis", [*"xyz"]) if size == 3 else ("quaternion_part", [*"wxyz"])
+    if is_last and axis > 0:
+        # Columns are the channel's name and a label of each axis.
+        labels = [column.rpartition("_")[2] for column in channel.columns[:size]]
+        return ("axis" if labels == [*"xyz"] else f"{channel.name}_{axis + 1}"), labels
+    if size == robot.modules:
+        return "module", [*range(1, size + 1)]
+    return f"{channel.name}_{axis + 1}", [*range(1, size + 1)]
+
+
+def joint_columns(robot: Robot) -> list[tuple[str, str]]:
+    """Return name and unit of each joint position of a robot, in the order of ``qpos``."""
+    from omnitrack_sim.robots.plant import compiled
+
+    kinds = compiled(robot).jnt_type.tolist()
+    return [
+        (f"{name}_{part}" if part else name, unit)
+        for name, kind in zip(robot.joints, kinds, strict=True)
+        for part, unit in _PARTS[kind].items()
+    ]
+
+
+def labels_of(channel: Channel) -> list[str]:
+    """Return a name for each number of a channel; "" where it has only one."""
+    if channel.names and len(channel.names) == len(channel.columns):
+        return list(channel.names)
+    return [column.removeprefix(channel.name).lstrip("_") for column in channel.columns]
+
+
+def to_csv(result: Result) -> bytes:
+    """Return the record of a run as CSV: a row a sample, units in brackets in the header.
+
+    The phase is told by its name; joint positions stand behind the channels.
+    """
+    trajectory = result.trajectory
+    columns: dict[str, NDArray | list[str]] = {"time [s]": trajectory.time}
+    for name, channel in trajectory.schema.items():
+        values = trajectory[name].reshape(len(trajectory.time), -1)
+        for label, own in zip(labels_of(channel), values.T, strict=True):
+            head = f"{name} {label}".strip()
+            columns[_headed(head, channel.unit)] = own
+    columns[PHASE] = [trajectory.phases[int(code)] for code in columns.pop(f"{PHASE} [code]")]
+    joints = joint_columns(result.scenario.robot)
+    for (name, unit), own in zip(joints, trajectory.qpos.T, strict=True):
+        columns[_headed(f"joint {name}", unit)] = own
+    return _csv(columns)
+
+
+def _headed(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+def _csv(columns: Mapping[str, NDArray | list[str]]) -> bytes:
+    """Return columns as CSV; numbers read back exactly."""
+    values = [own if isinstance(own, list) else own.tolist() for own in columns.values()]
+    return csv_text(chain([list(columns)], zip(*values, strict=True))).encode()

@@ -1,0 +1,247 @@
+"""Runs for other tools: MCAP, CSV and xarray hold what the record holds, with names and units."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from importlib.util import find_spec
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from commands import omnitrack
+
+import omnitrack_sim as ot
+from omnitrack_sim.results.dataset import joint_columns
+from omnitrack_sim.show import export
+
+TURN = {"run.time_limit": 3.0}
+
+
+@pytest.fixture(scope="module")
+def turn() -> ot.Result:
+    """Into a tee, of three seconds."""
+    return ot.run(ot.load_scenario("tee_turn", TURN), no_load=False)
+
+
+@pytest.fixture(scope="module")
+def snake() -> ot.Result:
+    """A robot with bodies and actuators by name."""
+    return ot.run(ot.load_scenario("robots/snake_elbow", {"run.time_limit": 1.0}), no_load=False)
+
+
+class Messages:
+    """An MCAP file as a reader that knows nothing of the package finds it.
+
+    Attributes:
+        of: (time, message) of each topic, decoded by the descriptions in the file.
+        schemas, about: names of the schemas, and metadata, of the topics.
+        attachments: contents by name.
+    """
+
+    def __init__(self, file: Path) -> None:
+        from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+        from mcap.reader import make_reader
+
+        self.of, self.schemas, self.about, self.order = {}, {}, {}, []
+        reader = make_reader(io.BytesIO(file.read_bytes()))
+        classes = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+            if schema.name not in classes:
+                pool = descriptor_pool.DescriptorPool()
+                for proto in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+                    pool.Add(proto)
+                found = pool.FindMessageTypeByName(schema.name)
+                classes[schema.name] = message_factory.GetMessageClass(found)
+            made = classes[schema.name].FromString(message.data)
+            self.of.setdefault(channel.topic, []).append((message.log_time, made))
+            self.schemas[channel.topic] = schema.name
+            self.about[channel.topic] = channel.metadata
+            self.order.append(message.log_time)
+        self.attachments = {one.name: one.data for one in reader.iter_attachments()}
+
+
+@pytest.fixture(scope="module")
+def messages(turn, tmp_path_factory) -> Messages:
+    """The turn, exported and read."""
+    pytest.importorskip("mcap")
+    file = tmp_path_factory.mktemp("mcap") / "turn.mcap"
+    assert ot.export_result(turn, file) == file
+    return Messages(file)
+
+
+def times(result: ot.Result) -> list[int]:
+    """Times of the samples, ns."""
+    return np.round(1e9 * result.trajectory.time).astype(int).tolist()
+
+
+def test_channels_are_topics_with_units_and_all_values(turn, messages):
+    """One for each channel, a field for each number, in order of time."""
+    assert messages.order == sorted(messages.order)
+    for name, channel in turn.trajectory.schema.items():
+        topic = f"/channels/{name}"
+        assert messages.about[topic]["unit"] == channel.unit
+        assert messages.about[topic]["meaning"] == channel.meaning
+        at, made = zip(*messages.of[topic], strict=True)
+        assert list(at) == times(turn)
+        fields = [f.name for f in made[0].DESCRIPTOR.fields][: len(channel.columns)]
+        values = [[getattr(one, field) for field in fields] for one in made]
+        own = turn.trajectory[name].reshape(len(at), -1)
+        np.testing.assert_array_equal(values, own)
+    phases = [one.name for _, one in messages.of["/channels/phase"]]
+    assert phases == [turn.trajectory.phases[int(code)] for code in turn.trajectory["phase"]]
+
+
+def test_frames_of_bodies_are_those_of_the_joints(turn, messages):
+    """Of MuJoCo's kinematics, at each sample; the robot's own pose is beside them."""
+    model = turn.scenario.to_spec().compile()
+    data = mujoco.MjData(model)
+    body = model.body("module_2").id
+    assert [at for at, _ in messages.of["/tf"]] == times(turn)
+    for (_, frames), qpos in zip(messages.of["/tf"], turn.qpos, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        (own,) = (one for one in frames.transforms if one.child_frame_id == "module_2")
+        assert own.parent_frame_id == "world"
+        place, turned = own.translation, own.rotation
+        np.testing.assert_allclose([place.x, place.y, place.z], data.xpos[body], atol=1e-12)
+        quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
+        assert abs(quaternion @ data.xquat[body]) == pytest.approx(1)
+    poses = [one.pose.position for _, one in messages.of["/pose"]]
+    position = [[place.x, place.y, place.z] for place in poses]
+    np.testing.assert_array_equal(position, turn.trajectory["position"])
+
+
+def test_joints_are_told_by_name(turn, messages):
+    """All but the chassis' free joint."""
+    _, states = messages.of["/joints"][-1]
+    told = {one.name: one.position for one in states.joints}
+    own = {n: c for n, c in turn.joints.items() if c.stop - c.start == 1}
+    assert told == {name: turn.qpos[-1, columns.start] for name, columns in own.items()}
+    assert "slide_1" in told
+
+
+def test_contacts_lie_on_the_wall_and_point_into_the_bore(turn, messages):
+    """Of each module at the start, in a straight of 160 mm."""
+    _, first = messages.of["/contacts"][0]
+    assert {one.body[-1] for one in first.contacts} == {*"123"}
+    for one in first.contacts:
+        across = np.array([one.x, one.y])
+        assert np.linalg.norm(across) == pytest.approx(0.08, abs=0.001)
+        assert np.array([one.nx, one.ny]) @ across < -0.079
+        assert -0.001 < one.depth < 0.002
+
+
+def test_shapes_are_there_once_each_in_the_frame_of_its_body(messages):
+    """Those of the pipes in the world; triangles name points that there are."""
+    ((at, scene),) = messages.of["/scene"]
+    assert at == 0
+    frames = {one.frame_id for one in scene.entities}
+    known = {one.child_frame_id for one in messages.of["/tf"][0][1].transforms}
+    assert "world" in frames
+    assert frames - {"world"} <= known
+    for entity in scene.entities:
+        assert entity.frame_locked
+        for triangles in entity.triangles:
+            assert len(triangles.indices) % 3 == 0 < len(triangles.indices)
+            assert max(triangles.indices) == len(triangles.points) - 1
+    pipes = next(one for one in scene.entities if one.id == "pipes")
+    assert all(0 < triangles.color.a < 1 for triangles in pipes.triangles)
+
+
+def test_the_file_says_what_was_run(turn, messages):
+    """Scenario and result are attached."""
+    assert json.loads(messages.attachments["scenario.json"]) == json.loads(
+        turn.scenario.model_dump_json()
+    )
+    assert json.loads(messages.attachments["result.json"])["outcome"] == turn.outcome.value
+    assert messages.schemas["/tf"] == "foxglove.FrameTransforms"
+    assert messages.schemas["/scene"] == "foxglove.SceneUpdate"
+
+
+def test_equal_runs_give_equal_files(turn, tmp_path):
+    """Byte for byte; also from the folder of the run, by the command."""
+    pytest.importorskip("mcap")
+    turn.save(tmp_path / "run")
+    ot.export_result(turn, tmp_path / "a.mcap")
+    assert omnitrack("export", str(tmp_path / "run")).returncode == 0
+    again = tmp_path / "run" / "trajectory.mcap"
+    assert again.read_bytes() == (tmp_path / "a.mcap").read_bytes()
+
+
+def test_any_robot_is_exported(snake, tmp_path):
+    """Bodies of a snake by their names, in channels too."""
+    pytest.importorskip("mcap")
+    read = Messages(ot.export_result(snake, tmp_path / "snake.mcap"))
+    _, first = read.of["/channels/wall_force"][0]
+    names = snake.trajectory.schema["wall_force"].names
+    assert [field.name for field in first.DESCRIPTOR.fields] == list(names)
+    assert read.about["/channels/wall_force"]["fields"] == ", ".join(names)
+
+
+def test_csv_reads_back_exactly(snake, tmp_path):
+    """A row a sample: channels by name with units, phases in words, joints behind them."""
+    file = ot.export_result(snake, tmp_path / "snake.csv")
+    with file.open(newline="", encoding="utf-8") as text:
+        head, *rows = csv.reader(text)
+    columns = dict(zip(head, zip(*rows, strict=True), strict=True))
+    assert list(map(float, columns["time [s]"])) == snake.trajectory.time.tolist()
+    forces = snake.trajectory["wall_force"]
+    for i, name in enumerate(snake.trajectory.schema["wall_force"].names):
+        assert list(map(float, columns[f"wall_force {name} [N]"])) == forces[:, i].tolist()
+    assert set(columns["phase"]) == {"drive"}
+    for i, (name, unit) in enumerate(joint_columns(snake.scenario.robot)):
+        told = columns[f"joint {name}" if unit == "1" else f"joint {name} [{unit}]"]
+        assert list(map(float, told)) == snake.qpos[:, i].tolist()
+
+
+def test_xarray_has_names_and_units(turn, snake):
+    """Channels over time and what they are of; joints by name; the run as attributes."""
+    pytest.importorskip("xarray")
+    dataset = ot.to_xarray(turn)
+    assert dataset.sizes["time"] == len(turn.trajectory.time)
+    np.testing.assert_array_equal(
+        dataset.belt_speed.sel(module=2), turn.trajectory["belt_speed"][:, 1]
+    )
+    np.testing.assert_array_equal(
+        dataset.contact_position.sel(module=3, axis="z"),
+        turn.trajectory["contact_position"][:, 2, 2],
+    )
+    assert dataset.normal_force.attrs["units"] == "N"
+    assert dataset.quaternion.dims == ("time", "quaternion_part")
+    np.testing.assert_array_equal(
+        dataset.joint_position.sel(joint="slide_1"), turn.qpos[:, turn.joints["slide_1"].start]
+    )
+    assert (dataset.outcome, dataset.phases) == (turn.outcome.value, list(turn.trajectory.phases))
+    assert json.loads(dataset.scenario)["name"] == "tee_turn"
+    other = ot.to_xarray(snake)
+    assert other.wall_force.dims == ("time", "body")
+    assert other.ctrl.dims == ("time", "actuator")
+    assert other.body.values.tolist() == list(snake.trajectory.schema["wall_force"].names)
+
+
+def test_a_run_writes_what_export_names(tmp_path):
+    """Beside its other files."""
+    pytest.importorskip("mcap")
+    command = ("run", "straight", "--no-video", "--out", "a", "--set", "run.time_limit=0.1")
+    done = omnitrack(*command, "--export", "csv", "--export", "mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {"trajectory.csv", "trajectory.mcap"} <= {p.name for p in (tmp_path / "a").iterdir()}
+
+
+def test_what_cannot_be_exported_is_refused_before_the_run(tmp_path, monkeypatch):
+    """Another format, and MCAP where what writes it is missing; xarray says what it needs."""
+    run = ("run", "straight", "--no-video", "--export")
+    done = omnitrack(*run, "mkap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--export: is 'mkap'; did you mean 'mcap'?" in " ".join(done.stderr.split())
+    monkeypatch.setattr(export, "find_spec", lambda name: find_spec(name) and None)
+    done = omnitrack(*run, "mcap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "pip install 'omnitrack_sim[mcap]'" in " ".join(done.stderr.split())
+    assert not (tmp_path / "out").exists()
+    done = omnitrack("export", "nothing", "--out", "a.txt", cwd=tmp_path)
+    assert "a.txt: has the export format 'txt' (choose from: mcap, csv)" in done.stderr
