@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import strangers
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
@@ -229,6 +230,16 @@ def test_neither_file_is_overwritten():
         Path(taken).unlink()
 
 
+def test_all_keys_are_written_from_it_wherever_the_file_stands():
+    """`omnitrack new --from` leads to the model from another folder, and reads as the same run."""
+    new(CART, "cart.urdf")
+    Path("sub").mkdir()
+    CliRunner().invoke(app, ["new", "sub/all", "--from", "mine.toml"], catch_exceptions=False)
+    same = ot.load_scenario("sub/all.toml").model_dump(exclude={"name"})
+    assert same == ot.load_scenario("mine.toml").model_dump(exclude={"name"})
+    assert "../cart.urdf" in Path("sub/all.toml").read_text()
+
+
 def test_a_chassis_is_named_where_several_could_be_it():
     """Without a name the file is refused with the choices."""
     body = "<body name='{0}' pos='0 {1} 0'><freejoint/><geom size='0.03'/></body>"
@@ -237,3 +248,21 @@ def test_a_chassis_is_named_where_several_could_be_it():
         new(text, "twins.xml")
     new(text, "twins.xml", "--body", "two")
     assert ot.load_scenario("mine.toml").robot.chassis == "two"
+
+
+def test_the_survey_runs_models_of_a_folder_or_says_why_not():
+    """Of files of models, not of parts of them; a model that is refused has its sentence."""
+    Path("part.xml").write_text("<mujocoinclude><body/></mujocoinclude>")
+    Path("colours.xml").write_text("<mujoco><asset/></mujoco>")
+    Path("a.urdf").write_text(CART)
+    Path("b.xml").write_text(
+        "<mujoco><worldbody><body name='pole'><joint name='pin'/><geom size='0.1'/></body>"
+        "</worldbody><actuator><motor joint='pin'/></actuator></mujoco>"
+    )
+    files = [*strangers.models_in([Path()])]
+    assert [file.name for file in files] == ["a.urdf", "b.xml"]
+    cart, pole = (strangers.answer(file, 0.1) for file in files)
+    assert (cart.runs, cart.words, cart.inputs) == (True, "timed_out", 4)
+    assert not pole.runs
+    assert pole.words.startswith("file: 'pole' hangs on the world by the joint 'pin'")
+    assert "given" not in pole.words

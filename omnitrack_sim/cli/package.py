@@ -205,17 +205,23 @@ def _text(target: Path, source: str) -> str:
 
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
-    """The data of a file for one that may stand elsewhere: the path of a network leads there."""
+    """The data of a file for one that may stand elsewhere: its paths lead to the same files."""
+    robot = data.get("robot")
+    if isinstance(robot, str) or (isinstance(robot, dict) and "file" in robot):
+        moved = _moved_file(robot if isinstance(robot, str) else robot["file"], path, target)
+        data = data | {"robot": moved if isinstance(robot, str) else robot | {"file": moved}}
+    if "network" in data:
+        data = data | {"network": _moved_file(data["network"], path, target)}
+    return data
+
+
+def _moved_file(name: Any, path: Path, target: Path) -> Any:
+    """The path of a file that a scenario at ``path`` names, for one at ``target``."""
     from omnitrack_sim.base.reading import beside
 
-    network = data.get("network")
-    if not isinstance(network, str):
-        return data
-    place = beside(path.parent, network)
-    if isinstance(place, str):
-        return data  # the name of a shipped one
-    # Relative to the new file, so that both can be moved together.
-    return data | {"network": os.path.relpath(place, target.parent)}
+    place = beside(path.parent, name) if isinstance(name, str) else name
+    # Relative to the new file, so that both can be moved together; a shipped one has a name.
+    return os.path.relpath(place, target.parent) if isinstance(place, Path) else name
 
 
 @app.command()

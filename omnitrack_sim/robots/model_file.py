@@ -129,6 +129,7 @@ def check_robot(model: mujoco.MjModel) -> None:
 def in_words(error: Exception, file: str) -> str:
     """Return what MuJoCo says of a file, on one line, with what to do about it."""
     words = " ".join(str(error).split()).removeprefix("XML ").removeprefix("Error: ")
+    words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
     words = re.sub(r"'/[^']*/([^'/]+)'", r"'\1'", words)  # a mesh by its name, not all of its path
     hints = [hint for part, hint in _HINTS if part in words]
