@@ -515,8 +515,7 @@ def export(
     trust: TrustOption = False,
 ) -> None:
     """Export a saved run for other tools: poses, joints, contacts and channels."""
-    source = ot.load_result(run_dir, trust=True) if trust else run_dir
-    print_saved(ot.export_result(source, file or run_dir / f"{EXPORT}.mcap"))
+    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap", trust=trust))
 
 
 def _check_export(format: str) -> None:

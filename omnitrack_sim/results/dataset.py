@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.text import csv_text, installing, strict_json
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _PARTS: tuple[dict[str, str], ...] = (
 """Numbers of a joint and their units: free, ball, slide and hinge, as MuJoCo numbers them."""
 
 
-def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
+def to_xarray(result: Result | str | os.PathLike[str], *, trust: bool = False) -> xarray.Dataset:
     """Return the record of a run as a dataset of xarray, with units and names.
 
     Each channel is a variable over ``time`` and, where it has several numbers, over ``module``,
@@ -40,6 +41,7 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
 
     Args:
         result: the run, or the folder of a saved one.
+        trust: of a folder, see ``load_result``.
 
     Raises:
         ImportError: xarray is not installed; it is the extra ``xarray`` of this package.
@@ -54,7 +56,7 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
     except ImportError as error:
         needed = f"to_xarray needs xarray: {installing('xarray')}"
         raise ImportError(needed) from error
-    run = as_result(result)
+    run = as_result(result, trust)
     trajectory, robot = run.trajectory, run.scenario.robot
     known: dict[str, Sequence[Any]] = {}
     variables: dict[str, Any] = {}
@@ -115,7 +117,8 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
     """Return name and unit of each joint position of a robot, in the order of ``qpos``."""
     from omnitrack_sim.robots.plant import compiled
 
-    kinds = compiled(robot).jnt_type.tolist()
+    model = robot.spec().compile() if isinstance(robot, Recorded) else compiled(robot)
+    kinds = model.jnt_type.tolist()
     return [
         (f"{name}_{part}" if part else name, unit)
         for name, kind in zip(robot.joints, kinds, strict=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import (
@@ -58,7 +58,8 @@ class RobotDisplay:
         unplotted: further channels of the robot, which have none.
         page_channels: further channels that pages need.
         columns: name and colour of each column of channels with so many columns.
-        badges: bodies that a number in the colour of its column stands on.
+        badges: bodies that a number in the colour of its column stands on; without ``columns``
+            those that touch the wall have one.
         state: values below the phase on pages.
         headline: metrics in the head of pages.
         tracks: by the names of their bodies.
@@ -129,11 +130,14 @@ class RobotDisplay:
 
     @property
     def camera(self) -> CarriedCamera:
-        """Camera ``onboard`` of films: the first of the robot's own, else one at the nose."""
-        robot = self.robot
-        model = initial_state(robot).model
-        for camera in model_cameras(model).values():
-            return camera._replace(body=model.body(camera.body).name)
+        """Camera ``onboard`` of films: the robot's first one in the bore, else one at the nose."""
+        robot, start = self.robot, initial_state(self.robot)
+        for camera in model_cameras(start.model).values():
+            carrier = Pose(start.xmat[camera.body].reshape(3, 3), start.xpos[camera.body])
+            place = robot.start_frame.inverse().apply(carrier.apply(camera.position))
+            # Many models have one that follows them from a few metres away.
+            if camera.body and np.hypot(*place[:2]) < robot.nominal_bore / 2:
+                return camera._replace(body=start.model.body(camera.body).name)
         place = robot.frame.apply([0.0, 0.0, robot.length / 2])
         x, y, z = (tuple(row) for row in (robot.frame.rotation @ np.array(LOOKS_AHEAD)).tolist())
         return CarriedCamera(robot.chassis, tuple(place.tolist()), (x, y, z), CAMERA_ANGLE_DEG)
@@ -169,14 +173,14 @@ class RobotDisplay:
             ("tilt", f"{np.degrees(location.tilt[0]):.1f} deg"),
         ]
 
-    def arrows(self, trajectory: Trajectory, carriers: Sequence[Array]) -> list[ForceArrow]:
-        """Return the arrows of forces on pages; none by default.
+    def arrows(self, trajectory: Trajectory, carriers: Sequence[Array]) -> list[ForceArrow] | None:
+        """Return the arrows of forces on pages; None: those of ``wall_force``, also in films.
 
         Args:
             trajectory: the record.
             carriers: positions, m, and quaternions (T, 7) of the ``badges``.
         """
-        return []
+        return None
 
     # Tracks
 

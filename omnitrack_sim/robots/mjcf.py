@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ from pydantic import ValidationInfo, field_validator
 from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.naming import by_pattern
-from omnitrack_sim.base.reading import exists, read_bytes
+from omnitrack_sim.base.reading import below, exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, NotNegative, Positive
 from omnitrack_sim.robots.model_file import (
@@ -25,8 +25,16 @@ from omnitrack_sim.robots.model_file import (
     in_words,
     robot_model,
 )
-from omnitrack_sim.robots.plant import initial_state
-from omnitrack_sim.robots.quantity import QuantityModel, quantity
+from omnitrack_sim.robots.model_values import (
+    KINDS,
+    Elements,
+    apply,
+    unit_of,
+    values_of,
+    with_changes,
+)
+from omnitrack_sim.robots.plant import Plant, Start, initial_state
+from omnitrack_sim.robots.quantity import Parameter, QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -96,7 +104,11 @@ class Mjcf(Robot):
     """
 
     kind: ClassVar[str] = "mjcf"
-    file: Annotated[str, FileName("sha256")] = quantity(
+    own_values: ClassVar[tuple[str, ...]] = (
+        *(f"joint.*.{key}" for key in ("stiffness", "damping", "frictionloss")),
+        *("actuator.*.kp", "actuator.*.kv"),
+    )
+    file: Annotated[str, FileName("sha256", tuple(KINDS))] = quantity(
         ..., "", "unstated", "MJCF or URDF file, relative to the scenario", max_length=4096
     )
     sha256: str | None = quantity(
@@ -138,6 +150,28 @@ class Mjcf(Robot):
         "unstated",
         "a list of motors of joints, for files without actuators such as URDF",
         max_length=MAX_SERVOS,
+    )
+    joint: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of a joint by its name: stiffness, springref, damping, armature, frictionloss. Left out: "
+        "as the file has it",
+        validate_default=True,
+    )
+    geom: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of a geom by its name: size, and mass or density. Left out: as the file has it",
+        validate_default=True,
+    )
+    actuator: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of an actuator by its name: kp and kv of servos, gear. Left out: as the file has it",
+        validate_default=True,
     )
 
     @field_validator("file")
@@ -183,10 +217,65 @@ class Mjcf(Robot):
                 raise ValueError(str(error)) from None
         return servos
 
+    @field_validator("joint", "geom", "actuator")
+    @classmethod
+    def _of_the_file(cls, changes: Elements, info: ValidationInfo) -> Elements:
+        """Return the values of all elements, with those that were given."""
+        if not {"file", "body"} <= info.data.keys() or info.field_name is None:
+            return changes  # reported at the file's own key
+        spec = _loaded(info.data["file"], info.data["body"]).spec
+        try:
+            return with_changes(values_of(spec, info.field_name), changes)
+        except InputError as error:
+            raise below(error) from None
+
+    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> Plant:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.file_plant import FilePlant
+
+        return FilePlant(model, self, start, *more)
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    @cached_property
+    def _text(self) -> str:
+        return self.model_dump_json()
+
+    def unit_at(self, path: str) -> str | None:
+        """See ``Robot``."""
+        kind, _, rest = path.partition(".")
+        keys = rest.split(".")
+        if kind not in KINDS or len(keys) < 2:
+            return super().unit_at(path)
+        spec = _loaded(self.file, self.body).spec
+        # The last number of a size has the unit of the size.
+        key = keys[-2] if keys[-1].isdecimal() else keys[-1]
+        return unit_of(spec, kind, rest.partition(f".{key}")[0], key)
+
+    def parameters(self) -> list[Parameter]:
+        """See ``Robot``; each value of a joint, geom or actuator has a row."""
+        rows = [row for row in super().parameters() if row.name not in KINDS]
+        for kind in KINDS:
+            rows += [
+                Parameter(
+                    name=(name := f"{kind}.{element}.{key}"),
+                    value=value,
+                    unit=self.unit_at(name) or "",
+                    provenance="unstated",
+                    source="of the file",
+                )
+                for element, values in getattr(self, kind).items()
+                for key, value in values.items()
+            ]
+        return rows
+
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
         robot = _loaded(self.file, self.body)
         spec, wanted = robot.spec.copy(), {servo.joints: servo for servo in self.servos}
+        for kind in KINDS:
+            apply(spec, kind, getattr(self, kind))
         motors = by_pattern(wanted, robot.drivable, "robot.servos")
         for joint in robot.drivable:
             if joint in motors:

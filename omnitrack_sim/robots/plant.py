@@ -628,7 +628,7 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
     """
     meaning = "control inputs, by actuator"
     shown = Display("Control inputs", "1", span=0.02, each="actuator")
-    own = {"source": "command", "names": _actuator_names(model), "shown": shown}
+    own = {"source": "command", "names": actuator_names(model), "shown": shown}
     ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
@@ -646,7 +646,7 @@ def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     ]
 
 
-def _actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
+def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
     """Names of the actuators; of one without, that of its joint or tendon, or its number from 1."""
     names = []
     for i in range(model.nu):
@@ -666,7 +666,7 @@ def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
         shown = Display(title, unit, span=0.02, each="actuator")
         return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
 
-    names, order = _actuator_names(model), "in the model's own order"
+    names, order = actuator_names(model), "in the model's own order"
     force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
     velocity = each("actuator_velocity", "m/s, rad/s", "speed of each actuator's length")
     power = each("actuator_power", "W", "force times speed of each actuator")

@@ -86,7 +86,7 @@ class Robot(Sized, ABC):
         built: keys of ``[robot]`` that make it the robot that was built, where its defaults are
             those of a simulation; benches and passports take them.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
-            differ; see ``Plant.reset``.
+            differ, a ``*`` for any key; see ``Plant.reset``.
 
     Example:
         >>> import mujoco

@@ -29,7 +29,9 @@ def check_export(format: str) -> None:
         raise InputError(Fault("export", problem))
 
 
-def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> Path:
+def export_result(
+    result: Result | str | os.PathLike[str], path: str | Path, *, trust: bool = False
+) -> Path:
     """Export a run as a file for other tools, by its ending.
 
     ``.mcap`` has poses of all bodies, joints, contacts, channels, events, shapes of robot and
@@ -39,6 +41,8 @@ def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> 
     Args:
         result: the run, or the folder of a saved one.
         path: file to write.
+        trust: of a folder, see ``load_result``; without it, a robot from outside the package has
+            no contacts in MCAP.
 
     Returns:
         The path.
@@ -56,7 +60,7 @@ def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> 
     format = format_of(path, None, "export", EXPORTS)
     check_export(format)
     check_file(path)
-    run = as_result(result)
+    run = as_result(result, trust)
     if format == "csv":
         data = to_csv(run)
     else:
