@@ -37,6 +37,8 @@ MODELS = ("include", "model")
 GRIDS = ("flexcomp", "composite")
 """Elements that make a body or vertex of each cell."""
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_AROUND = b" \t\r\n\0"
+"""Bytes that MuJoCo passes over before and behind the text of a file."""
 _UNITS = {unit: 1024**power for power, unit in enumerate("KMGTPE", start=1)}
 _CELLS: Mapping[str, tuple[str, ...]] = {
     "hfield": ("nrow", "ncol"),
@@ -153,7 +155,7 @@ class _Demands:
         if name in self._read:
             return
         self._read.add(name)
-        text = _COMMENT.sub(b"", self._files.read(name)).lstrip()
+        text = _COMMENT.sub(b"", self._files.read(name)).strip(_AROUND)
         if b"<!ENTITY" in text:
             raise ValueError("has entities of its own, which are not read")
         stack = [times]
