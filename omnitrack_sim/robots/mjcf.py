@@ -38,7 +38,7 @@ from omnitrack_sim.robots.quantity import Parameter, QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-MAX_SERVOS = 100
+MAX_SERVOS = 1_000
 """Tables of servos of one robot; one may be for many joints."""
 
 
@@ -130,6 +130,13 @@ class Mjcf(Robot):
     forward: Axis = quantity(
         "z", "", "unstated", "axis of the chassis that points to the robot's nose"
     )
+    centre: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0),
+        "m",
+        "unstated",
+        "point of the chassis, in its frame, that the robot's axis goes through; what it is along "
+        "the axis means nothing",
+    )
     bore: Positive | None = quantity(
         None,
         "m",
@@ -137,7 +144,6 @@ class Mjcf(Robot):
         "inner diameter of the pipe that it is made for. Left out: twice its largest extent from "
         "its axis along the two others",
     )
-
     servos: tuple[Servo, ...] = quantity(
         (),
         "",
@@ -266,24 +272,30 @@ class Mjcf(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
-        robot = robot_model(self.file, self.body)
+        robot = _loaded(self.file, self.body)
+        spec, wanted = robot.spec.copy(), {servo.joints: servo for servo in self.servos}
         for kind in KINDS:
-            apply(robot.spec, kind, getattr(self, kind))
-        wanted = {servo.joints: servo for servo in self.servos}
+            apply(spec, kind, getattr(self, kind))
         motors = by_pattern(wanted, robot.drivable, "robot.servos")
         for joint in robot.drivable:
             if joint in motors:
-                motors[joint].add_to(robot.spec, joint)
+                motors[joint].add_to(spec, joint)
         if motors:
             # By Euler's own method a servo of a light wheel would blow up at a step of 2 ms.
-            robot.spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        return robot.spec
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return spec
 
-    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002 - protocol
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002
         """See ``Robot``; what was left out of the file or changed."""
         changes = _loaded(self.file, self.body).changes
         if changes:
             yield f"{Path(self.file).name}: {'; '.join(changes)}"
+        own = _loaded(self.file, self.body).spec.option.timestep
+        if timestep > 1.5 * own:
+            yield (
+                f"{Path(self.file).name} is made for a time step of {own:.4g} s, and "
+                f"physics.timestep is {timestep:.4g} s: a model may diverge that is stiffer"
+            )
 
     @property
     def chassis(self) -> str:
@@ -292,7 +304,7 @@ class Mjcf(Robot):
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
-        """Extent of the parts that touch, m, along and about the forward axis.
+        """Extent of the parts that touch, m, along and about the robot's axis.
 
         Tail and nose along the axis from the chassis' origin, and the largest distance from it.
         """
@@ -305,16 +317,41 @@ class Mjcf(Robot):
         frames = data.geom_xmat[touching].reshape(-1, 3, 3)
         points = np.einsum("gij,gkj->gki", frames, local) + data.geom_xpos[touching, None]
         body = model.body(self.chassis).id
-        own = data.xmat[body].reshape(3, 3) @ _turn(self.forward)
-        x, y, z = ((points.reshape(-1, 3) - data.xpos[body]) @ own).T
+        own = data.xmat[body].reshape(3, 3) @ turn_to(self.forward)
+        x, y, z = ((points.reshape(-1, 3) - data.xpos[body]) @ own - self._aside).T
         return float(z.min()), float(z.max()), float(np.abs([x, y]).max())
+
+    @property
+    def _aside(self) -> Array:
+        """Way (3,) m from the chassis' origin across to the robot's axis, robot frame."""
+        return (self.centre @ turn_to(self.forward)) * [1.0, 1.0, 0.0]
 
     @property
     def frame(self) -> Pose:
         """See ``Robot``."""
         tail, nose, _ = self._extent
-        turn = _turn(self.forward)
-        return Pose(turn, turn @ [0.0, 0.0, (tail + nose) / 2])
+        turn = turn_to(self.forward)
+        return Pose(turn, turn @ (self._aside + np.array([0.0, 0.0, (tail + nose) / 2])))
+
+    @property
+    def start_ctrl(self) -> Array:
+        """See ``Robot``: servos of position are asked for where they are, others for nothing."""
+        return np.array(self._held_inputs)
+
+    @cached_property
+    def _held_inputs(self) -> tuple[float, ...]:
+        data = initial_state(self)
+        model = data.model
+        mujoco.mj_forward(model, data)
+        affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        gain, (constant, slope) = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :2].T
+        holds = affine & fixed & (gain != 0) & (slope != 0)
+        force = constant + slope * data.actuator_length
+        ctrl = np.where(holds, -force / np.where(gain == 0, 1.0, gain), 0.0)
+        low, high = model.actuator_ctrlrange.T
+        limited = model.actuator_ctrllimited.astype(bool)
+        return tuple((np.where(limited, np.clip(ctrl, low, high), ctrl) + 0.0).tolist())
 
     @property
     def start_frame(self) -> Pose:
@@ -358,7 +395,7 @@ def _checked(file: str, body: str, _version: str) -> RobotModel:
     return robot
 
 
-def _turn(forward: Axis) -> Array:
+def turn_to(forward: Axis) -> Array:
     """Rotation (3, 3) whose z is an axis of the chassis."""
     z = np.zeros(3)
     z["xyz".index(forward[-1])] = -1.0 if forward.startswith("-") else 1.0

@@ -274,6 +274,7 @@ class Plant:
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
+        self._warnings[rows] = self._count_warnings()[rows]
         self._settle(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]
 
@@ -428,6 +429,7 @@ class Plant:
         self._gravity[rows] = start.gravity
         self._batch.bind("time")[rows] = 0.0
         self._batch.forward(rows)
+        self._find_diverged()
         self._check_fit(rows, start)
 
     def _misfits(self, rows: NDArray[np.intp], start: Start) -> NDArray[np.intp]:
@@ -450,6 +452,8 @@ class Plant:
     def _check_fit(self, rows: NDArray[np.intp], start: Start) -> None:
         """Refuse robots that are in the wall where they have settled."""
         for row, radius in zip(rows.tolist(), start.bore_radius.tolist(), strict=True):
+            if self.diverged[row]:
+                continue  # its run ends with that
             contacts = self._wall_contacts(row)
             rigid = max((each for each in contacts if each.is_rigid), default=NONE)
             deepest = max(contacts, default=NONE)
@@ -493,6 +497,10 @@ class Plant:
             self._batch.step(active, nstep=substeps)
         except batch.SimulationError as error:
             self.diverged[error.ids] = True
+        self._find_diverged()
+
+    def _find_diverged(self) -> None:
+        """Find the robots whose physics has gone wrong since the warnings were counted last."""
         warnings = self._count_warnings()
         # A sum is finite where all its terms are, unless they are beyond all reason.
         if warnings.tobytes() != self._warnings.tobytes() or not math.isfinite(self.qpos.sum()):
