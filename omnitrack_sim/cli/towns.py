@@ -29,6 +29,7 @@ from omnitrack_sim.cli.common import (
     with_changes,
 )
 from omnitrack_sim.cli.trials import (
+    BatchOption,
     CoursesOption,
     DaskOption,
     ListOption,
@@ -61,6 +62,7 @@ def passport(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -70,6 +72,7 @@ def passport(
     """
     from omnitrack_sim.towns.passport import PASSPORT_FILE
     from omnitrack_sim.towns.passport_plan import FULL, QUICK
+    from omnitrack_sim.trials.mobility import BATCH
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
@@ -81,6 +84,7 @@ def passport(
             changes=changes,
             trials=trials or (QUICK if quick else FULL),
             courses=courses,
+            batch=batch or BATCH,
         ),
         assignments,
     )
