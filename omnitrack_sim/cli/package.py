@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -206,10 +207,11 @@ def _text(target: Path, source: str) -> str:
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
     """The data of a file for one that may stand elsewhere: its paths lead to the same files."""
-    robot = data.get("robot")
-    if isinstance(robot, str) or (isinstance(robot, dict) and "file" in robot):
-        moved = _moved_file(robot if isinstance(robot, str) else robot["file"], path, target)
-        data = data | {"robot": moved if isinstance(robot, str) else robot | {"file": moved}}
+    from omnitrack_sim.robots.kinds import robot_in_full
+
+    robot = robot_in_full(data.get("robot"))
+    if isinstance(robot, Mapping) and "file" in robot:
+        data = data | {"robot": {**robot, "file": _moved_file(robot["file"], path, target)}}
     if "network" in data:
         data = data | {"network": _moved_file(data["network"], path, target)}
     return data

@@ -24,7 +24,7 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
-from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, is_model_file, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, robot_class, robot_in_full
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import RecordTable
@@ -190,9 +190,9 @@ def _changed(
 ) -> tuple[dict[str, Any], list[Fault]]:
     """Copy a scenario's data with values changed by dotted path; faults of invalid paths."""
     plain, faults = copy.deepcopy(dict(data)), []
-    changes = {path: _in_full(v) if path == "robot" else v for path, v in changes.items()}
+    changes = {path: robot_in_full(v) if path == "robot" else v for path, v in changes.items()}
     if "robot" in plain:
-        plain["robot"] = _in_full(plain["robot"])
+        plain["robot"] = robot_in_full(plain["robot"])
     if any(path.startswith("robot.") for path in changes):
         # `values_at_scale` may state the robot at another size; a change means the robot at hand.
         plain["robot"] = _at_its_scale(plain.get("robot", {}), changes)
@@ -279,18 +279,11 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
     return {**data, "network": part, "mission": {**mission, "start": start, "goals": [goal]}}
 
 
-def _in_full(robot: Any) -> Any:
-    """Return the table that a robot's name or file is short for; any other value as it is."""
-    if not isinstance(robot, str):
-        return robot
-    return {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
-
-
 def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
     """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
-        robot = _in_full(robot)
+        robot = robot_in_full(robot)
         data = {**data, "robot": robot}
     kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
     if kind == DEFAULT or not isinstance(kind, str):

@@ -249,13 +249,13 @@ class _File:
         """Return a class of messages of this package.
 
         Args:
-            name: of the schema, below ``omnitrack``.
+            name: of the schema, below ``omnitrack_sim``.
             fields: their types by name: a key of ``_TYPES``, or the class of many messages.
         """
         from google.protobuf import descriptor_pb2, message_factory
 
         proto = descriptor_pb2.FileDescriptorProto(
-            name=f"omnitrack/{name}.proto", package="omnitrack", syntax="proto3"
+            name=f"omnitrack_sim/{name}.proto", package="omnitrack_sim", syntax="proto3"
         )
         kind = proto.message_type.add(name=name)
         for number, (field, inner) in enumerate(fields.items(), start=1):
@@ -267,7 +267,7 @@ class _File:
             own.type_name = f".{inner.DESCRIPTOR.full_name}"
             proto.dependency.append(inner.DESCRIPTOR.file.name)
         self._pool.Add(proto)
-        found = self._pool.FindMessageTypeByName(f"omnitrack.{name}")
+        found = self._pool.FindMessageTypeByName(f"omnitrack_sim.{name}")
         return message_factory.GetMessageClass(found)
 
     def add(self, topic: str, message: Any, time: int, about: dict[str, str] | None = None) -> None:
