@@ -18,8 +18,8 @@ import numpy as np
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed
-from omnitrack_sim.robots.model_bounds import read_spec
 from omnitrack_sim.walls.geoms import set_numerics
+from omnitrack_sim.walls.model_bounds import read_spec
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be

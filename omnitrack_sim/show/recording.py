@@ -25,6 +25,7 @@ from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.walls.around import AxisPoints, Pipes
+from omnitrack_sim.walls.model_bounds import check_binary
 
 if TYPE_CHECKING:
     import pandas
@@ -393,6 +394,7 @@ class Recording:
         # The walls have to be known before a binary model with them is used.
         pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
         binary = {"model.mjb": arrays["model"].tobytes()}
+        check_binary(binary["model.mjb"])
         model = mujoco.MjModel.from_binary_path("model.mjb", binary)
         recording = cls(model, pipes, period=head["period"])
         recording.body = int(head["body"])
