@@ -29,6 +29,7 @@ from omnitrack_sim.cli.common import (
     with_changes,
 )
 from omnitrack_sim.cli.trials import (
+    BatchOption,
     CoursesOption,
     DaskOption,
     ListOption,
@@ -64,6 +65,7 @@ def passport(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -73,6 +75,7 @@ def passport(
     """
     from omnitrack_sim.towns.passport import PASSPORT_FILE
     from omnitrack_sim.towns.passport_plan import FULL, QUICK
+    from omnitrack_sim.trials.mobility import BATCH
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
@@ -84,6 +87,7 @@ def passport(
             changes=changes,
             trials=trials or (QUICK if quick else FULL),
             courses=courses,
+            batch=batch or BATCH,
         ),
         assignments,
     )
