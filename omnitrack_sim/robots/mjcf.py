@@ -209,7 +209,7 @@ class Mjcf(Robot):
     @field_validator("servos")
     @classmethod
     def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
-        if "body" in info.data:
+        if {"file", "body"} <= info.data.keys():
             names = _loaded(info.data["file"], info.data["body"]).drivable
             try:
                 by_pattern({servo.joints: servo for servo in servos}, names, "joints")
