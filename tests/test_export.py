@@ -245,3 +245,26 @@ def test_what_cannot_be_exported_is_refused_before_the_run(tmp_path, monkeypatch
     assert not (tmp_path / "out").exists()
     done = omnitrack("export", "nothing", "--out", "a.txt", cwd=tmp_path)
     assert "a.txt: has the export format 'txt' (choose from: mcap, csv)" in done.stderr
+
+
+def test_a_robot_of_a_file_is_exported_without_reading_the_file(tmp_path, monkeypatch):
+    """Without contacts, for which its model is needed; with trust they are there."""
+    pytest.importorskip("mcap")
+    monkeypatch.chdir(tmp_path)
+    Path("ball.xml").write_text(
+        "<mujoco><worldbody><body name='ball'><freejoint name='root'/><geom size='0.07'/>"
+        "<body name='arm'><joint name='swing' axis='1 0 0'/><geom size='0.01' pos='0 0 .01'/>"
+        "</body></body></worldbody></mujoco>"
+    )
+    changes = {"robot": "ball.xml", "run.time_limit": 0.1}
+    ot.run(ot.load_scenario("straight", changes), no_load=False).save("run")
+    trusted = Messages(ot.export_result("run", "trusted.mcap", trust=True))
+    assert {one.body for _, m in trusted.of["/contacts"] for one in m.contacts} == {"ball"}
+    Path("ball.xml").unlink()
+    read = Messages(ot.export_result("run", "run.mcap"))
+    assert "/contacts" not in read.of
+    (joint,) = read.of["/joints"][0][1].joints
+    assert joint.name == "swing"
+    assert {one.child_frame_id for one in read.of["/tf"][0][1].transforms} == {"ball", "arm"}
+    head = ot.export_result("run", "run.csv").read_text().partition("\n")[0]
+    assert head.endswith("joint root_qz,joint swing [rad]")

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,6 +25,7 @@ from omnitrack_sim.base.bounds import MAX_TRIALS
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.trials.suite import load_suite
+from omnitrack_sim.walls.model_bounds import check_binary
 
 PATIENCE = 5.0
 """Time, s, in which a file is refused on a machine that does other things, too; alone it takes
@@ -281,3 +283,52 @@ def test_a_town_at_an_absurd_scale_is_refused(scale, tmp_path):
     pytest.importorskip("wntr")
     (tmp_path / "town.inp").write_text(TOWN.format(**SIZES))
     refused(lambda: ot.import_network(tmp_path / "town.inp", scale=scale))
+
+
+def test_every_size_of_a_binary_model_is_bounded():
+    """MuJoCo would take the memory, or turn in a circle, before it looks for what it is of."""
+    text = f"<mujoco><worldbody>{BODY}</worldbody></mujoco>"
+    model = mujoco.MjSpec.from_string(text).compile()
+    whole = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, whole)
+    check_binary(whole.tobytes())
+    count = int(whole[8:12].view(np.int32)[0])
+    for place in range(count):
+        for size in (2**62, -(2**62), 10**10):
+            odd = whole.copy()
+            odd[20 + 8 * place : 28 + 8 * place] = np.array([size]).view(np.uint8)
+            with pytest.raises(ValueError, match="as its n"):
+                check_binary(odd.tobytes())
+    for data in (b"", b"x" * 19, whole.tobytes()[:100], bytes(1000)):
+        with pytest.raises(ValueError, match="is no model"):
+            check_binary(data)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"sha256": [], "sweep": {}}',
+        b'{"sha256": "x", "sweep": []}',
+        b'{"sha256": "x", "sweep": {"bases": 3, "axes": null}}',
+        b'{"sha256": "x", "sweep": {"name": {"a": [[[]]]}}, "sweep": 3}',
+    ],
+)
+def test_damaged_records_of_trials_are_refused_in_words(record, tmp_path):
+    """Of a sweep, a bench and a passport, as they are gone on with and as they are read."""
+    plans = [
+        ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}),
+        ot.Bench.of("control", ["elbow"], ["feedback"], quick=True),
+        ot.PassportPlan.of("presser", courses=["straight"], trials=1),
+    ]
+    for plan in plans:
+        folder = tmp_path / plan.noun
+        folder.mkdir()
+        text = record.replace(b"sweep", plan.noun.encode())
+        (folder / f"{plan.noun}.json").write_bytes(text)
+        refused(lambda plan=plan, folder=folder: ot.run_trials(plan, out=folder))
+    refused(lambda: ot.load_sweep_result(tmp_path / "sweep"))

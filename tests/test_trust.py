@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.abc
 import json
+import os
 import pickle
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -220,3 +222,44 @@ def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
     with pytest.raises(OmnitrackError, match="it can be shown, not run"):
         ot.run(other.scenario)
     assert other.scenario.hash == other.provenance["scenario_sha256"]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "bomb", "other robot"])
+def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
+    """The numbers of the run are read without it."""
+    folder = RUNS["robot"](tmp_path / "run")
+    file = folder / "robot.mjz"
+    data = file.read_bytes()
+    file.unlink()
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "endless":
+        file.symlink_to("/dev/zero")
+    elif kind == "folder":
+        file.mkdir()
+    elif kind == "text":
+        file.write_bytes(b"no archive" + data[:100])
+    else:
+        body = "<body name='chassis'><freejoint/><geom size='1'/></body>"
+        mesh = "<asset><mesh name='m' file='../secret.obj'/></asset>" if kind == "bomb" else ""
+        text = f"<mujoco>{mesh}<worldbody>{body}</worldbody></mujoco>"
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("model.xml", text)
+    run = ot.load_result(folder)
+    assert run.metrics["distance_m"] > 0
+    with pytest.raises(ot.OutputError, match=r"robot\.mjz: "):
+        ot.render_replay(run, path=tmp_path / "page.html")
+
+
+@pytest.mark.long
+def test_painting_processes_import_nothing(watch, tmp_path):
+    """They get the run from the process that has read it, and trust what that one did."""
+    folder = RUNS["robot"](tmp_path / "run")
+    hostile_camera = hostile(
+        tmp_path / "camera", "sensing.camera", THING, sensing={"kind": "onboard"}
+    )
+    for number, run in enumerate((folder, hostile_camera)):
+        ot.render_video(
+            run, path=tmp_path / f"{number}.mp4", width=160, height=96, fps=10, processes=2
+        )
+    assert_nothing_ran(watch, tmp_path)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -12,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.text import strict_json
+from omnitrack_sim.base.text import csv_text, installing, strict_json
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ _PARTS: tuple[dict[str, str], ...] = (
 """Numbers of a joint and their units: free, ball, slide and hinge, as MuJoCo numbers them."""
 
 
-def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
+def to_xarray(result: Result | str | os.PathLike[str], *, trust: bool = False) -> xarray.Dataset:
     """Return the record of a run as a dataset of xarray, with units and names.
 
     Each channel is a variable over ``time`` and, where it has several numbers, over ``module``,
@@ -42,6 +41,7 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
 
     Args:
         result: the run, or the folder of a saved one.
+        trust: of a folder, see ``load_result``.
 
     Raises:
         ImportError: xarray is not installed; it is the extra ``xarray`` of this package.
@@ -54,9 +54,9 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
     try:
         import xarray
     except ImportError as error:
-        needed = "to_xarray needs xarray: pip install 'omnitrack_sim[xarray]'"
+        needed = f"to_xarray needs xarray: {installing('xarray')}"
         raise ImportError(needed) from error
-    run = as_result(result)
+    run = as_result(result, trust)
     trajectory, robot = run.trajectory, run.scenario.robot
     known: dict[str, Sequence[Any]] = {}
     variables: dict[str, Any] = {}
@@ -117,7 +117,8 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
     """Return name and unit of each joint position of a robot, in the order of ``qpos``."""
     from omnitrack_sim.robots.plant import compiled
 
-    kinds = compiled(robot).jnt_type.tolist()
+    model = robot.spec().compile() if isinstance(robot, Recorded) else compiled(robot)
+    kinds = model.jnt_type.tolist()
     return [
         (f"{name}_{part}" if part else name, unit)
         for name, kind in zip(robot.joints, kinds, strict=True)
@@ -127,9 +128,7 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
 
 def labels_of(channel: Channel) -> list[str]:
     """Return a name for each number of a channel; "" where it has only one."""
-    if channel.names and len(channel.names) == len(channel.columns):
-        return list(channel.names)
-    return [column.removeprefix(channel.name).lstrip("_") for column in channel.columns]
+    return [column.removeprefix(channel.name).removeprefix("_") for column in channel.columns]
 
 
 def to_csv(result: Result) -> bytes:
@@ -157,8 +156,5 @@ def _headed(name: str, unit: str) -> str:
 
 def _csv(columns: Mapping[str, NDArray | list[str]]) -> bytes:
     """Return columns as CSV; numbers read back exactly."""
-    file = io.StringIO()
-    rows = csv.writer(file, lineterminator="\n")
     values = [own if isinstance(own, list) else own.tolist() for own in columns.values()]
-    rows.writerows(chain([list(columns)], zip(*values, strict=True)))
-    return file.getvalue().encode()
+    return csv_text(chain([list(columns)], zip(*values, strict=True))).encode()

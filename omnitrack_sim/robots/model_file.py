@@ -18,8 +18,8 @@ import numpy as np
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed
-from omnitrack_sim.robots.model_bounds import read_spec
 from omnitrack_sim.walls.geoms import set_numerics
+from omnitrack_sim.walls.model_bounds import read_spec
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
@@ -99,6 +99,8 @@ def robot_model(file: str, body: str = "") -> RobotModel:
     # Else the compiler does, and the bodies that sensors were added for are gone.
     if spec.compiler.fusestatic:
         spec.fuse_static()
+    if body and spec.body(body) is None:
+        raise ValueError(f"{body!r} is fixed to another body, of which it becomes a part")
     return RobotModel(spec, root.name, tuple(changes))
 
 
@@ -127,6 +129,7 @@ def check_robot(model: mujoco.MjModel) -> None:
 def in_words(error: Exception, file: str) -> str:
     """Return what MuJoCo says of a file, on one line, with what to do about it."""
     words = " ".join(str(error).split()).removeprefix("XML ").removeprefix("Error: ")
+    words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
     words = re.sub(r"'/[^']*/([^'/]+)'", r"'\1'", words)  # a mesh by its name, not all of its path
     hints = [hint for part, hint in _HINTS if part in words]

@@ -261,7 +261,7 @@ class Recorded(Robot):
         Raises:
             OutputError: its file is missing or damaged.
         """
-        from omnitrack_sim.robots.model_bounds import read_spec
+        from omnitrack_sim.walls.model_bounds import read_spec
 
         place = Path(self.file)
         try:

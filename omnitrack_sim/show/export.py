@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.base.writing import check_file, format_of, write_file
 from omnitrack_sim.results.dataset import to_csv
 from omnitrack_sim.results.result import Result, as_result
@@ -24,11 +25,13 @@ def check_export(format: str) -> None:
     if format not in EXPORTS:
         raise InputError(Fault("export", f"is {format!r}", EXPORTS, given=format))
     if format == "mcap" and None in map(find_spec, ("mcap", "foxglove_schemas_protobuf")):
-        problem = "needs the extra mcap: pip install 'omnitrack_sim[mcap]'"
+        problem = f"needs the extra mcap: {installing('mcap')}"
         raise InputError(Fault("export", problem))
 
 
-def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> Path:
+def export_result(
+    result: Result | str | os.PathLike[str], path: str | Path, *, trust: bool = False
+) -> Path:
     """Export a run as a file for other tools, by its ending.
 
     ``.mcap`` has poses of all bodies, joints, contacts, channels, events, shapes of robot and
@@ -38,6 +41,8 @@ def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> 
     Args:
         result: the run, or the folder of a saved one.
         path: file to write.
+        trust: of a folder, see ``load_result``; without it, a robot from outside the package has
+            no contacts in MCAP.
 
     Returns:
         The path.
@@ -55,7 +60,7 @@ def export_result(result: Result | str | os.PathLike[str], path: str | Path) -> 
     format = format_of(path, None, "export", EXPORTS)
     check_export(format)
     check_file(path)
-    run = as_result(result)
+    run = as_result(result, trust)
     if format == "csv":
         data = to_csv(run)
     else:

@@ -22,6 +22,7 @@ from omnitrack_sim.record.events import Note
 from omnitrack_sim.results.dataset import PHASE, labels_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.plant import PIPES
+from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.sources import playback_of
 from omnitrack_sim.show.surfaces import Surface, geoms_surface, pipe_inside
@@ -36,6 +37,8 @@ _NAME = re.compile(r"\W")
 def to_mcap(result: Result) -> bytes:
     """Return a run as the bytes of an MCAP file; equal runs give equal bytes.
 
+    A run that was read without trust, whose robot is only known by its pictures, has no contacts.
+
     Raises:
         ImportError: the extra ``mcap`` is not installed.
         RenderError: the run has no pose that can be shown.
@@ -46,7 +49,8 @@ def to_mcap(result: Result) -> bytes:
     _add_shapes(file, playback, times[0])
     _add_poses(file, playback, result, times)
     _add_joints(file, result, times)
-    _add_contacts(file, result, times)
+    if not isinstance(result.scenario.robot, Recorded):
+        _add_contacts(file, result, times)
     for name, channel in result.trajectory.schema.items():
         _add_channel(file, result, name, channel, times)
     _add_events(file, result)
@@ -245,13 +249,13 @@ class _File:
         """Return a class of messages of this package.
 
         Args:
-            name: of the schema, below ``omnitrack``.
+            name: of the schema, below ``omnitrack_sim``.
             fields: their types by name: a key of ``_TYPES``, or the class of many messages.
         """
         from google.protobuf import descriptor_pb2, message_factory
 
         proto = descriptor_pb2.FileDescriptorProto(
-            name=f"omnitrack/{name}.proto", package="omnitrack", syntax="proto3"
+            name=f"omnitrack_sim/{name}.proto", package="omnitrack_sim", syntax="proto3"
         )
         kind = proto.message_type.add(name=name)
         for number, (field, inner) in enumerate(fields.items(), start=1):
@@ -263,7 +267,7 @@ class _File:
             own.type_name = f".{inner.DESCRIPTOR.full_name}"
             proto.dependency.append(inner.DESCRIPTOR.file.name)
         self._pool.Add(proto)
-        found = self._pool.FindMessageTypeByName(f"omnitrack.{name}")
+        found = self._pool.FindMessageTypeByName(f"omnitrack_sim.{name}")
         return message_factory.GetMessageClass(found)
 
     def add(self, topic: str, message: Any, time: int, about: dict[str, str] | None = None) -> None:

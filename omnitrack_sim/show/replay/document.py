@@ -147,6 +147,7 @@ def replay_data(*playbacks: Playback) -> dict[str, Any]:
         "columns": [
             [name, [round(255 * part) for part in colour]] for name, colour in first.columns
         ],
+        "legends": contents.legends_table(first),
         "state": first.state,
         "headline": first.headline,
         "differences": differences(*runs) if len(runs) > 1 else [],
