@@ -1,6 +1,7 @@
 """Robots of files that were made for a world of their own: what is left out, mended and refused."""
 
 import re
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -206,6 +207,20 @@ def test_a_robot_that_bends_has_not_left_the_pipe():
     assert sim.endings[0].outcome.value == "left_pipe"
 
 
+def test_a_sensor_with_the_name_of_a_channel_does_not_take_its_place():
+    """``position`` stays that of the robot's middle, and the sensor is ``sensor_position``."""
+    world = f"<body name='hull' pos='0 0 5'><freejoint/>{BALL}<site name='s'/></body>"
+    sensors = (
+        "<framepos name='position' objtype='body' objname='hull'/><gyro name='tilt' site='s'/>"
+    )
+    text = mjcf(world, f"<sensor>{sensors}</sensor>")
+    trajectory = ot.run(in_a_pipe(written(text))).trajectory
+    assert trajectory["position"][0] == pytest.approx([0.3, 0, 0], abs=1e-6)
+    assert trajectory["tilt"].shape == trajectory.time.shape
+    assert trajectory["sensor_position"][0] == pytest.approx([0.3, 0, 0], abs=1e-3)
+    assert trajectory["sensor_tilt"].shape == (len(trajectory.time), 3)
+
+
 def test_lengths_of_fifty_metres_are_asked_about():
     """A robot in millimetres is wider than any pipe."""
     file = written(mjcf(f"{FLOOR}<body><freejoint/><geom size='25'/></body>"))
@@ -273,6 +288,40 @@ def test_a_urdf_is_a_robot():
         robot = robot_model(written(URDF.format(ixx=ixx), "cart.urdf"))
         assert robot.changes[0] == "inertias that no body has were changed, of hull"
         assert robot.spec.compile().body("base").mass == pytest.approx(1.0)
+
+
+def level(height):
+    """A level pipe of 160 mm whose axis lies at a height, m."""
+    return ot.Network(
+        place={"axis": (1, 0, 0), "position": (0, 0, height)},
+        fittings=[{"kind": "straight", "name": "pipe", "length": 1}],
+    )
+
+
+def test_the_robot_of_a_file_is_put_into_pipes_that_mujoco_steps():
+    """Of a URDF and of MJCF, also of a specification that has been compiled already."""
+    for text, name in (
+        (URDF.format(ixx="1e-3"), "cart.urdf"),
+        (mjcf(f"{FLOOR}<body name='base'><freejoint/>{BALL}</body>"), "ball.xml"),
+    ):
+        spec = ot.Mjcf(file=written(text, name)).spec()
+        spec.compile()
+        pipes = ot.add_pipes(spec, level(0.0), friction=0.8)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.qpos[0] = 0.5
+        mujoco.mj_step(model, data, 500)
+        assert 0 < pipes.clearance(data.body("base").xpos) < 0.08
+
+
+@pytest.mark.parametrize(("height", "told"), [(0.0, True), (0.2, False)])
+def test_a_floor_in_the_pipes_is_told_of(height, told):
+    """A plane that pipes stand on is not."""
+    spec = mujoco.MjSpec.from_string(mjcf(FLOOR))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ot.add_pipes(spec, level(height))
+    assert [("'floor'" in str(warning.message)) for warning in caught] == [True] * told
 
 
 def test_meshes_of_packages_are_found_in_the_folders_above():

@@ -128,9 +128,7 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
 
 def labels_of(channel: Channel) -> list[str]:
     """Return a name for each number of a channel; "" where it has only one."""
-    if channel.names and len(channel.names) == len(channel.columns):
-        return list(channel.names)
-    return [column.removeprefix(channel.name).lstrip("_") for column in channel.columns]
+    return [column.removeprefix(channel.name).removeprefix("_") for column in channel.columns]
 
 
 class Series(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -638,12 +638,13 @@ def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     """Sensors of the channels that follow from a robot's model."""
     names = [model.sensor(i).name for i in range(model.nsensor)]
     named = [name for name in names if name and not name.startswith(TOUCH)]
-    return [
+    own = [
         *_actuator_sensors(model),
         *_contact_sensors(model, [name for name in names if name.startswith(TOUCH)]),
         *_joint_sensors(model),
-        *(_named_sensor(model, name) for name in named),
     ]
+    taken = {*COMMON, "ctrl", *(sensor.channel.name for sensor in own)}
+    return [*own, *(_named_sensor(model, name, taken) for name in named)]
 
 
 def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -727,13 +728,17 @@ def _joint_sensors(model: mujoco.MjModel) -> list[Sensor]:
     ]
 
 
-def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
-    """Sensor of a channel with the values of a named sensor of the model."""
+def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Sensor:
+    """Sensor of a channel with the values of a named sensor of the model.
+
+    The channel has its name, but for the names of channels that are ``taken``.
+    """
     sensor = model.sensor(name)
     kind = mujoco.mjtSensor(int(sensor.type[0])).name.removeprefix("mjSENS_").lower()
     at = sensor.adr[0] + np.arange(sensor.dim[0])
     shape = () if len(at) == 1 else (len(at),)
-    channel = Channel(name, shape, "", f"sensor of the model: {kind}")
+    own = f"sensor_{name}" if name in taken else name
+    channel = Channel(own, shape, "", f"sensor of the model: {kind}")
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
 
 
