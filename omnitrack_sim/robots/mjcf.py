@@ -285,8 +285,9 @@ class Mjcf(Robot):
             spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         return spec
 
-    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
         """See ``Robot``; what was left out of the file or changed."""
+        yield from super().notes(bores, timestep)
         changes = _loaded(self.file, self.body).changes
         if changes:
             yield f"{Path(self.file).name}: {'; '.join(changes)}"
