@@ -228,7 +228,7 @@ class Mjcf(Robot):
     @field_validator("servos")
     @classmethod
     def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
-        if "body" in info.data:
+        if {"file", "body"} <= info.data.keys():
             names = _loaded(info.data["file"], info.data["body"]).drivable
             try:
                 by_pattern({servo.joints: servo for servo in servos}, names, "joints")
@@ -304,8 +304,9 @@ class Mjcf(Robot):
             spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         return spec
 
-    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
         """See ``Robot``; what was left out of the file or changed."""
+        yield from super().notes(bores, timestep)
         changes = _loaded(self.file, self.body).changes
         if changes:
             yield f"{Path(self.file).name}: {'; '.join(changes)}"

@@ -413,8 +413,14 @@ class Robot(Sized, ABC):
         return None
 
     def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
-        """Yield remarks on a run through bores (m), with a time step (s), before it begins."""
-        return iter(())
+        """Yield remarks on a run through bores (m), with a time step (s), before it begins.
+
+        Here one on servos that are too stiff for the inertia of their joints.
+        """
+        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.servos import servo_notes
+
+        return servo_notes(compiled(self), timestep)
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
         """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
