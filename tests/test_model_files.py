@@ -366,6 +366,18 @@ def test_meshes_of_packages_are_found_in_the_folders_above():
         in_a_pipe(str(lost))
 
 
+def test_a_height_field_of_the_robot_is_refused():
+    """It would pass through the walls."""
+    text = mjcf(
+        "<body><freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<geom name='relief' type='hfield' hfield='h'/></body>",
+        "<asset><hfield name='h' nrow='2' ncol='2' size='.1 .1 .1 .1' elevation='0 1 1 0'/>"
+        "</asset>",
+    )
+    with pytest.raises(ot.ScenarioError, match=r"robot.file: geom 'relief' is a height field"):
+        in_a_pipe(written(text))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "hint"),
     [

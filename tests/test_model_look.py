@@ -299,6 +299,7 @@ def test_a_chassis_is_named_where_several_could_be_it():
         new(text, "twins.xml")
     new(text, "twins.xml", "--body", "two")
     assert ot.load_scenario("mine.toml").robot.chassis == "two"
+    assert model_scenario("twins.xml", {"robot.body": "one"}).robot.chassis == "one"
 
 
 def test_the_survey_runs_models_of_a_folder_or_says_why_not():
