@@ -3,15 +3,14 @@
     python benchmarks/strangers.py FILE_OR_FOLDER ... [--quick] [--seconds 0.5] [--workers N]
 
 Of a folder come all MJCF and URDF files in it; parts of models, which others include, are passed
-over. Each model is looked at as `omnitrack new --robot` does, and the scenario that this writes is
-run for half a second with the inputs that it has to try. What does not run says why in a sentence.
+over. Each model is run for half a second as `omnitrack run FILE` does: in a straight of the size
+that is found in it, with inputs to try. What does not run says why in a sentence.
 """
 
 from __future__ import annotations
 
 import re
 import time
-import tomllib
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -22,8 +21,7 @@ from shape import Arguments, run_tasks, table
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.kinds import is_model_file
-from omnitrack_sim.scenario import validate
-from omnitrack_sim.sim.model_template import model_template
+from omnitrack_sim.sim.model_template import model_scenario
 
 SHOWN = 60
 """Letters of a path that the table shows, its last ones."""
@@ -72,16 +70,14 @@ def _is_whole(file: Path) -> bool:
 
 
 def answer(file: Path, seconds: float) -> Answer:
-    """Run a model in a straight of its size, as `omnitrack new --robot` writes it."""
+    """Run a model in a straight of its size, as `omnitrack run` does."""
     begin = time.perf_counter()
     try:
-        data = tomllib.loads(model_template("stranger", str(file)).scenario)
-        data["control"]["kind"] = "periodic"
-        data["run"]["time_limit"] = seconds
-        scenario = validate(data)
+        scenario = model_scenario(str(file), {"run.time_limit": seconds})
         result = ot.run(scenario, no_load=False)
     except ot.OmnitrackError as error:
-        return Answer(file, GIVEN.sub("", " ".join(str(error).split())))
+        words = " ".join(str(error).split()).removeprefix(f"{file}: ")
+        return Answer(file, GIVEN.sub("", words))
     moved = np.abs(result.qpos - result.qpos[0]).max(axis=0)[7:]
     return Answer(
         file,

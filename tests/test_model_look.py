@@ -264,5 +264,18 @@ def test_the_survey_runs_models_of_a_folder_or_says_why_not():
     cart, pole = (strangers.answer(file, 0.1) for file in files)
     assert (cart.runs, cart.words, cart.inputs) == (True, "timed_out", 4)
     assert not pole.runs
-    assert pole.words.startswith("file: 'pole' hangs on the world by the joint 'pin'")
+    assert pole.words.startswith("'pole' hangs on the world by the joint 'pin'")
     assert "given" not in pole.words
+
+
+def test_a_model_file_is_run_as_it_is():
+    """`omnitrack run` puts it into the pipe that would be written; options change that."""
+    Path("my_cart.urdf").write_text(CART)
+    arguments = ["run", "my_cart.urdf", "--no-video", "--json", "--set", "run.time_limit=0.1"]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    saved = ot.load_result("out/my_cart")
+    assert saved.scenario.control.kind == "periodic"
+    assert saved.duration_s == pytest.approx(0.1)
+    with pytest.raises(ot.InputError, match=r"^lost.urdf: cannot be read: no such file"):
+        CliRunner().invoke(app, ["run", "lost.urdf"], catch_exceptions=False)

@@ -9,10 +9,16 @@ from matplotlib.figure import Figure
 from own_crawler import HULL, MOTORS, WHEELS, crawl, crawler_xml
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.rotations import matrix_from_quaternion
+from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
+from omnitrack_sim.show.film.render import stage_of
 from omnitrack_sim.show.legend import MAX_NAMED, Parts, colours, legends_of, merged, short_names
 from omnitrack_sim.show.recording_playback import RecordingPlayback, shown_samples
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
+from omnitrack_sim.show.surfaces import MARK_APART, geoms_surface, rings
+from omnitrack_sim.show.viewer.player import SavedRun
 from omnitrack_sim.show.wall_forces import MAX_BARS
 
 
@@ -102,6 +108,20 @@ def test_the_panel_has_a_bar_for_each_body_that_touches(playback):
     assert [bar.label for bar in bars] == short_names(WHEELS)
     assert [bar.text for bar in bars] == [f"{forces[names.index(name)]:.1f}" for name in WHEELS]
     assert all(0 <= bar.share <= 1 and not bar.has_sign for bar in bars)
+
+
+def test_the_window_tells_the_bodies_that_press_hardest(climb, playback):
+    """Below the force of all, the hardest first."""
+    row = len(playback.time) // 2
+    routes = RouteMap(climb.routes())
+    lines = SavedRun(playback, climb)
+    lines.leap(row)
+    told = climb.scenario.robot.display.measurements(playback.moment(row), routes, lines.location)
+    forces = [(name.strip(), float(text)) for name, text in told if name.startswith("  ")]
+    assert {name for name, _ in forces} <= set(WHEELS)
+    values = [force for _, force in forces]
+    assert values == sorted(values, reverse=True)
+    assert sum(values) == pytest.approx(float(dict(told)["wall force, N"]), abs=0.5)
 
 
 def test_pages_name_every_line(playback):
@@ -206,6 +226,19 @@ def test_tables_name_bodies_joints_and_actuators(leaving):
     assert table[f"position_{HULL}_z"].to_numpy() == pytest.approx(leaving.qpos[:, 2])
 
 
+def test_columns_of_a_run_are_named_by_body(climb, tmp_path):
+    """In Parquet and pandas, those of actuators by theirs; a saved run has the same values."""
+    columns = [column for column, _, _ in climb.trajectory.columns()]
+    names = {f"wall_force_{wheel}" for wheel in (*WHEELS, HULL)}
+    names |= {f"{what}_{motor}" for what in ("ctrl", "actuator_power") for motor in MOTORS}
+    assert names <= set(columns)
+    again = ot.load_result(climb.save(tmp_path / "run")).trajectory
+    for name in ("wall_force", "ctrl"):
+        np.testing.assert_array_equal(again[name], climb.trajectory[name])
+    twice = ot.Channel("grip", (2,), "N", "two alike", names=("a", "a"))
+    assert twice.columns == ("grip_1", "grip_2")
+
+
 def test_contacts_are_a_table(leaving):
     """A row a contact, with the names of body, geom and part; forces are those of the walls."""
     pytest.importorskip("pandas")
@@ -217,3 +250,76 @@ def test_contacts_are_a_table(leaving):
     by_time = table.groupby("sample")["normal_force"].sum()
     assert by_time.to_numpy() == pytest.approx(leaving.wall_force()[by_time.index])
     assert table.attrs["units"]["force_x"] == "N"
+
+
+def test_wheels_are_round(leaving):
+    """The rim of a drawn cylinder is within a tenth of a millimetre of a circle of 25 mm, in films
+    and in pages."""
+    model = leaving.model
+    wheel = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER)[0])
+    for fine in (False, True):
+        surface = geoms_surface(model, [wheel], fine)
+        own = (surface.position - model.geom_pos[wheel]) @ matrix_from_quaternion(
+            model.geom_quat[wheel]
+        )
+        corners = own[np.hypot(*own[:, :2].T) > 0.9 * 0.025]
+        angles = np.unique(np.arctan2(corners[:, 1], corners[:, 0]).round(6))
+        gap = np.diff(angles, append=angles[0] + 2 * np.pi).max()
+        assert 0.025 * (1 - np.cos(gap / 2)) < 1e-4
+
+
+def test_rings_lie_on_the_wall_and_leave_mouths_open():
+    """Half a bore apart, seen from within; none of a tee crosses the branch's mouth."""
+    for part in ot.load_scenario("tee_turn").route.network.parts:
+        marks = rings(part)
+        assert marks, part.name
+        bore = 2 * part.fitting.radius
+        for mark in marks:
+            distance, inward = part.signed_distance(mark.position)
+            used = np.unique(mark.faces)
+            assert np.abs(distance[used]).max() < 0.02 * bore
+            corners = mark.position[mark.faces]
+            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            assert ((across * inward[mark.faces[:, 0]]).sum(axis=1) > 0).all()
+        if part.fitting.kind == "straight":
+            length = part.axes[0][0].length
+            assert len(marks) == np.arange(MARK_APART * bore, length, MARK_APART * bore).size
+
+
+@pytest.fixture(scope="module")
+def watched() -> ot.Recording:
+    """A crawler in a pipe that stands, seen by a camera of the world beside it, too."""
+    camera = "<camera name='corner' pos='0.7 0 0.2' xyaxes='0 1 0 0 0 1'/>"
+    spec = mujoco.MjSpec.from_string(crawler_xml(more=camera))
+    spec.body(HULL).quat = [np.sqrt(0.5), 0, -np.sqrt(0.5), 0]
+    fittings = [{"kind": "straight", "name": "riser", "length": 0.6}]
+    pipes = ot.add_pipes(spec, ot.Network(fittings=fittings), friction=0.8)
+    model = spec.compile()
+    data, recording = mujoco.MjData(model), ot.Recording(model, pipes, period=0.05)
+    mujoco.mj_step(model, data)
+    recording.append(data)
+    return recording
+
+
+def test_a_camera_outside_sees_the_pipe_cut(watched):
+    """It sees the robot in front of the pipe's far wall, on the ground of outside views, and the
+    panel says that it looks from outside; a camera in the bore has no such words."""
+    size = (320, 180)
+    with stage_of(RecordingPlayback(watched), size, "corner", overlay=False) as stage:
+        picture = stage.paint(0).astype(int)
+    assert np.abs(picture[10, 10] - np.round(255 * np.array(GROUND))).max() <= 2
+    red, _, blue = np.moveaxis(picture[60:120, 130:190], -1, 0)
+    assert (red > blue + 60).sum() > 50, "the robot is orange"
+    assert (blue > red + 10).sum() > 50, "the wall behind it is blue-grey"
+    for camera, outside in (("corner", True), ("eye", False)):
+        with stage_of(RecordingPlayback(watched), (1280, 720), camera) as stage:
+            title = stage._panels[0]._status(0).title
+            assert title.startswith("seen from outside, ") is outside
+
+
+def test_daylight_comes_through_an_open_end(watched):
+    """A camera in the bore sees it in the middle, with the wall round it darker farther on."""
+    with stage_of(RecordingPlayback(watched), (320, 180), "eye", overlay=False) as stage:
+        picture = stage.paint(0).astype(int)
+    assert np.abs(picture[90, 160] - np.round(255 * np.array(DAYLIGHT))).max() <= 2
+    assert picture[90, 5].sum() > picture[90, 110].sum()

@@ -29,6 +29,7 @@ from omnitrack_sim.cli.common import (
     with_changes,
 )
 from omnitrack_sim.cli.trials import (
+    BatchOption,
     CoursesOption,
     DaskOption,
     ListOption,
@@ -39,6 +40,9 @@ from omnitrack_sim.cli.trials import (
     trials_bar,
     worker_options,
 )
+
+MAX_BORES = 8
+"""Bores that the terminal shows."""
 
 
 @app.command()
@@ -61,6 +65,7 @@ def passport(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -70,6 +75,7 @@ def passport(
     """
     from omnitrack_sim.towns.passport import PASSPORT_FILE
     from omnitrack_sim.towns.passport_plan import FULL, QUICK
+    from omnitrack_sim.trials.mobility import BATCH
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
@@ -81,6 +87,7 @@ def passport(
             changes=changes,
             trials=trials or (QUICK if quick else FULL),
             courses=courses,
+            batch=batch or BATCH,
         ),
         assignments,
     )
@@ -213,6 +220,24 @@ def _print_reach(summary: dict[str, Any]) -> None:
     print_table(["opening", "adds there and back"], rows)
     print_table(
         ["stopped by", "length"], [[why, length_text(length)] for why, length in summary["stops"]]
+    )
+    shown, rest = summary["bores"][:MAX_BORES], len(summary["bores"]) - MAX_BORES
+    rows = [
+        [
+            f"{1e3 * row['bore_m']:.1f} mm",
+            *(length_text(row[key]) for key in ("length_m", "expected_m")),
+            f"{row['scale']:.3f}",
+            length_text(row["net_m"]),
+        ]
+        for row in shown
+    ]
+    print_table(["bore", "length", "reached", "scale", "net at that scale"], rows)
+    if rest > 0:
+        out.say(f"and {rest} more bores, in reach.json")
+    best = max(summary["bores"], key=lambda row: row["net_m"])
+    out.say(
+        f"by bores alone a robot made for {1e3 * best['bore_m']:.1f} mm, at scale "
+        f"{best['scale']:.3f} of this one, would reach most: a net of {length_text(best['net_m'])}"
     )
     keys = ("expected_m", "length_m", "expected_there_and_back_m")
     expected, whole, back = (length_text(summary[key]) for key in keys)

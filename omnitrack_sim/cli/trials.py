@@ -59,8 +59,8 @@ BatchOption = Annotated[
         "--batch",
         metavar="N",
         min=1,
-        help="Trials that run together, in place of the file's number: so many an interruption "
-        "costs each worker at most, and the fewer they are the longer each takes.",
+        help="Trials that run together: so many an interruption costs each worker at most, and the "
+        "fewer they are the longer each takes.",
     ),
 ]
 CoursesOption = Annotated[
@@ -206,6 +206,7 @@ def bench(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
     only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -220,7 +221,7 @@ def bench(
     entries = [*shipped, *own]
     planned = with_changes(
         lambda changes: ot.Bench.of(
-            suite, courses, entries, quick=quick, trials=trials, changes=changes
+            suite, courses, entries, quick=quick, trials=trials, changes=changes, batch=batch
         ),
         assignments,
     )

@@ -35,6 +35,8 @@ HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""
 OUT_OF_SIGHT = 5
 """Group of what films do not show."""
+MAX_BODIES = 6
+"""Bodies whose forces the window tells."""
 LOOKS_AHEAD = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 """Right, up and back of a camera that looks along z with x upward, as columns."""
 CAMERA_ANGLE_DEG = 88.0
@@ -160,15 +162,22 @@ class RobotDisplay:
         return StatusText(phase, (", ".join(filter(None, (part, gear))), move))
 
     def measurements(self, moment: Moment, routes: RouteMap, location: Location) -> Lines:
-        """Return what is measured at the moment, for the window: wall force, power and tilt.
+        """Return what is measured at the moment, for the window.
+
+        Here wall force, of all and of the bodies that press hardest, power and tilt.
 
         Args:
             moment: of the robot.
             routes: that it drives on.
             location: on them, as of a batch of one.
         """
+        forces, channel = moment.value("wall_force"), self.robot.channels.get("wall_force")
+        names = channel.names if channel else ()  # a recorded robot tells none
+        hardest = np.argsort(-forces, kind="stable")[: min(MAX_BODIES, len(names))].tolist()
+        bodies = [(f"  {names[i]}", f"{forces[i]:.1f}") for i in hardest if forces[i] > 0]
         return [
-            ("wall force, N", f"{moment.value('wall_force').sum():.1f}"),
+            ("wall force, N", f"{forces.sum():.1f}"),
+            *bodies,
             ("power, W", f"{np.maximum(moment.value('actuator_power'), 0.0).sum():.2f}"),
             ("tilt", f"{np.degrees(location.tilt[0]):.1f} deg"),
         ]

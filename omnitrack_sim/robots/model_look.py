@@ -114,7 +114,10 @@ def look_at(file: str, body: str = "") -> ModelLook:
         InputError: it is no robot.
     """
     given = {"file": file, "body": body}
-    robot = checked(Mjcf, given, InputError)
+    try:
+        robot = checked(Mjcf, given, InputError)
+    except InputError as error:
+        raise InputError([fault.at(file) for fault in error.faults]) from None
     data = initial_state(robot)
     chassis = _Chassis.of(data, robot.chassis)
     wheels = [wheel for name in _endless_joints(data.model) if (wheel := _wheel(chassis, name))]

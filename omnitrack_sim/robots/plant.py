@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -153,6 +153,8 @@ def _compiled(robot: Robot) -> mujoco.MjModel:
 def initial_state(robot: Robot) -> mujoco.MjData:
     """Return data of the model of a robot alone, in its initial state."""
     data = mujoco.MjData(compiled(robot))
+    if robot.start_qpos is not None:
+        data.qpos[:] = robot.start_qpos
     mujoco.mj_kinematics(data.model, data)
     return data
 
@@ -272,6 +274,8 @@ class Plant:
     def reset(self, rows: NDArray[np.intp], start: Start) -> None:
         """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self.robot.start_qpos is not None:
+            self.qpos[rows] = self.robot.start_qpos
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]
@@ -638,12 +642,13 @@ def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     """Sensors of the channels that follow from a robot's model."""
     names = [model.sensor(i).name for i in range(model.nsensor)]
     named = [name for name in names if name and not name.startswith(TOUCH)]
-    return [
+    own = [
         *_actuator_sensors(model),
         *_contact_sensors(model, [name for name in names if name.startswith(TOUCH)]),
         *_joint_sensors(model),
-        *(_named_sensor(model, name) for name in named),
     ]
+    taken = {*COMMON, "ctrl", *(sensor.channel.name for sensor in own)}
+    return [*own, *(_named_sensor(model, name, taken) for name in named)]
 
 
 def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -727,13 +732,17 @@ def _joint_sensors(model: mujoco.MjModel) -> list[Sensor]:
     ]
 
 
-def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
-    """Sensor of a channel with the values of a named sensor of the model."""
+def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Sensor:
+    """Sensor of a channel with the values of a named sensor of the model.
+
+    The channel has its name, but for the names of channels that are ``taken``.
+    """
     sensor = model.sensor(name)
     kind = mujoco.mjtSensor(int(sensor.type[0])).name.removeprefix("mjSENS_").lower()
     at = sensor.adr[0] + np.arange(sensor.dim[0])
     shape = () if len(at) == 1 else (len(at),)
-    channel = Channel(name, shape, "", f"sensor of the model: {kind}")
+    own = f"sensor_{name}" if name in taken else name
+    channel = Channel(own, shape, "", f"sensor of the model: {kind}")
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
 
 

@@ -284,6 +284,14 @@ class Robot(Sized, ABC):
         return Plant(model, self, start, *more)
 
     @property
+    def start_qpos(self) -> Array | None:
+        """Joint positions (nq,) of the initial state; None: those of the model (``qpos0``).
+
+        A start sets the position of the free joint that carries the robot.
+        """
+        return None
+
+    @property
     def start_ctrl(self) -> Array | None:
         """Control inputs (nu,) until the controller's first command; None: zeros.
 
@@ -405,8 +413,14 @@ class Robot(Sized, ABC):
         return None
 
     def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
-        """Yield remarks on a run through bores (m), with a time step (s), before it begins."""
-        return iter(())
+        """Yield remarks on a run through bores (m), with a time step (s), before it begins.
+
+        Here one on servos that are too stiff for the inertia of their joints.
+        """
+        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.servos import servo_notes
+
+        return servo_notes(compiled(self), timestep)
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
         """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""

@@ -279,6 +279,15 @@ class Scenario(Table):
         return self.pull is not None or self.robot.tether is not None
 
     @property
+    def named_metrics(self) -> tuple[Metric, ...]:
+        """Metrics of the user's own, that ``record.metrics`` names.
+
+        Raises:
+            InputError: there is no such metric.
+        """
+        return _of_kind("record.metrics", self.record.metrics, Metric)
+
+    @property
     def own_metrics(self) -> tuple[Metric, ...]:
         """Metrics that ``record.metrics`` names, those of a pull at the tail, and of the estimate.
 
@@ -287,7 +296,7 @@ class Scenario(Table):
         Raises:
             InputError: there is no such metric.
         """
-        metrics = _of_kind("record.metrics", self.record.metrics, Metric)
+        metrics = self.named_metrics
         shipped = (*self.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS)
         taken = {metric.name for metric in shipped}
         refuse_taken("record.metrics", [metric.name for metric in metrics], taken)

@@ -6,7 +6,8 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from omnitrack_sim.base.rotations import cross, dot
 from omnitrack_sim.base.text import as_toml, counted, toml_key
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.model_look import ModelLook, look_at
-from omnitrack_sim.scenario import validate
+from omnitrack_sim.scenario import Scenario, validate
 
 STEPS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 500, 1000)
 """Time steps of a control period of 10 ms that a file may have."""
@@ -89,6 +90,21 @@ def model_template(name: str, file: str, folder: Path = Path(), body: str = "") 
     return ModelTemplate(scenario, module, code)
 
 
+def model_scenario(file: str, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Return the scenario of ``model_template``, with the inputs to try and no module beside it.
+
+    Args:
+        file: MJCF or URDF.
+        changes: values by dotted path, as ``load_scenario`` takes them.
+
+    Raises:
+        InputError: it is no robot, or the changes are at fault.
+    """
+    data = tomllib.loads(model_template(Path(file).stem, file).scenario)
+    data["control"]["kind"] = "periodic"
+    return validate(data, changes=changes)
+
+
 def _lines(name: str, module: str, look: ModelLook, file: str, folder: Path) -> Iterator[str]:
     robot = look.robot
     pipe = {"kind": "straight", "length": _pipe_length(look), "inner_diameter": robot.bore}
@@ -124,6 +140,9 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     yield from textwrap.wrap(
         f"# Wheels: {', '.join(found) or 'none were found'}.", WIDTH, subsequent_indent="# "
     )
+    if robot.keyframes:
+        others = ", ".join(robot.keyframes)
+        yield f"#keyframe = {as_toml(robot.keyframes[0])}  # begin in a saved state: {others}"
     why = "across the wheels' axles" if wheels else "along its longer side"
     yield f'forward = "{robot.forward}"  # to the nose: {why}; "-{robot.forward}" if it is the tail'
     if any(robot.centre):
