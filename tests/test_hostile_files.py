@@ -153,6 +153,12 @@ def test_a_model_that_asks_for_too_much_is_refused(name, tmp_path):
     assert "robot.file" in told
 
 
+def test_a_robot_whose_file_is_gone_is_told(tmp_path):
+    """With its place, whatever else of the robot depends on the file."""
+    told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
+    assert told.startswith("robot.file: cannot be read: no such file")
+
+
 def test_entities_that_grow_are_not_read(tmp_path):
     """Ten lines of XML may stand for a billion words."""
     lines = [f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10)]

@@ -290,6 +290,14 @@ class Robot(Sized, ABC):
         return Plant(model, self, start, *more)
 
     @property
+    def start_qpos(self) -> Array | None:
+        """Joint positions (nq,) of the initial state; None: those of the model (``qpos0``).
+
+        A start sets the position of the free joint that carries the robot.
+        """
+        return None
+
+    @property
     def start_ctrl(self) -> Array | None:
         """Control inputs (nu,) until the controller's first command; None: zeros.
 
