@@ -221,6 +221,32 @@ def test_a_sensor_with_the_name_of_a_channel_does_not_take_its_place():
     assert trajectory["sensor_tilt"].shape == (len(trajectory.time), 3)
 
 
+@pytest.mark.parametrize("free", ["<freejoint/>", "<joint type='slide'/>"])
+def test_a_robot_begins_in_a_keyframe_of_its_file(free):
+    """Joints and inputs are those that were saved, by their names, whatever else is in the world;
+    its size is that of this state."""
+    world = (
+        "<body name='ball'><freejoint/><geom size='0.1'/></body>"
+        f"<body name='hull'>{free}{BALL}<body><joint name='hip' axis='0 1 0' damping='1'/>"
+        "<geom size='0.01' pos='0.06 0 0'/></body></body>"
+    )
+    own = "0 0 0 1 0 0 0" if free == "<freejoint/>" else "0"
+    more = (
+        "<actuator><velocity name='turn' joint='hip' kv='0'/>"
+        "<position name='swing' joint='hip' kp='1'/></actuator><keyframe>"
+        f"<key name='up' qpos='0 0 0 1 0 0 0 {own} 1.5708' ctrl='0.2 1.5708'/></keyframe>"
+    )
+    file = written(mjcf(world, more))
+    straight, up = (in_a_pipe(file, bore=0.2, keyframe=name) for name in ("", "up"))
+    assert straight.robot.length == pytest.approx(0.11)
+    assert up.robot.length == pytest.approx(0.08)
+    result = ot.run(up)
+    assert result.qpos[0, result.joints["hip"]] == pytest.approx(1.5708, abs=0.01)
+    assert result.trajectory["ctrl"][0] == pytest.approx([0.2, 1.5708])
+    with pytest.raises(ot.ScenarioError, match=r"robot.keyframe: .*'down' \(choose from: up\)"):
+        in_a_pipe(file, keyframe="down")
+
+
 def test_lengths_of_fifty_metres_are_asked_about():
     """A robot in millimetres is wider than any pipe."""
     file = written(mjcf(f"{FLOOR}<body><freejoint/><geom size='25'/></body>"))

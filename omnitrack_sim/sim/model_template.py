@@ -140,6 +140,9 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     yield from textwrap.wrap(
         f"# Wheels: {', '.join(found) or 'none were found'}.", WIDTH, subsequent_indent="# "
     )
+    if robot.keyframes:
+        others = ", ".join(robot.keyframes)
+        yield f"#keyframe = {as_toml(robot.keyframes[0])}  # begin in a saved state: {others}"
     why = "across the wheels' axles" if wheels else "along its longer side"
     yield f'forward = "{robot.forward}"  # to the nose: {why}; "-{robot.forward}" if it is the tail'
     if any(robot.centre):
