@@ -314,3 +314,25 @@ def test_a_recording_is_exported_as_a_run_is(rolling, tmp_path):
     head, first, *_ = ot.export_result(saved, tmp_path / "b.csv").read_text().splitlines()
     assert next(csv.reader([head]))[1] == "qpos joint_0_x [m, rad]"
     assert float(first.partition(",")[0]) == rolling.time[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("missions/fig14_onboard", "missions/fig14", "paper/tee_differential"),
+        *(f"robots/{kind}_elbow" for kind in ("climber", "helix", "inchworm", "pirate", "presser")),
+        *("robots/screw_elbow", "robots/snake_elbow"),
+    ],
+)
+def test_every_robot_and_mission_is_exported(name, tmp_path):
+    """Each number of the record, once."""
+    pytest.importorskip("mcap")
+    pytest.importorskip("xarray")
+    result = ot.run(ot.load_scenario(name, {"run.time_limit": 0.5}), no_load=False)
+    read = Messages(ot.export_result(result, tmp_path / "run.mcap"))
+    assert {f"/channels/{name}" for name in result.trajectory.schema} <= read.of.keys()
+    numbers = sum(len(channel.columns) for channel in result.trajectory.schema.values())
+    head = ot.export_result(result, tmp_path / "run.csv").read_text().partition("\n")[0]
+    assert len(next(csv.reader([head]))) == 1 + numbers + result.qpos.shape[1]
+    assert ot.to_xarray(result).sizes["joint"] == result.qpos.shape[1]
