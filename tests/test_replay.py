@@ -248,7 +248,8 @@ def test_what_is_no_run_is_refused(run, tmp_path):
     (damaged / "result.json").write_text(json.dumps(told))
     with pytest.raises(OutputError, match=r"scenario\.json: .*of_a_later_version"):
         render_replay(damaged, path=tmp_path / "a.html")
-    shutil.copy(run / "scenario.json", damaged)
+    for name in ("scenario.json", "result.json"):
+        shutil.copy(run / name, damaged)
     (damaged / "replay.npz").write_bytes(b"PK")
     for one, other in ((damaged, None), (run, damaged)):
         with pytest.raises(OutputError, match=r"replay\.npz: is damaged"):

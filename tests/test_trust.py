@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.abc
+import inspect
 import json
 import os
 import pickle
+import re
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
@@ -16,6 +19,8 @@ import mujoco
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from commands import omnitrack
+from documents import page
 from policy_samples import driver
 from samples import sample_result
 from town_samples import passport
@@ -23,6 +28,7 @@ from town_samples import passport
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.base.writing import npz_of
+from omnitrack_sim.cli import app
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import validate
@@ -263,3 +269,36 @@ def test_painting_processes_import_nothing(watch, tmp_path):
             run, path=tmp_path / f"{number}.mp4", width=160, height=96, fps=10, processes=2
         )
     assert_nothing_ran(watch, tmp_path)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_commands_end_with_a_page_or_one_line(name, watch, tmp_path):
+    """Status 0 where a run can be shown without what it names, else 2 and one line."""
+    folder = str(RUNS[name](tmp_path / "run"))
+    file = str(tmp_path / "a.html")
+    for words in (["replay", folder, "--out", file], ["compare", folder, folder]):
+        done = omnitrack(*words)
+        if done.returncode == 0:
+            continue
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert THING in line
+    assert_nothing_ran(watch, tmp_path)
+
+
+def test_every_command_that_looks_can_be_told_to_trust():
+    """Those that the page says look, but for imports, whose files name no code."""
+    can = {
+        command.name or command.callback.__name__
+        for command in app.registered_commands
+        if command.callback and "trust" in inspect.signature(command.callback).parameters
+    }
+    (row,) = (line for line in page("trust").splitlines() if line.startswith("| look |"))
+    looks = {words.split()[0] for words in re.findall(r"`([^`]+)`", row.split("|")[2])}
+    assert can == looks - {"import"}
+    names = {name for name in re.findall(r"`([^`]+)`", row.split("|")[3]) if "load" in name}
+    for name in {*names, "compare"}:
+        take = functools.reduce(getattr, name.split("."), ot)
+        assert "trust" in inspect.signature(take).parameters, name
+    assert len(names) > 5

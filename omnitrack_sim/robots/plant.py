@@ -153,6 +153,8 @@ def _compiled(robot: Robot) -> mujoco.MjModel:
 def initial_state(robot: Robot) -> mujoco.MjData:
     """Return data of the model of a robot alone, in its initial state."""
     data = mujoco.MjData(compiled(robot))
+    if robot.start_qpos is not None:
+        data.qpos[:] = robot.start_qpos
     mujoco.mj_kinematics(data.model, data)
     return data
 
@@ -272,6 +274,8 @@ class Plant:
     def reset(self, rows: NDArray[np.intp], start: Start) -> None:
         """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self.robot.start_qpos is not None:
+            self.qpos[rows] = self.robot.start_qpos
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]

@@ -100,7 +100,8 @@ def model_scenario(file: str, changes: Mapping[str, Any] | None = None) -> Scena
     Raises:
         InputError: it is no robot, or the changes are at fault.
     """
-    data = tomllib.loads(model_template(Path(file).stem, file).scenario)
+    body = str((changes or {}).get("robot.body", ""))
+    data = tomllib.loads(model_template(Path(file).stem, file, body=body).scenario)
     data["control"]["kind"] = "periodic"
     return validate(data, changes=changes)
 
@@ -140,6 +141,9 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     yield from textwrap.wrap(
         f"# Wheels: {', '.join(found) or 'none were found'}.", WIDTH, subsequent_indent="# "
     )
+    if robot.keyframes:
+        others = ", ".join(robot.keyframes)
+        yield f"#keyframe = {as_toml(robot.keyframes[0])}  # begin in a saved state: {others}"
     why = "across the wheels' axles" if wheels else "along its longer side"
     yield f'forward = "{robot.forward}"  # to the nose: {why}; "-{robot.forward}" if it is the tail'
     if any(robot.centre):
