@@ -251,16 +251,25 @@ def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
     return _painted(position, normal, index.reshape(-1, 3), colours)
 
 
-def seam(port: Pose, radius: float, away: Array) -> Surface:
-    """Return the weld at a port, a low ridge in the bore of ``radius`` m, world frame.
+SEAM_ANGLES = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+"""Angles, rad, of the points of a seam about a port's z axis, from its x axis."""
+
+
+def seam(port: Pose, radius: float | Array, away: Array) -> Surface:
+    """Return the weld at a port, a low ridge in the bore, world frame.
 
     It lacks the faces on the side ``away`` (3,), where pipes are cut away.
+
+    Args:
+        port: its frame.
+        radius: of the bore, m; or at each of ``SEAM_ANGLES``.
+        away: likewise.
     """
-    angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    angle = SEAM_ANGLES
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
     height = np.array([0.3, 1.0, 0.3])[:, None] * SEAM_HEIGHT
-    position = (radius - height) * out + along
+    position = (np.reshape(radius, (-1, 1, 1)) - height) * out + along
     tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
     normal = unit((tilt - out).reshape(-1, 3))
     index = np.arange(position[..., 0].size).reshape(position.shape[:2])

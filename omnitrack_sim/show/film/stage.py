@@ -22,7 +22,14 @@ from omnitrack_sim.show.film.shots import (
     SideCamera,
 )
 from omnitrack_sim.show.playback import STANDARD, Playback
-from omnitrack_sim.show.surfaces import body_spheres, cut_pipe, geoms_surface, pipe_inside, seam
+from omnitrack_sim.show.surfaces import (
+    SEAM_ANGLES,
+    body_spheres,
+    cut_pipe,
+    geoms_surface,
+    pipe_inside,
+    seam,
+)
 
 if TYPE_CHECKING:
     from omnitrack_sim.show.film.painter import Image, Painter
@@ -131,7 +138,10 @@ class Stage:
         self._joined = []
         for (i, port), (j, other) in network.joints:
             a, b = network.parts[i], network.parts[j]
+            radius: float | Array
             radius = min(a.fitting.port_radius(port), b.fitting.port_radius(other))
+            if a.fitting.edge(port) is not None:
+                radius = a.fitting.outline(port, SEAM_ANGLES)
             pipes.append(seam(a.port(port), radius, cut))
             self._joined.append((i, j))
         pipes += [geoms_surface(self.model, [plate]) for plate in self._plates]
