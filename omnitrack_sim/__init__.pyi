@@ -71,6 +71,7 @@ from .robots.omnitrack.parameters import Omnitrack as Omnitrack
 from .robots.omnitrack.policy.file import Policy as Policy
 from .robots.omnitrack.policy.file import load_policy as load_policy
 from .robots.omnitrack.singularity import TurnCase as TurnCase
+from .robots.periodic import Periodic as Periodic
 from .robots.quantity import quantity as quantity
 from .robots.robot import Robot as Robot
 from .robots.sensor import Sensor as Sensor

@@ -37,6 +37,7 @@ def completed(line, cwd, shell="bash"):
         ("omnitrack network tow", ["tower"]),
         ("omnitrack parameters vert", ["vertical_climb"]),
         ("omnitrack parameters pre", ["presser"]),
+        ("omnitrack reproduce m", ["mjcf", "measured"]),
         ("omnitrack render out --camera ", list(CAMERAS)),
         ("omnitrack run tee_turn --set world.f", ["world.friction="]),
         ("omnitrack run x --set control.parameters.sway.s", [

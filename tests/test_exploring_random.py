@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,13 @@ class Exploration:
         return self.robot.explorer.belief.network
 
 
-@pytest.mark.parametrize("seed", range(60000, 60012))
+def half_long(seeds: Sequence[int]) -> list[Any]:
+    """Seeds, of which the second half is for the long tests."""
+    half = len(seeds) // 2
+    return [*seeds[:half], *(pytest.param(seed, marks=pytest.mark.long) for seed in seeds[half:])]
+
+
+@pytest.mark.parametrize("seed", half_long(range(60000, 60012)))
 def test_by_error_free_sight_the_map_is_the_network(seed):
     """Each end is inspected once, all is called complete, and the robot is home within its travel;
     it drives no sharp turn where there is another way, and the map is a valid file."""
@@ -138,7 +145,7 @@ def test_by_error_free_sight_the_map_is_the_network(seed):
     assert validate(done.map.model_dump(mode="json")) == done.map
 
 
-@pytest.mark.parametrize("seed", range(61000, 61008))
+@pytest.mark.parametrize("seed", half_long(range(61000, 61008)))
 def test_a_robot_that_falls_now_and_then_has_the_right_map_as_well(seed):
     """It comes home, and what it has given up for its falls it names."""
     done = Exploration(seed, Falls(seed))
@@ -224,7 +231,7 @@ def test_pipe_in_which_a_shallow_reducer_may_hide_is_in_doubt_until_arms_have_re
     assert felt.unexplored.count("a shallow") < unfelt.unexplored.count("a shallow")
 
 
-@pytest.mark.parametrize("seed", range(67500, 67508))
+@pytest.mark.parametrize("seed", half_long(range(67500, 67508)))
 def test_a_robot_that_always_falls_in_one_part_goes_home_or_gives_up(seed):
     """It explores all that lies elsewhere, names what it gives up, and says so where it does not
     come home."""
@@ -262,7 +269,7 @@ def test_standard_deviations_that_a_robot_states_are_those_of_its_errors():
     assert 0.3 < np.sqrt(np.mean(np.square(np.clip(errors, -4, 4)))) < 1.3
 
 
-@pytest.mark.parametrize("seed", range(64000, 64008))
+@pytest.mark.parametrize("seed", half_long(range(64000, 64008)))
 def test_by_headlight_an_exploration_ends_and_leaves_nothing_out_unsaid(seed):
     """The robot comes home, and a map that lacks a part is not called complete."""
     done = Exploration(seed, CameraErrors(seed, lamp=True))

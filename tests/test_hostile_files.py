@@ -6,12 +6,14 @@ import json
 import os
 import signal
 import socket
+import struct
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,6 +26,7 @@ from omnitrack_sim.base.bounds import MAX_TRIALS
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.trials.suite import load_suite
+from omnitrack_sim.walls.model_bounds import check_binary
 
 PATIENCE = 5.0
 """Time, s, in which a file is refused on a machine that does other things, too; alone it takes
@@ -149,6 +152,30 @@ def test_a_model_that_asks_for_too_much_is_refused(name, tmp_path):
     (tmp_path / "robot.xml").write_text(f"<mujoco>{MODELS[name]}</mujoco>")
     told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
     assert "robot.file" in told
+
+
+def test_a_picture_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    """Its size stands at its beginning."""
+    head = struct.pack(">8s4s4sII", b"\x89PNG\r\n\x1a\n", b"\0\0\0\r", b"IHDR", 90_000, 90_000)
+    (tmp_path / "big.png").write_bytes(head + bytes(100))
+    asset = '<asset><texture name="t" type="2d" file="big.png"/></asset>'
+    text = f"<mujoco>{asset}<worldbody>{BODY}</worldbody></mujoco>"
+    (tmp_path / "robot.xml").write_text(text)
+    told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
+    assert "8.1e+09 pixels of big.png" in told
+
+
+def test_a_page_that_no_browser_shows_is_not_made(monkeypatch):
+    """Before the poses of millions of samples are looked for."""
+    monkeypatch.setattr("omnitrack_sim.show.replay.document.MAX_PAGE_NUMBERS", 1000)
+    run = sample_result()
+    assert "page: of 201 samples is too large" in refused(lambda: ot.render_replay(run))
+
+
+def test_a_robot_whose_file_is_gone_is_told(tmp_path):
+    """With its place, whatever else of the robot depends on the file."""
+    told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
+    assert told.startswith("robot.file: cannot be read: no such file")
 
 
 def test_entities_that_grow_are_not_read(tmp_path):
@@ -281,3 +308,52 @@ def test_a_town_at_an_absurd_scale_is_refused(scale, tmp_path):
     pytest.importorskip("wntr")
     (tmp_path / "town.inp").write_text(TOWN.format(**SIZES))
     refused(lambda: ot.import_network(tmp_path / "town.inp", scale=scale))
+
+
+def test_every_size_of_a_binary_model_is_bounded():
+    """MuJoCo would take the memory, or turn in a circle, before it looks for what it is of."""
+    text = f"<mujoco><worldbody>{BODY}</worldbody></mujoco>"
+    model = mujoco.MjSpec.from_string(text).compile()
+    whole = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, whole)
+    check_binary(whole.tobytes())
+    count = int(whole[8:12].view(np.int32)[0])
+    for place in range(count):
+        for size in (2**62, -(2**62), 10**10):
+            odd = whole.copy()
+            odd[20 + 8 * place : 28 + 8 * place] = np.array([size]).view(np.uint8)
+            with pytest.raises(ValueError, match="as its n"):
+                check_binary(odd.tobytes())
+    for data in (b"", b"x" * 19, whole.tobytes()[:100], bytes(1000)):
+        with pytest.raises(ValueError, match="is no model"):
+            check_binary(data)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"sha256": [], "sweep": {}}',
+        b'{"sha256": "x", "sweep": []}',
+        b'{"sha256": "x", "sweep": {"bases": 3, "axes": null}}',
+        b'{"sha256": "x", "sweep": {"name": {"a": [[[]]]}}, "sweep": 3}',
+    ],
+)
+def test_damaged_records_of_trials_are_refused_in_words(record, tmp_path):
+    """Of a sweep, a bench and a passport, as they are gone on with and as they are read."""
+    plans = [
+        ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}),
+        ot.Bench.of("control", ["elbow"], ["feedback"], quick=True),
+        ot.PassportPlan.of("presser", courses=["straight"], trials=1),
+    ]
+    for plan in plans:
+        folder = tmp_path / plan.noun
+        folder.mkdir()
+        text = record.replace(b"sweep", plan.noun.encode())
+        (folder / f"{plan.noun}.json").write_bytes(text)
+        refused(lambda plan=plan, folder=folder: ot.run_trials(plan, out=folder))
+    refused(lambda: ot.load_sweep_result(tmp_path / "sweep"))

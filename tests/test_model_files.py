@@ -1,6 +1,7 @@
 """Robots of files that were made for a world of their own: what is left out, mended and refused."""
 
 import re
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -206,6 +207,46 @@ def test_a_robot_that_bends_has_not_left_the_pipe():
     assert sim.endings[0].outcome.value == "left_pipe"
 
 
+def test_a_sensor_with_the_name_of_a_channel_does_not_take_its_place():
+    """``position`` stays that of the robot's middle, and the sensor is ``sensor_position``."""
+    world = f"<body name='hull' pos='0 0 5'><freejoint/>{BALL}<site name='s'/></body>"
+    sensors = (
+        "<framepos name='position' objtype='body' objname='hull'/><gyro name='tilt' site='s'/>"
+    )
+    text = mjcf(world, f"<sensor>{sensors}</sensor>")
+    trajectory = ot.run(in_a_pipe(written(text))).trajectory
+    assert trajectory["position"][0] == pytest.approx([0.3, 0, 0], abs=1e-6)
+    assert trajectory["tilt"].shape == trajectory.time.shape
+    assert trajectory["sensor_position"][0] == pytest.approx([0.3, 0, 0], abs=1e-3)
+    assert trajectory["sensor_tilt"].shape == (len(trajectory.time), 3)
+
+
+@pytest.mark.parametrize("free", ["<freejoint/>", "<joint type='slide'/>"])
+def test_a_robot_begins_in_a_keyframe_of_its_file(free):
+    """Joints and inputs are those that were saved, by their names, whatever else is in the world;
+    its size is that of this state."""
+    world = (
+        "<body name='ball'><freejoint/><geom size='0.1'/></body>"
+        f"<body name='hull'>{free}{BALL}<body><joint name='hip' axis='0 1 0' damping='1'/>"
+        "<geom size='0.01' pos='0.06 0 0'/></body></body>"
+    )
+    own = "0 0 0 1 0 0 0" if free == "<freejoint/>" else "0"
+    more = (
+        "<actuator><velocity name='turn' joint='hip' kv='0'/>"
+        "<position name='swing' joint='hip' kp='1'/></actuator><keyframe>"
+        f"<key name='up' qpos='0 0 0 1 0 0 0 {own} 1.5708' ctrl='0.2 1.5708'/></keyframe>"
+    )
+    file = written(mjcf(world, more))
+    straight, up = (in_a_pipe(file, bore=0.2, keyframe=name) for name in ("", "up"))
+    assert straight.robot.length == pytest.approx(0.11)
+    assert up.robot.length == pytest.approx(0.08)
+    result = ot.run(up)
+    assert result.qpos[0, result.joints["hip"]] == pytest.approx(1.5708, abs=0.01)
+    assert result.trajectory["ctrl"][0] == pytest.approx([0.2, 1.5708])
+    with pytest.raises(ot.ScenarioError, match=r"robot.keyframe: .*'down' \(choose from: up\)"):
+        in_a_pipe(file, keyframe="down")
+
+
 def test_lengths_of_fifty_metres_are_asked_about():
     """A robot in millimetres is wider than any pipe."""
     file = written(mjcf(f"{FLOOR}<body><freejoint/><geom size='25'/></body>"))
@@ -273,6 +314,40 @@ def test_a_urdf_is_a_robot():
         robot = robot_model(written(URDF.format(ixx=ixx), "cart.urdf"))
         assert robot.changes[0] == "inertias that no body has were changed, of hull"
         assert robot.spec.compile().body("base").mass == pytest.approx(1.0)
+
+
+def level(height):
+    """A level pipe of 160 mm whose axis lies at a height, m."""
+    return ot.Network(
+        place={"axis": (1, 0, 0), "position": (0, 0, height)},
+        fittings=[{"kind": "straight", "name": "pipe", "length": 1}],
+    )
+
+
+def test_the_robot_of_a_file_is_put_into_pipes_that_mujoco_steps():
+    """Of a URDF and of MJCF, also of a specification that has been compiled already."""
+    for text, name in (
+        (URDF.format(ixx="1e-3"), "cart.urdf"),
+        (mjcf(f"{FLOOR}<body name='base'><freejoint/>{BALL}</body>"), "ball.xml"),
+    ):
+        spec = ot.Mjcf(file=written(text, name)).spec()
+        spec.compile()
+        pipes = ot.add_pipes(spec, level(0.0), friction=0.8)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.qpos[0] = 0.5
+        mujoco.mj_step(model, data, 500)
+        assert 0 < pipes.clearance(data.body("base").xpos) < 0.08
+
+
+@pytest.mark.parametrize(("height", "told"), [(0.0, True), (0.2, False)])
+def test_a_floor_in_the_pipes_is_told_of(height, told):
+    """A plane that pipes stand on is not."""
+    spec = mujoco.MjSpec.from_string(mjcf(FLOOR))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ot.add_pipes(spec, level(height))
+    assert [("'floor'" in str(warning.message)) for warning in caught] == [True] * told
 
 
 def test_meshes_of_packages_are_found_in_the_folders_above():

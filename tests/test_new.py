@@ -131,3 +131,25 @@ def test_bad_names_are_refused_and_nothing_is_lost(tmp_path, monkeypatch, argume
         new(*arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
     assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "precious"
+
+
+def test_a_robot_of_a_file_comes_along_with_what_is_changed_of_it(tmp_path, monkeypatch):
+    """Also in its short form; the path leads from the new file, and values of joints are kept."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "given").mkdir()
+    (tmp_path / "given" / "ball.xml").write_text(
+        "<mujoco><worldbody><body name='ball'><freejoint/><geom size='0.07' mass='1'/>"
+        "<body><joint name='swing'/><geom size='0.01'/></body></body></worldbody></mujoco>"
+    )
+    pipe = '[[pipes]]\nkind = "straight"\nlength = 1.0\n[start]\ndistance = 0.3\n'
+    for robot in (
+        'robot = "ball.xml"\n',
+        '[robot]\nkind = "mjcf"\nfile = "ball.xml"\n[robot.joint.swing]\nstiffness = 3.0\n',
+    ):
+        base = tmp_path / "given" / "base.toml"
+        base.write_text(f"{robot}{pipe}" if "[" not in robot else f"{pipe}{robot}")
+        (tmp_path / "mine.toml").unlink(missing_ok=True)
+        new("mine", "--from", base)
+        ours, theirs = ot.load_scenario("mine.toml"), ot.load_scenario(base)
+        assert ours.robot.model_dump() == theirs.robot.model_dump()
+        assert 'file = "given/ball.xml"' in (tmp_path / "mine.toml").read_text()

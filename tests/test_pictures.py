@@ -18,9 +18,10 @@ from omnitrack_sim.record.metrics import ESTIMATES
 from omnitrack_sim.results.pictures import PICTURES_FILE, Album, Coding
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.show.film.overlay import (
+    BAR_APART,
+    BARS,
     CAMERA_GAP,
     CAMERA_HEIGHT,
-    HEIGHT,
     LEFT,
     MARGIN,
     MapPanel,
@@ -209,6 +210,7 @@ def test_a_film_shows_what_the_robot_sees(run, tmp_path):
     """In a panel of its own and nowhere else; it changes with time, and is the same from a folder
     and in other processes."""
     size, times = (640, 360), [0.3, 1.2]
+    height = BARS + 3 * BAR_APART + 6  # of the status panel
     with_panel = render_frames(run, times=times, camera="follow", width=size[0], height=size[1])
     without = render_frames(
         replace(run, album=None), times=times, camera="follow", width=size[0], height=size[1]
@@ -217,7 +219,7 @@ def test_a_film_shows_what_the_robot_sees(run, tmp_path):
         changed = np.argwhere((seen != bare).any(axis=-1))
         assert len(changed) > 5000
         (top, left), (bottom, right) = changed.min(axis=0), changed.max(axis=0)
-        assert top >= (1 - (LEFT + HEIGHT + CAMERA_GAP + CAMERA_HEIGHT + MARGIN) / 720) * 360
+        assert top >= (1 - (LEFT + height + CAMERA_GAP + CAMERA_HEIGHT + MARGIN) / 720) * 360
         assert left >= 8
         assert right <= 180
         assert bottom < 360 - 115

@@ -6,10 +6,12 @@ import re
 
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from town_samples import passport
 
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import route_through
+from omnitrack_sim.towns.reach_files import CAUSES, REACHED
 
 
 def chain(*kinds, length=2.0, bore=0.16):
@@ -193,3 +195,82 @@ def test_a_pipe_of_several_parts_has_one_row_that_of_its_far_end():
         )
         assert node == parts["b_3"]
         assert (last.name, last.kind) == ("b_3", "pipe")
+
+
+def test_a_map_says_all_that_it_assumes(tmp_path):
+    """Passport and network by their hashes, openings, friction, supply, tether, gravity and
+    versions; another passport has another hash."""
+    network, tether = chain(*"ses"), ot.Tether(length=30.0)
+    options = {"friction": (0.7, 0.8), "supply": ot.Supply(50.0), "tether": tether}
+    ot.save_reach(ot.map_reach(network, passport(), ["s_0.start"], **options), tmp_path)
+    assumed = json.loads((tmp_path / "reach.json").read_text())["assumed"]
+    assert assumed.keys() == {
+        *("passport", "network", "launches", "friction", "supply", "tether", "gravity_m_s2"),
+        *("way", "versions"),
+    }
+    assert assumed["friction"] == [0.7, 0.8]
+    assert assumed["supply"] == {"battery_wh": 50.0, "efficiency": 0.3, "base_power_w": 5.0}
+    assert assumed["tether"]["length"] == 30.0
+    assert assumed["launches"] == ["s_0.start"]
+    assert assumed["passport"]["sha256"] == passport().sha256 != passport({"elbow": 0.5}).sha256
+    assert assumed["passport"]["trials"] == sum(len(k.passed) for k in passport().kinds.values())
+    assert "omnitrack_sim" in assumed["versions"]
+    bare = ot.map_reach(network, passport(), ["s_0.start"]).assumed
+    assert bare["supply"]["battery_wh"] is None
+    assert bare["tether"] is None
+    assert bare["network"] == assumed["network"]
+
+
+def test_bores_say_which_size_would_fit_most():
+    """A row a bore, whose lengths add up to the network; the net of a size is of what joins it in
+    bores that it fits, as those of a chain that a wider part cuts."""
+    wide = {"kind": "straight", "length": 5.0, "inner_diameter": 0.24}
+    network = ot.Network(
+        fittings=[wide | {"name": f"w_{i}"} for i in range(2)],
+        joints=[{"ports": ("w_0.end", "w_1.start")}],
+    )
+    made = ot.map_reach(network, passport(), ["w_0.start"])
+    (row,) = made.bores
+    assert row.length_m == pytest.approx(made.length)
+    assert row.scale == pytest.approx(0.24 / made_for(passport()))
+    assert row.net_m == pytest.approx(10.0)
+    assert row.expected_m == 0.0
+    narrowed = ot.map_reach(chain(*"ssn"), passport(), ["s_0.start"])
+    assert sum(row.length_m for row in narrowed.bores) == pytest.approx(narrowed.length)
+    assert max(row.net_m for row in narrowed.bores) < narrowed.length
+
+
+def made_for(robot):
+    """The bore that a passport's robot is made for, m."""
+    return robot.robot.nominal_bore
+
+
+def test_what_is_not_reached_has_the_colour_of_its_cause(tmp_path):
+    """In figure and page, with the length in the legend; openings are named, the axes fill the
+    figure."""
+    network, robot = chain(*"ssbs"), passport({"tee, run to branch": 0.0})
+    made = ot.map_reach(network, robot, ["s_0.start"], supply=ot.Supply(0.05))
+    figure = ot.plot_reach(made)
+    axes = figure.axes[0]
+    legend = axes.get_legend()
+    words = [text.get_text() for text in legend.get_texts()]
+    stopped = sum(part.length for part in made.parts if part.probability < REACHED)
+    assert sum(float(text.rpartition(", ")[2].split()[0]) for text in words) == pytest.approx(
+        stopped, rel=0.01
+    )
+    assert "s_0.start" in [text.get_text() for text in axes.texts]
+    ot.save_reach(made, tmp_path)
+    page = (tmp_path / "reach.html").read_text()
+    for words, colour in CAUSES.values():
+        assert (words in page) == (colour in page.partition("<script>")[0]), words
+    assert '[["s_0.start", ' in page
+
+
+def test_a_map_has_no_blank_margin():
+    """The drawn axes and what belongs to them reach to within a tenth of each edge."""
+    figure = ot.plot_reach(ot.map_reach(ot.load_network("fig14"), passport(), ["low"]))
+    FigureCanvasAgg(figure).draw()
+    box = figure.get_tightbbox(figure.canvas.get_renderer())
+    wide, high = figure.get_size_inches()
+    assert box.width > 0.9 * wide
+    assert box.height > 0.9 * high

@@ -182,6 +182,7 @@ def test_a_fitting_is_not_taken_for_straight_pipe_before_what_follows_it(name):
     assert sighting.distance == pytest.approx(distance, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
     """A picture shows more of the bend than of the reducer. Both are fitted together: with pipe
     behind it, the cone seems 9 to 23 mm longer."""
@@ -200,6 +201,7 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
         assert set(sighting.sizes) == {"end_diameter", "length"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance", [0.02, 0.036])
 def test_a_shallow_reducer_before_a_bend_is_seen_out_of_a_fitting(distance):
     """The bend explains more pixels than the reducer alone, as a bend of this bore farther on."""
@@ -217,6 +219,7 @@ def test_a_shallow_reducer_before_a_bend_is_seen_out_of_a_fitting(distance):
     assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("distance", "enter"), [(0.03, "run_start"), (0.06, "run_end")])
 def test_a_shallow_reducer_right_before_a_wye_is_seen_by_a_lamp(distance, enter):
     """The wye explains more pixels than the reducer alone, as a wye of this bore farther on."""
@@ -248,6 +251,7 @@ def test_any_bend_has_a_form_behind_a_reducer():
             assert parts[2].fitting.inner_diameter == sizes[0]
 
 
+@pytest.mark.long
 def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():
     """By a lamp, two dark rings in straight pipe fit a shallow reducer better than one joint; and
     pipe is free up to them, though a reducer right before the lens would hardly show."""

@@ -12,6 +12,7 @@ from pages import TOLERANCE, chromium, needs_browser, opened, picture
 
 import omnitrack_sim as ot
 from omnitrack_sim.show.film.stage import Stage
+from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.recording import FIELDS
 from omnitrack_sim.show.recording_playback import RecordingPlayback
 from omnitrack_sim.show.replay.document import replay_data
@@ -189,7 +190,8 @@ def test_films_draw_contacts_state_and_map(rolling):
     """The force's colour is on the ball's contact with panels or without; the camera of the model
     sees the pipe from the ball."""
     bare = ot.render_frame(rolling, time=0.8, inset=False, overlay=False, width=640, height=360)
-    force = (np.abs(bare.astype(int) - [209, 0, 108]).sum(axis=-1) < 90).sum()
+    blue = np.round(255 * (0.12 + 0.88 * np.array(CURVE_COLOURS[0]))).astype(int)
+    force = (np.abs(bare.astype(int) - blue).sum(axis=-1) < 40).sum()
     assert force > 10
     with_panels = ot.render_frame(rolling, time=0.8, camera="follow", **SIZE)
     without = ot.render_frame(rolling, time=0.8, camera="follow", **BARE)
@@ -207,7 +209,7 @@ def test_lines_of_forces_fit_into_the_picture(rolling):
     forces, contacts = RecordingPlayback(rolling).forces, rolling.contacts
     lengths = []
     for row in range(len(rolling)):
-        begins, lines = forces.lines(row)
+        begins, lines, _ = forces.lines(row)
         of_row = contacts.sample == row
         np.testing.assert_array_equal(begins, contacts.position[of_row])
         assert np.cross(lines, contacts.force[of_row]) == pytest.approx(0.0, abs=1e-9)

@@ -24,6 +24,7 @@ from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.scenario.model import sha256_of
 from omnitrack_sim.show.replay.contents import STEPS, Pack
 from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -242,9 +243,13 @@ def test_what_is_no_run_is_refused(run, tmp_path):
         render_replay(damaged, path=tmp_path / "a.html")
     later = json.loads((run / "scenario.json").read_text()) | {"of_a_later_version": 1}
     (damaged / "scenario.json").write_text(json.dumps(later))
+    told = json.loads((run / "result.json").read_text())
+    told["provenance"]["scenario_sha256"] = sha256_of(later)
+    (damaged / "result.json").write_text(json.dumps(told))
     with pytest.raises(OutputError, match=r"scenario\.json: .*of_a_later_version"):
         render_replay(damaged, path=tmp_path / "a.html")
-    shutil.copy(run / "scenario.json", damaged)
+    for name in ("scenario.json", "result.json"):
+        shutil.copy(run / name, damaged)
     (damaged / "replay.npz").write_bytes(b"PK")
     for one, other in ((damaged, None), (run, damaged)):
         with pytest.raises(OutputError, match=r"replay\.npz: is damaged"):

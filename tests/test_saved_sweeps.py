@@ -196,13 +196,19 @@ def test_failures_are_taken_in_turn_by_outcome():
 
 
 def test_the_batch_may_be_chosen(tmp_path, place, table):
-    """In a sweep and in the trials of a study; the table is the same, and a folder with another
-    one is refused."""
+    """In a sweep, the trials of a study, a bench and a passport; the table is the same, and a
+    folder with another one is refused."""
     sweep = ot.load_sweep(write_sweep(tmp_path), batch=2)
     assert {len(batch.trials) for batch in sweep.batches()} <= {1, 2}
     assert ot.run_trials(sweep).table.equals(table)
     assert {one.batch for one in ot.load_study("controller_gains", batch=5).trials} == {5}
     command = ("sweep", "small.toml", "--out", str(place), "--batch", "2")
+    bench = ot.Bench.of("mobility", ["tee_into"], ["presser"], quick=True, batch=1)
+    (own,) = bench.sweeps().values()
+    assert isinstance(own, ot.Sweep)
+    assert {len(batch.trials) for batch in own.batches()} == {1}
+    assert bench.hash != ot.Bench.of("mobility", ["tee_into"], ["presser"], quick=True).hash
+    assert ot.PassportPlan.of("presser", courses=["straight"], batch=3).sweep.batch == 3
     refused = omnitrack(*command, cwd=tmp_path)
     assert refused.returncode == 2
     assert "batch is 3 there and 2 here" in " ".join(refused.stderr.split())

@@ -273,3 +273,22 @@ def test_the_case_is_that_of_the_base():
     (angle, kind) = spreads(load_sweep("elbow_orientation"))
     assert angle.unit == "deg"
     assert kind.order == ("feedback", "as written (Eq. 20)")
+
+
+@pytest.mark.parametrize("count", [6, 30, 60, 319])
+def test_a_map_of_few_draws_is_a_scatter(count):
+    """Each trial is a mark where it was, by its outcome, without cells; a grid of as many trials
+    has cells, and more draws have bins."""
+    x, y = RNG.uniform(0, 1, (2, count))
+    passed = (x > 0.5).astype(float)
+    passed[0] = np.nan
+    (axis,) = sweep_figure([Spread("a", "m", x), Spread("b", "1", y)], passed).axes
+    assert not axis.collections
+    marks = {line.get_label(): np.stack(line.get_data(), axis=-1) for line in axis.lines}
+    told = {"passed": passed == 1, "failed": passed == 0, "no outcome": np.isnan(passed)}
+    for label, these in told.items():
+        np.testing.assert_array_equal(marks[label], np.stack([x, y], axis=-1)[these])
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == list(told)
+    rows = np.arange(count)
+    grid = [Spread("a", "m", 1.0 * (rows % 3)), Spread("b", "1", 1.0 * (rows // 3))]
+    assert sweep_figure(grid, passed).axes[0].collections

@@ -154,7 +154,7 @@ def test_kill_of_the_parent_and_ctrl_c(tmp_path):
     wait_until_gone(under)
     _, told = process.communicate()
     assert process.returncode == 130
-    assert "of 24 trials done; the same command goes on" in told
+    assert "of 24 trials done, and the batch of up to 3 trials" in told
     assert "Traceback" not in told
     assert run_trials(load_sweep(file), out=killed).status.total == 24
     assert same(tmp_path / "calm", killed)

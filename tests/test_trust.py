@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.abc
+import inspect
 import json
+import os
 import pickle
+import re
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +19,8 @@ import mujoco
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from commands import omnitrack
+from documents import page
 from policy_samples import driver
 from samples import sample_result
 from town_samples import passport
@@ -21,6 +28,7 @@ from town_samples import passport
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.base.writing import npz_of
+from omnitrack_sim.cli import app
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import validate
@@ -220,3 +228,77 @@ def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
     with pytest.raises(OmnitrackError, match="it can be shown, not run"):
         ot.run(other.scenario)
     assert other.scenario.hash == other.provenance["scenario_sha256"]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "bomb", "other robot"])
+def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
+    """The numbers of the run are read without it."""
+    folder = RUNS["robot"](tmp_path / "run")
+    file = folder / "robot.mjz"
+    data = file.read_bytes()
+    file.unlink()
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "endless":
+        file.symlink_to("/dev/zero")
+    elif kind == "folder":
+        file.mkdir()
+    elif kind == "text":
+        file.write_bytes(b"no archive" + data[:100])
+    else:
+        body = "<body name='chassis'><freejoint/><geom size='1'/></body>"
+        mesh = "<asset><mesh name='m' file='../secret.obj'/></asset>" if kind == "bomb" else ""
+        text = f"<mujoco>{mesh}<worldbody>{body}</worldbody></mujoco>"
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("model.xml", text)
+    run = ot.load_result(folder)
+    assert run.metrics["distance_m"] > 0
+    with pytest.raises(ot.OutputError, match=r"robot\.mjz: "):
+        ot.render_replay(run, path=tmp_path / "page.html")
+
+
+@pytest.mark.long
+def test_painting_processes_import_nothing(watch, tmp_path):
+    """They get the run from the process that has read it, and trust what that one did."""
+    folder = RUNS["robot"](tmp_path / "run")
+    hostile_camera = hostile(
+        tmp_path / "camera", "sensing.camera", THING, sensing={"kind": "onboard"}
+    )
+    for number, run in enumerate((folder, hostile_camera)):
+        ot.render_video(
+            run, path=tmp_path / f"{number}.mp4", width=160, height=96, fps=10, processes=2
+        )
+    assert_nothing_ran(watch, tmp_path)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_commands_end_with_a_page_or_one_line(name, watch, tmp_path):
+    """Status 0 where a run can be shown without what it names, else 2 and one line."""
+    folder = str(RUNS[name](tmp_path / "run"))
+    file = str(tmp_path / "a.html")
+    for words in (["replay", folder, "--out", file], ["compare", folder, folder]):
+        done = omnitrack(*words)
+        if done.returncode == 0:
+            continue
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert THING in line
+    assert_nothing_ran(watch, tmp_path)
+
+
+def test_every_command_that_looks_can_be_told_to_trust():
+    """Those that the page says look, but for imports, whose files name no code."""
+    can = {
+        command.name or command.callback.__name__
+        for command in app.registered_commands
+        if command.callback and "trust" in inspect.signature(command.callback).parameters
+    }
+    (row,) = (line for line in page("trust").splitlines() if line.startswith("| look |"))
+    looks = {words.split()[0] for words in re.findall(r"`([^`]+)`", row.split("|")[2])}
+    assert can == looks - {"import"}
+    names = {name for name in re.findall(r"`([^`]+)`", row.split("|")[3]) if "load" in name}
+    for name in {*names, "compare"}:
+        take = functools.reduce(getattr, name.split("."), ot)
+        assert "trust" in inspect.signature(take).parameters, name
+    assert len(names) > 5

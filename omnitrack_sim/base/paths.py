@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from functools import reduce
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -55,21 +56,33 @@ def value_at(data: Any, path: str) -> Any:
 
 
 def expand(data: Any, path: str) -> list[str]:
-    """Return the paths that a path stands for: one for each item of a list that a ``*`` meets.
+    """Return the paths that a path stands for.
+
+    These are one for each item of a list that a ``*`` meets, and one for each key of a table that
+    a pattern such as ``wheel_*`` fits, unless it is a key itself.
 
     Example:
         >>> expand({"pipes": [{"length": 0.5}, {}]}, "pipes.*.length")
         ['pipes.0.length', 'pipes.1.length']
+        >>> expand({"joint": {"wheel_1": {}, "wheel_2": {}, "arm": {}}}, "joint.wheel_*.damping")
+        ['joint.wheel_1.damping', 'joint.wheel_2.damping']
     """
     paths: list[tuple[str, ...]] = [()]
     for key in keys_of(path):
-        longer = []
-        for before in paths:
-            place = reduce(below, before, data) if key == "*" else None
-            keys = map(str, range(len(place))) if isinstance(place, list) else [key]
-            longer += [(*before, one) for one in keys]
-        paths = longer
+        paths = [(*before, one) for before in paths for one in _fitting(data, before, key)]
     return [".".join(keys) for keys in paths]
+
+
+def _fitting(data: Any, before: Keys, key: str) -> Sequence[str]:
+    """Return what a key stands for at a path: itself, or where it has a ``*``, what fits it."""
+    if "*" not in key:
+        return [key]
+    place = reduce(below, before, data)
+    if isinstance(place, list) and key == "*":
+        return [str(index) for index in range(len(place))]
+    if isinstance(place, Mapping) and key not in place:
+        return [one for one in place if fnmatchcase(one, key)] or [key]
+    return [key]
 
 
 def matches(data: Any, path: str) -> list[str]:
@@ -221,8 +234,9 @@ def _type_below(kind: Any, value: Any, key: str) -> Any:
         info = model.model_fields.get(key)
         return None if info is None else info.annotation
     bare = _bare(kind)
-    arguments = get_args(bare)
-    return arguments[0] if get_origin(bare) is tuple and arguments else None
+    arguments, origin = get_args(bare), get_origin(bare)
+    # Tables by names that nobody lists have values of one type.
+    return arguments[{tuple: 0, dict: 1}[origin]] if origin in (tuple, dict) and arguments else None
 
 
 def _bare(kind: Any) -> Any:

@@ -35,8 +35,9 @@ NAME_PATTERN = r"^[^./\\\x00-\x1f\x7f-\x9f][^/\\\x00-\x1f\x7f-\x9f]*$"
 """A scenario's name is also that of a folder: not empty, not hidden, no separators."""
 MAX_INTEGER = 2**63 - 1
 """Largest integer that TOML guarantees and other readers of JSON accept."""
-KIND_FAULT = "kind"
-"""Type of pydantic's error where the ``kind`` of a table is missing or names nothing."""
+KIND_FAULT, PLACE_FAULT = "kind", "place"
+"""Types of pydantic's error where the ``kind`` of a table is missing or names nothing, and where
+something below a key is wrong."""
 MAX_LEVELS = 32
 """Deepest nesting of tables and lists."""
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -326,7 +327,10 @@ def _unknown(name: str, kind: Kind) -> Fault:
 
 
 def _is_another(actual: Kind, wanted: Kind, name: str) -> str:
-    return f"is a {actual.noun}, not a {wanted.noun}; `omnitrack {actual.command} {name}` takes it"
+    told = f"is a {actual.noun}, not a {wanted.noun}; `omnitrack {actual.command} {name}` takes it"
+    if actual is SWEEP and wanted is SCENARIO:
+        told += f", `omnitrack run {name} --trial 0` one of its trials"
+    return told
 
 
 def _refuse_other_kinds(
@@ -408,6 +412,14 @@ def by_kind(model_of: Callable[[str], type[BaseModel]], default: str = "") -> Wr
         return model.model_validate(table)
 
     return WrapValidator(opened)
+
+
+def below(error: InputError) -> PydanticCustomError:
+    """Return what a validator of a key raises for a fault at a place below it."""
+    fault = error.faults[0]
+    context = {"below": fault.where, "problem": fault.problem}
+    context |= {"choices": fault.choices, "given": fault.given}
+    return PydanticCustomError(PLACE_FAULT, "{problem}", context)
 
 
 def faults_of(
@@ -494,6 +506,9 @@ def _fault_of(item: Mapping[str, Any], choices_at: Callable[[list[str]], tuple[s
     if kind == KIND_FAULT:
         choices, word = tuple(context["choices"]), str(context["given"])
         return Fault(f"{where}.kind", context["problem"], choices, word)
+    if kind == PLACE_FAULT:
+        choices, word = tuple(context["choices"]), str(context["given"])
+        return Fault(f"{where}.{context['below']}", context["problem"], choices, word)
     if kind in ("literal_error", "enum"):
         # pydantic lists the valid values as text only: "'a', 'b' or 'c'".
         choices = tuple(

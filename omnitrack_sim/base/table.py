@@ -61,9 +61,11 @@ class FileName:
     Attributes:
         digest: key beside it that holds the file's SHA-256. Where another file is named it is left
             out.
+        values: keys beside it that hold values of the file, and are left out as well.
     """
 
     digest: str
+    values: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

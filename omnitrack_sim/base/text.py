@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
 from typing import Any
@@ -33,6 +35,35 @@ def printable(text: str) -> str:
         character if character.isprintable() else character.encode("unicode_escape").decode()
         for character in text
     )
+
+
+FORMULA = r"^[=+\-@\t\r]"
+"""Beginning of a text that a spreadsheet takes for a formula, and runs."""
+NUMBER = r"^[+\-]?(\d+\.?\d*|\.\d+)([eE][+\-]?\d+)?$"
+"""A number as text, which may begin like one."""
+
+
+def csv_text(rows: Iterable[Sequence[Any]]) -> str:
+    """Return rows as CSV; missing values are empty, and numbers read back exactly.
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe: names come from
+    whoever made the file.
+    """
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    for row in rows:
+        writer.writerow([_inert(cell) if isinstance(cell, str) else cell for cell in row])
+    return file.getvalue()
+
+
+def _inert(text: str) -> str:
+    is_formula = re.match(FORMULA, text) and not re.match(NUMBER, text)
+    return f"'{text}" if is_formula else text
+
+
+def installing(extra: str) -> str:
+    """Return the command that installs an extra of this package, which no index has."""
+    return f"pip install 'omnitrack_sim[{extra}]', or in a checkout of it pip install '.[{extra}]'"
 
 
 def counted(count: int, one: str, more: str = "") -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
+from omnitrack_sim.base.text import installing
 
 _PR_SET_PDEATHSIG = 1
 
@@ -94,7 +95,7 @@ class DaskPool(Executor):
         try:
             from distributed import Client
         except ImportError:
-            problem = "needs the package distributed: pip install 'omnitrack_sim[dask]'"
+            problem = f"needs the package distributed: {installing('dask')}"
             raise InputError(Fault("--dask", problem)) from None
         try:
             self._client = Client(address, timeout=DASK_PATIENCE, set_as_default=False)

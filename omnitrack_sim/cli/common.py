@@ -93,7 +93,8 @@ ScenarioArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO",
-        help="A scenario file (TOML, or the scenario.json of a run), or the name of a shipped one.",
+        help="A scenario file (TOML, or the scenario.json of a run), the name of a shipped one, or "
+        "a robot's MJCF or URDF file: it is put into a straight pipe of its size.",
         autocompletion=complete.scenarios,
     ),
 ]
@@ -129,8 +130,21 @@ SetOption = Annotated[
 
 
 def load(source: str, assignments: Sequence[str] | None) -> ot.Scenario:
-    """Load the scenario of a file or name, with the values of ``--set``."""
-    return with_changes(lambda changes: ot.load_scenario(source, changes), assignments)
+    """Load the scenario of a file or name, with the values of ``--set``.
+
+    A model of a robot is taken in a straight pipe of its size.
+    """
+    return with_changes(lambda changes: _loaded(source, changes), assignments)
+
+
+def _loaded(source: str, changes: Mapping[str, Any]) -> ot.Scenario:
+    from omnitrack_sim.robots.kinds import is_model_file
+
+    if is_model_file(source):
+        from omnitrack_sim.sim.model_template import model_scenario
+
+        return model_scenario(source, changes)
+    return ot.load_scenario(source, changes)
 
 
 def with_changes(

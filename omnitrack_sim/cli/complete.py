@@ -56,6 +56,11 @@ def kinds(incomplete: str) -> Choices:
     return [(kind, "") for kind in robot_kinds() if kind.startswith(incomplete)]
 
 
+def reproduced(incomplete: str) -> Choices:
+    """What `reproduce` takes: kinds of robots, and the ledger."""
+    return kinds(incomplete) + [("measured", "")] * "measured".startswith(incomplete)
+
+
 def robots(incomplete: str) -> Choices:
     """Kinds of robots, and scenarios."""
     return kinds(incomplete) + scenarios(incomplete)

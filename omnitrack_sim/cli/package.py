@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -138,17 +139,47 @@ def new(
             autocompletion=complete.scenarios,
         ),
     ] = "tee_turn",
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="MJCF or URDF file of a robot: a short scenario for it in a straight pipe, and "
+            "NAME_control.py, a controller to fill in.",
+        ),
+    ] = None,
+    body: Annotated[
+        str, typer.Option(metavar="BODY", help="Its chassis, where several could be it.")
+    ] = "",
 ) -> None:
-    """Write a scenario file with all keys, their units, defaults and meanings."""
+    """Write a scenario file with all keys, their units, defaults and meanings.
+
+    With `--robot` it looks at a model and writes what it finds: bore, forward axis, wheels.
+    """
     from omnitrack_sim.base.writing import check_file, write_file
 
     target = _target(name)
-    check_file(target)
-    # A link that leads nowhere counts, too: writing would follow it.
-    if os.path.lexists(target):
-        raise OutputError(f"{target}: exists already; choose another name or take it away")
-    write_file(target, _text(target, source).encode())
-    out.print(f"wrote {plain(str(target))}; `omnitrack run {plain(str(target))}` runs it")
+    if robot is None:
+        texts = {target: _text(target, source)}
+    else:
+        texts = _texts_of_robot(target, robot, body)
+    for file in texts:
+        check_file(file)
+        # A link that leads nowhere counts, too: writing would follow it.
+        if os.path.lexists(file):
+            raise OutputError(f"{file}: exists already; choose another name or take it away")
+    for file, text in texts.items():
+        write_file(file, text.encode())
+    written = " and ".join(plain(str(file)) for file in texts)
+    out.print(f"wrote {written}; `omnitrack run {plain(str(target))}` runs it")
+
+
+def _texts_of_robot(target: Path, robot: str, body: str) -> dict[Path, str]:
+    """Return the texts of a scenario for the robot of a model file, and of its controller."""
+    from omnitrack_sim.sim.model_template import model_template
+
+    template = model_template(target.stem, robot, target.parent, body)
+    controller = target.with_name(f"{template.module}.py")
+    return {target: template.scenario, controller: template.controller}
 
 
 def _target(name: str) -> Path:
@@ -175,17 +206,24 @@ def _text(target: Path, source: str) -> str:
 
 
 def _moved(data: dict[str, Any], path: Path, target: Path) -> dict[str, Any]:
-    """The data of a file for one that may stand elsewhere: the path of a network leads there."""
+    """The data of a file for one that may stand elsewhere: its paths lead to the same files."""
+    from omnitrack_sim.robots.kinds import robot_in_full
+
+    robot = robot_in_full(data.get("robot"))
+    if isinstance(robot, Mapping) and "file" in robot:
+        data = data | {"robot": {**robot, "file": _moved_file(robot["file"], path, target)}}
+    if "network" in data:
+        data = data | {"network": _moved_file(data["network"], path, target)}
+    return data
+
+
+def _moved_file(name: Any, path: Path, target: Path) -> Any:
+    """The path of a file that a scenario at ``path`` names, for one at ``target``."""
     from omnitrack_sim.base.reading import beside
 
-    network = data.get("network")
-    if not isinstance(network, str):
-        return data
-    place = beside(path.parent, network)
-    if isinstance(place, str):
-        return data  # the name of a shipped one
-    # Relative to the new file, so that both can be moved together.
-    return data | {"network": os.path.relpath(place, target.parent)}
+    place = beside(path.parent, name) if isinstance(name, str) else name
+    # Relative to the new file, so that both can be moved together; a shipped one has a name.
+    return os.path.relpath(place, target.parent) if isinstance(place, Path) else name
 
 
 @app.command()

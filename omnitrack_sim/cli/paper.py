@@ -227,8 +227,8 @@ def reproduce(
         str,
         typer.Argument(
             help="Kind of the robot; the omnidirectional one, whose paper takes the longest, if "
-            "left out.",
-            autocompletion=complete.kinds,
+            "left out. 'measured': measurements of several robots beside simulated values.",
+            autocompletion=complete.reproduced,
         ),
     ] = "omnitrack",
     quick: Annotated[
@@ -238,7 +238,7 @@ def reproduce(
     format: Annotated[str, typer.Option(help="Format of figures/: svg, pdf or png.")] = "svg",
     as_json: JsonOption = False,
 ) -> None:
-    """Measure what was published of a robot: claims.json and report.html.
+    """Measure what was published of a robot, or of several: claims.json and report.html.
 
     Exit status 1 if a verdict has changed.
     """

@@ -274,7 +274,7 @@ def _slip(result: ot.Result) -> str:
 
 
 def _figure_table(result: ot.Result) -> Table:
-    """Figures of each module, or of a robot whose metrics have one value each."""
+    """Figures of each module, or of a robot whose metrics have one value each; then own ones."""
     robot = result.scenario.robot
     metrics = robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
@@ -286,6 +286,12 @@ def _figure_table(result: ot.Result) -> Table:
             table.add_row(metric.name, metric.unit, f"{value:.4g}")
         elif isinstance(value, list) and metric.title:
             table.add_row(metric.title, metric.unit, *(f"{v:.{metric.digits}f}" for v in value))
+    for metric in result.scenario.named_metrics:
+        value = result.metrics[metric.name]
+        values = value if isinstance(value, list) else [value]
+        numbers = [f"{v:.4g}" for v in values if isinstance(v, int | float)]
+        if numbers:
+            table.add_row(plain(metric.title or metric.name), plain(metric.unit), *numbers)
     return table
 
 
@@ -512,9 +518,10 @@ def export(
             "given.",
         ),
     ] = None,
+    trust: TrustOption = False,
 ) -> None:
     """Export a saved run for other tools: poses, joints, contacts and channels."""
-    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap"))
+    print_saved(ot.export_result(run_dir, file or run_dir / f"{EXPORT}.mcap", trust=trust))
 
 
 def _check_export(format: str) -> None:

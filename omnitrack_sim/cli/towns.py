@@ -29,14 +29,20 @@ from omnitrack_sim.cli.common import (
     with_changes,
 )
 from omnitrack_sim.cli.trials import (
+    BatchOption,
     CoursesOption,
     DaskOption,
+    ListOption,
     QuickOption,
     TrialsOption,
     WorkersOption,
+    print_extent,
     trials_bar,
     worker_options,
 )
+
+MAX_BORES = 8
+"""Bores that the terminal shows."""
 
 
 @app.command()
@@ -59,6 +65,8 @@ def passport(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
+    only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Measure what a robot passes, how surely, and at what cost.
@@ -67,6 +75,7 @@ def passport(
     """
     from omnitrack_sim.towns.passport import PASSPORT_FILE
     from omnitrack_sim.towns.passport_plan import FULL, QUICK
+    from omnitrack_sim.trials.mobility import BATCH
 
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
@@ -78,9 +87,14 @@ def passport(
             changes=changes,
             trials=trials or (QUICK if quick else FULL),
             courses=courses,
+            batch=batch or BATCH,
         ),
         assignments,
     )
+    if only_list:
+        _print_passport(plan)
+        print_extent(plan, target, workers)
+        return
     with trials_bar(f"passport {name}") as report:
         summary = ot.run_trials(plan, out=target, progress=report, **options).summary
     if as_json:
@@ -88,6 +102,14 @@ def passport(
         return
     _print_ways(summary)
     out.say(f"{plain(str(target / PASSPORT_FILE))}")
+
+
+def _print_passport(plan: ot.PassportPlan) -> None:
+    """Print the courses of a passport, and those that the robot does not fit."""
+    rows = [(name, str(plan.trials)) for name in plan.sweep.bases]
+    print_table(("course", "trials"), rows)
+    for course, why in plan.misfits.items():
+        out.say(f"{plain(course)}: does not fit: {plain(why)}")
 
 
 def _print_ways(summary: dict[str, Any]) -> None:
@@ -198,6 +220,24 @@ def _print_reach(summary: dict[str, Any]) -> None:
     print_table(["opening", "adds there and back"], rows)
     print_table(
         ["stopped by", "length"], [[why, length_text(length)] for why, length in summary["stops"]]
+    )
+    shown, rest = summary["bores"][:MAX_BORES], len(summary["bores"]) - MAX_BORES
+    rows = [
+        [
+            f"{1e3 * row['bore_m']:.1f} mm",
+            *(length_text(row[key]) for key in ("length_m", "expected_m")),
+            f"{row['scale']:.3f}",
+            length_text(row["net_m"]),
+        ]
+        for row in shown
+    ]
+    print_table(["bore", "length", "reached", "scale", "net at that scale"], rows)
+    if rest > 0:
+        out.say(f"and {rest} more bores, in reach.json")
+    best = max(summary["bores"], key=lambda row: row["net_m"])
+    out.say(
+        f"by bores alone a robot made for {1e3 * best['bore_m']:.1f} mm, at scale "
+        f"{best['scale']:.3f} of this one, would reach most: a net of {length_text(best['net_m'])}"
     )
     keys = ("expected_m", "length_m", "expected_there_and_back_m")
     expected, whole, back = (length_text(summary[key]) for key in keys)

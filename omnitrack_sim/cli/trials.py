@@ -20,6 +20,7 @@ from omnitrack_sim.cli.common import (
     JsonOption,
     SetOption,
     app,
+    clock,
     err,
     out,
     plain,
@@ -47,7 +48,10 @@ DaskOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786.")
 ]
 ListOption = Annotated[
-    bool, typer.Option("--list", help="Show what would be run, and how much; run nothing.")
+    bool,
+    typer.Option(
+        "--list", help="Show what would be run, how much, and how long it takes; run nothing."
+    ),
 ]
 BatchOption = Annotated[
     int | None,
@@ -55,8 +59,8 @@ BatchOption = Annotated[
         "--batch",
         metavar="N",
         min=1,
-        help="Trials that run together, in place of the file's number: so many an interruption "
-        "costs each worker at most, and the fewer they are the longer each takes.",
+        help="Trials that run together: so many an interruption costs each worker at most, and the "
+        "fewer they are the longer each takes.",
     ),
 ]
 CoursesOption = Annotated[
@@ -107,11 +111,12 @@ def sweep(
     from omnitrack_sim.trials.store import record_name
 
     loaded = with_changes(lambda changes: ot.load_sweep(source, changes, batch=batch), assignments)
+    target = folder or Path("out") / loaded.name
     if only_list:
         _print_trials(loaded)
+        print_extent(loaded, target, workers)
         return
     share = _share(shard)
-    target = folder or Path("out") / loaded.name
     if go_on and not (target / record_name(ot.Sweep)).is_file():
         raise OutputError(
             f"{target}: holds no sweep to go on with; leave out --continue to begin one"
@@ -147,10 +152,11 @@ def optimise(
 ) -> None:
     """Search for the best values of a scenario; the same command resumes an interrupted search."""
     study = with_changes(lambda changes: ot.load_study(source, changes, batch=batch), assignments)
+    target = folder or Path("out") / study.name
     if only_list:
         _print_plan(study)
+        print_extent(study, target, workers)
         return
-    target = folder or Path("out") / study.name
     options = worker_options(workers, dask)
     with trials_bar(f"optimise {study.name}") as report:
         result = ot.run_trials(study, out=target, progress=report, **options)
@@ -200,6 +206,8 @@ def bench(
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    batch: BatchOption = None,
+    only_list: ListOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Put robots or controllers through the same courses.
@@ -213,7 +221,7 @@ def bench(
     entries = [*shipped, *own]
     planned = with_changes(
         lambda changes: ot.Bench.of(
-            suite, courses, entries, quick=quick, trials=trials, changes=changes
+            suite, courses, entries, quick=quick, trials=trials, changes=changes, batch=batch
         ),
         assignments,
     )
@@ -222,6 +230,10 @@ def bench(
         err.say(f"runs beside {beside}; --alone leaves these out")
     kind = "_quick" if quick else "" if trials is None else f"_{trials}"
     target = folder or Path("out") / f"bench_{Path(suite).stem}{kind}"
+    if only_list:
+        _print_courses(planned)
+        print_extent(planned, target, workers)
+        return
     options = worker_options(workers, dask)
     with trials_bar(f"bench {planned.name}") as report:
         result = ot.run_trials(planned, out=target, progress=report, **options)
@@ -328,6 +340,36 @@ def _print_trials(loaded: ot.Sweep) -> None:
     print_table(("trial", "values"), texts)
     if loaded.size > LISTED:
         out.print(f"and {loaded.size - LISTED} more")
+
+
+def _print_courses(planned: ot.Bench) -> None:
+    """Print the courses of a bench, and how many trials each entry has on each."""
+    names = [entry.name for entry in planned.entries]
+    sweeps = planned.sweeps()
+    rows = []
+    for course in planned.courses:
+        own = [sweeps[course.name, name] for name in names]
+        trials = [sweep.size for sweep in own if not isinstance(sweep, str)]
+        rows.append((course.name, str(len(trials)), str(sum(trials)), course.words))
+    print_table(("course", "entries that fit", "trials", "what"), rows)
+    out.say(f"entries: {plain(', '.join(names))}")
+
+
+def print_extent(plan: ot.Plan, target: Path, workers: int | None) -> None:
+    """Print how many trials a plan has, and how long they take on this machine."""
+    from omnitrack_sim.base.workers import cores
+    from omnitrack_sim.trials.estimate import estimate
+
+    count = workers or cores()
+    extent = estimate(plan, target if target.is_dir() else None)
+    ends = [clock(seconds / count) for seconds in (extent.shortest, extent.longest)]
+    takes = "takes" if extent.trials == 1 else "take"
+    before = f"; {extent.done} of them done before" if extent.done else ""
+    out.say(
+        f"{counted(extent.trials, 'trial')} {takes} {ends[0]} (each robot cruises to its goal) to "
+        f"{ends[1]} (each runs to its time limit) with "
+        f"{counted(count, 'process', 'processes')} like this one{before}"
+    )
 
 
 def _shown(value: Any) -> str:

@@ -9,7 +9,9 @@ observations, actions, reward and options.
 try:
     from gymnasium.envs.registration import register, registry
 except ImportError as error:
-    text = "omnitrack_sim.gym needs Gymnasium: pip install 'omnitrack_sim[gym]'"
+    from omnitrack_sim.base.text import installing
+
+    text = f"omnitrack_sim.gym needs Gymnasium: {installing('gym')}"
     raise ImportError(f"{text} ({error})") from error
 
 from omnitrack_sim.gym.env import RobotEnv, RobotVectorEnv

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import trusting
+from omnitrack_sim.base.paths import matches
 from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
@@ -134,7 +135,8 @@ def check_for(options: EnvOptions, robot: Robot) -> None:
         InputError: lists every fault with its place and the choices.
     """
     decisions, onboard = robot.decisions, options.senses(robot) == "onboard"
-    own = tuple(f"robot.{path}" for path in robot.own_values)
+    data = {"robot": robot.model_dump(mode="json")}
+    own = tuple(one for path in robot.own_values for one in matches(data, f"robot.{path}"))
     rolls = ("start.roll_deg",) if robot.rolls else ()
     faults = _unknown("ranges", options.ranges, (*_DRAWN, *rolls, *own))
     if options.acting not in decisions.actings:

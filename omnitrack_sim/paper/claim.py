@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ class ClaimVerdict(StrEnum):
     CONTRADICTION = "the paper contradicts itself"
     FAILS = "does not come out"
     STUDY = "study"
-    """The paper says nothing about it, so there is nothing to judge."""
+    """Nothing is judged: the paper says nothing about it, or two figures stand side by side."""
 
 
 class Sample(StrEnum):
@@ -44,6 +45,31 @@ class Sample(StrEnum):
         return self is Sample.SAME
 
 
+class Figure(NamedTuple):
+    """A figure with its interval.
+
+    Attributes:
+        middle: the figure.
+        low: lower end of its 95 % interval.
+        high: upper end.
+        how: what the interval is over.
+    """
+
+    middle: float
+    low: float
+    high: float
+    how: str
+
+    def over(self, value: float) -> Figure:
+        """Return the ratio to a positive value."""
+        return Figure(self.middle / value, self.low / value, self.high / value, self.how)
+
+    def text(self, unit: str = "") -> str:
+        """Return figure, unit and interval to three digits."""
+        middle, low, high = (format(Decimal(f"{value:.3g}"), "f") for value in self[:3])
+        return f"{' '.join(filter(None, (middle, unit)))} ({low} to {high})"
+
+
 class Measurement(NamedTuple):
     """What the measurement of a claim found.
 
@@ -54,6 +80,7 @@ class Measurement(NamedTuple):
             thing. The paper contradicts itself where only the other one comes out.
         uncertainty: of the figure: interval, number of trials, or "exact".
         calibrated: a parameter of the robot was chosen so that the statement comes out.
+        figure: the figure as numbers, where it stands beside a published one.
     """
 
     measured: str
@@ -61,6 +88,7 @@ class Measurement(NamedTuple):
     other_holds: bool = False
     uncertainty: str = "one run"
     calibrated: bool = False
+    figure: Figure | None = None
 
     @property
     def verdict(self) -> ClaimVerdict:

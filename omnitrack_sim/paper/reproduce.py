@@ -31,6 +31,7 @@ from omnitrack_sim.paper.claim_figures import (
     rates_figure,
 )
 from omnitrack_sim.paper.experiments import SEED, Runs, run_all, scenarios
+from omnitrack_sim.paper.measured import ENTRIES
 from omnitrack_sim.paper.region import plot_singularity
 from omnitrack_sim.paper.robots import claims_of
 from omnitrack_sim.results.provenance import environment, provenance_of
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 
 
 CLAIMS_FILE = "claims.json"
+LEDGER = "measured"
+"""In place of a robot: measurements of several, beside simulated values."""
 CLAIMS: tuple[Claim, ...] = (*driving.CLAIMS, *turns.CLAIMS)
 """Claims of the omnidirectional robot's paper, in the order of the page."""
 STRIPS = {
@@ -92,7 +95,7 @@ def reproduce(
     Args:
         directory: made, or replaced if it holds an earlier reproduction. The claims are there
             first; a figure that cannot be drawn is reported as a warning and left out.
-        robot: kind of robot, as ``robot.kind`` of a scenario.
+        robot: kind of robot, as ``robot.kind`` of a scenario, or ``LEDGER``.
         quick: fewer orientations and trials.
         format: of the files in ``figures/``: ``svg``, ``pdf`` or ``png``.
         progress: called with the fraction done, 0 to 1, and a word about the run.
@@ -111,7 +114,7 @@ def reproduce(
         runs = run_all(scenarios(quick), progress)
         findings, title = measure(runs, quick), TITLE
     else:
-        runs, title = {}, robot
+        runs, title = {}, "Measurements" if robot == LEDGER else robot
         findings = measure_robot(robot, quick, progress)
     provenance = _provenance(runs, quick)
     rows = {"provenance": provenance, "claims": [finding.row() for finding in findings]}
@@ -122,7 +125,8 @@ def reproduce(
         (folder / CLAIMS_FILE).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     pictures = _draw(runs, Path(directory) / "figures", format) if standard else {}
     missing = ", ".join(name for name, picture in pictures.items() if picture is None)
-    remarks = [REMARK, *([DRIVES_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
+    remarks = [LEDGER_REMARK if robot == LEDGER else REMARK]
+    remarks += [*([DRIVES_REMARK] if standard else []), *([QUICK_REMARK] if quick else [])]
     if missing:
         remarks.append(f"These figures could not be drawn: {missing}.")
     figures = [picture for picture in pictures.values() if picture is not None]
@@ -142,15 +146,17 @@ def measure_robot(
     """Measure the claims about a robot other than the omnidirectional one.
 
     Args:
-        robot: its kind.
+        robot: its kind, or ``LEDGER``.
         quick: fewer trials.
         progress: called with the fraction done, 0 to 1, and a word about the claim.
 
     Raises:
         InputError: there is no such robot, or it has no claims.
     """
-    with trusting():
-        claims = claims_of(robot_class(robot))
+    claims: Sequence[Claim] = ENTRIES
+    if robot != LEDGER:
+        with trusting():
+            claims = claims_of(robot_class(robot))
     if not claims:
         raise InputError(Fault("ROBOT", f"{robot!r} has no claims: its class has no `claims`"))
     findings: list[Finding] = []
@@ -298,6 +304,11 @@ REMARK = (
     "Each published statement is turned into something that can be measured in simulation, with a "
     "tolerance. Its verdict follows from the measurement, with the reason as far as it is known "
     "where it does not hold. What nobody has stated is a study, without verdict."
+)
+LEDGER_REMARK = (
+    "Each published measurement stands beside the simulated value: its interval is over draws of "
+    "what the publication does not say, and the ratio is ours over theirs. Nothing is judged; "
+    "where the interval of the ratio does not hold one, the reason is said as far as it is known."
 )
 DRIVES_REMARK = (
     "What the robot's reach was inferred from is calibrated. Claims of Section V have a motor "

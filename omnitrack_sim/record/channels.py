@@ -127,9 +127,14 @@ class Channel:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of the table, in the order of the flattened sample."""
+        """Names of the columns of the table, in the order of the flattened sample.
+
+        They end in the names of bodies, actuators and such, where there are any and all differ.
+        """
         if self.shape == ():
             return (self.name,)
+        if len(set(self.names)) == math.prod(self.shape):
+            return tuple(f"{self.name}_{one}" for one in self.names)
         # The last axis varies fastest, as in a flattened sample.
         labels: list[str] = [""]
         for axis, size in enumerate(self.shape):

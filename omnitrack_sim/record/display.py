@@ -23,14 +23,16 @@ class Bar(NamedTuple):
     Attributes:
         label: word or number before it.
         colour: of label and bar.
-        share: -1 to 1, of the half of the bar's width.
+        share: -1 to 1, of the half of the bar's width; 0 to 1 of all of it where there is no sign.
         text: the value for people.
+        has_sign: the bar begins in the middle.
     """
 
     label: str
     colour: Colour
     share: float
     text: str
+    has_sign: bool = True
 
 
 class StatusText(NamedTuple):
@@ -75,7 +77,7 @@ class Curve(NamedTuple):
     Attributes:
         display: title, unit and limits.
         values: (T, n).
-        names: of the columns; empty for a single one.
+        names: of the columns; empty for a single one, and for one a module.
     """
 
     display: Display

@@ -13,6 +13,7 @@ from typing import Any
 from omnitrack_sim.base.text import clipped, counted, printable
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS
 from omnitrack_sim.results.html import LONGEST, safe, table_html
+from omnitrack_sim.results.provenance import warn_of_unlike
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario.model import unit_of
@@ -167,7 +168,9 @@ def compare(
         >>> [(one.name, one.a, one.b) for one in ot.compare(*runs).values]
         [('world.friction', 0.9, 0.5)]
     """
-    return Comparison(as_result(a, trust), as_result(b, trust))
+    runs = as_result(a, trust), as_result(b, trust)
+    warn_of_unlike([run.provenance for run in runs], "these runs")
+    return Comparison(*runs)
 
 
 class _Absent:

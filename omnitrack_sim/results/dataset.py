@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.text import strict_json
+from omnitrack_sim.base.text import csv_text, installing, strict_json
 from omnitrack_sim.record.channels import Channel, Vector
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ _PARTS: tuple[dict[str, str], ...] = (
 """Numbers of a joint and their units: free, ball, slide and hinge, as MuJoCo numbers them."""
 
 
-def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
+def to_xarray(result: Result | str | os.PathLike[str], *, trust: bool = False) -> xarray.Dataset:
     """Return the record of a run as a dataset of xarray, with units and names.
 
     Each channel is a variable over ``time`` and, where it has several numbers, over ``module``,
@@ -42,6 +41,7 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
 
     Args:
         result: the run, or the folder of a saved one.
+        trust: of a folder, see ``load_result``.
 
     Raises:
         ImportError: xarray is not installed; it is the extra ``xarray`` of this package.
@@ -54,9 +54,9 @@ def to_xarray(result: Result | str | os.PathLike[str]) -> xarray.Dataset:
     try:
         import xarray
     except ImportError as error:
-        needed = "to_xarray needs xarray: pip install 'omnitrack_sim[xarray]'"
+        needed = f"to_xarray needs xarray: {installing('xarray')}"
         raise ImportError(needed) from error
-    run = as_result(result)
+    run = as_result(result, trust)
     trajectory, robot = run.trajectory, run.scenario.robot
     known: dict[str, Sequence[Any]] = {}
     variables: dict[str, Any] = {}
@@ -117,7 +117,8 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
     """Return name and unit of each joint position of a robot, in the order of ``qpos``."""
     from omnitrack_sim.robots.plant import compiled
 
-    kinds = compiled(robot).jnt_type.tolist()
+    model = robot.spec().compile() if isinstance(robot, Recorded) else compiled(robot)
+    kinds = model.jnt_type.tolist()
     return [
         (f"{name}_{part}" if part else name, unit)
         for name, kind in zip(robot.joints, kinds, strict=True)
@@ -127,38 +128,60 @@ def joint_columns(robot: Robot) -> list[tuple[str, str]]:
 
 def labels_of(channel: Channel) -> list[str]:
     """Return a name for each number of a channel; "" where it has only one."""
-    if channel.names and len(channel.names) == len(channel.columns):
-        return list(channel.names)
-    return [column.removeprefix(channel.name).lstrip("_") for column in channel.columns]
+    return [column.removeprefix(channel.name).removeprefix("_") for column in channel.columns]
 
 
-def to_csv(result: Result) -> bytes:
-    """Return the record of a run as CSV: a row a sample, units in brackets in the header.
+class Series(NamedTuple):
+    """Numbers over time that belong together, such as those of a channel.
 
-    The phase is told by its name; joint positions stand behind the channels.
+    Attributes:
+        name: of them all.
+        labels: of each; "" of one alone.
+        units: of each; empty or "1" without one.
+        values: (T, n).
+        meaning, frame: in words; empty where nothing is said.
+        whole: they are whole numbers.
+        words: what a code stands for, in each sample; None of what is no code.
     """
+
+    name: str
+    labels: Sequence[str]
+    units: Sequence[str]
+    values: NDArray
+    meaning: str = ""
+    frame: str = ""
+    whole: bool = False
+    words: Sequence[str] | None = None
+
+
+def series_of(result: Result) -> list[Series]:
+    """Return the channels of a run; joint positions are not among them."""
     trajectory = result.trajectory
-    columns: dict[str, NDArray | list[str]] = {"time [s]": trajectory.time}
+    series = []
     for name, channel in trajectory.schema.items():
         values = trajectory[name].reshape(len(trajectory.time), -1)
-        for label, own in zip(labels_of(channel), values.T, strict=True):
-            head = f"{name} {label}".strip()
-            columns[_headed(head, channel.unit)] = own
-    columns[PHASE] = [trajectory.phases[int(code)] for code in columns.pop(f"{PHASE} [code]")]
-    joints = joint_columns(result.scenario.robot)
-    for (name, unit), own in zip(joints, trajectory.qpos.T, strict=True):
-        columns[_headed(f"joint {name}", unit)] = own
-    return _csv(columns)
+        labels, phases = labels_of(channel), trajectory.phases
+        words = [phases[int(code)] for code in values[:, 0]] if name == PHASE else None
+        about = (channel.meaning, channel.frame, channel.whole, words)
+        series.append(Series(name, labels, [channel.unit] * len(labels), values, *about))
+    return series
 
 
-def _headed(name: str, unit: str) -> str:
-    return name if unit in ("", "1") else f"{name} [{unit}]"
+def joint_series(result: Result) -> Series:
+    """Return the joint positions of a run."""
+    names, units = zip(*joint_columns(result.scenario.robot), strict=True)
+    return Series("joint", names, units, result.qpos)
 
 
-def _csv(columns: Mapping[str, NDArray | list[str]]) -> bytes:
-    """Return columns as CSV; numbers read back exactly."""
-    file = io.StringIO()
-    rows = csv.writer(file, lineterminator="\n")
-    values = [own if isinstance(own, list) else own.tolist() for own in columns.values()]
-    rows.writerows(chain([list(columns)], zip(*values, strict=True)))
-    return file.getvalue().encode()
+def to_csv(time: NDArray, series: Iterable[Series]) -> bytes:
+    """Return series as CSV: a row a sample, units in brackets in the header, codes in words."""
+    columns: dict[str, NDArray | Sequence[str]] = {"time [s]": time}
+    for one in series:
+        if one.words is not None:
+            columns[one.name] = one.words
+            continue
+        for label, unit, values in zip(one.labels, one.units, one.values.T, strict=True):
+            head = f"{one.name} {label}".strip()
+            columns[head if unit in ("", "1") else f"{head} [{unit}]"] = values
+    cells = [own.tolist() if isinstance(own, np.ndarray) else own for own in columns.values()]
+    return csv_text(chain([list(columns)], zip(*cells, strict=True))).encode()

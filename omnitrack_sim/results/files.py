@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import io
 import json
@@ -20,6 +19,7 @@ from omnitrack_sim.base.bounds import MAX_COLUMNS, MAX_SAMPLES, MAX_TABLE_BYTES,
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.base.naming import NotTrustedError
 from omnitrack_sim.base.reading import in_folder, size_of
+from omnitrack_sim.base.text import csv_text
 from omnitrack_sim.base.writing import npz_of
 from omnitrack_sim.record.channels import Channel, Display, Labelled, Vector, recorded
 from omnitrack_sim.record.timeline import PassageRecord
@@ -45,10 +45,10 @@ have a map."""
 
 def write_timeline(records: list[PassageRecord], path: Path) -> None:
     """Write one row a passage, with numbers that read back exactly; missing values are empty."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(field.name for field in dataclasses.fields(PassageRecord))
-        rows.writerows(dataclasses.astuple(record) for record in records)
+    names = [field.name for field in dataclasses.fields(PassageRecord)]
+    path.write_bytes(
+        csv_text([names, *(dataclasses.astuple(record) for record in records)]).encode()
+    )
 
 
 def write_trajectory(trajectory: Trajectory, folder: Path, robot: Robot) -> None:

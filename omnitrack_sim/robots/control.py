@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard, TypeVar
@@ -154,6 +155,23 @@ def held_command(command: _Command, held: _Command, active: NDArray[np.bool_]) -
             rows = active.reshape(-1, *[1] * (value.ndim - 1))
             values.append(np.where(rows, value, before))
     return command._make(values)
+
+
+def endless(command: NamedTuple, robots: NDArray[np.bool_]) -> tuple[Any, ...] | None:
+    """Return the place of the first number of a command of ``robots`` (n,) that is not finite.
+
+    Returns:
+        Name of the field, number of the robot, and the other indices; None where all are finite.
+    """
+    for name, value in zip(command._fields, command, strict=True):
+        is_float = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+        # A sum is finite where all its terms are, unless they are beyond all reason.
+        if is_float and not math.isfinite(value.sum()):
+            rows = robots.reshape(-1, *[1] * (value.ndim - 1))
+            places = np.argwhere(rows & ~np.isfinite(value))
+            if len(places):
+                return name, *places[0].tolist()
+    return None
 
 
 def with_command_rows(command: _Command, rows: NDArray[np.intp], other: _Command) -> _Command:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.display import (
@@ -35,6 +35,8 @@ HIDDEN_FROM = 3
 """Group of geoms from which on they are not drawn, as in MuJoCo's own viewer."""
 OUT_OF_SIGHT = 5
 """Group of what films do not show."""
+MAX_BODIES = 6
+"""Bodies whose forces the window tells."""
 LOOKS_AHEAD = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 """Right, up and back of a camera that looks along z with x upward, as columns."""
 CAMERA_ANGLE_DEG = 88.0
@@ -58,7 +60,8 @@ class RobotDisplay:
         unplotted: further channels of the robot, which have none.
         page_channels: further channels that pages need.
         columns: name and colour of each column of channels with so many columns.
-        badges: bodies that a number in the colour of its column stands on.
+        badges: bodies that a number in the colour of its column stands on; without ``columns``
+            those that touch the wall have one.
         state: values below the phase on pages.
         headline: metrics in the head of pages.
         tracks: by the names of their bodies.
@@ -129,11 +132,14 @@ class RobotDisplay:
 
     @property
     def camera(self) -> CarriedCamera:
-        """Camera ``onboard`` of films: the first of the robot's own, else one at the nose."""
-        robot = self.robot
-        model = initial_state(robot).model
-        for camera in model_cameras(model).values():
-            return camera._replace(body=model.body(camera.body).name)
+        """Camera ``onboard`` of films: the robot's first one in the bore, else one at the nose."""
+        robot, start = self.robot, initial_state(self.robot)
+        for camera in model_cameras(start.model).values():
+            carrier = Pose(start.xmat[camera.body].reshape(3, 3), start.xpos[camera.body])
+            place = robot.start_frame.inverse().apply(carrier.apply(camera.position))
+            # Many models have one that follows them from a few metres away.
+            if camera.body and np.hypot(*place[:2]) < robot.nominal_bore / 2:
+                return camera._replace(body=start.model.body(camera.body).name)
         place = robot.frame.apply([0.0, 0.0, robot.length / 2])
         x, y, z = (tuple(row) for row in (robot.frame.rotation @ np.array(LOOKS_AHEAD)).tolist())
         return CarriedCamera(robot.chassis, tuple(place.tolist()), (x, y, z), CAMERA_ANGLE_DEG)
@@ -156,27 +162,34 @@ class RobotDisplay:
         return StatusText(phase, (", ".join(filter(None, (part, gear))), move))
 
     def measurements(self, moment: Moment, routes: RouteMap, location: Location) -> Lines:
-        """Return what is measured at the moment, for the window: wall force, power and tilt.
+        """Return what is measured at the moment, for the window.
+
+        Here wall force, of all and of the bodies that press hardest, power and tilt.
 
         Args:
             moment: of the robot.
             routes: that it drives on.
             location: on them, as of a batch of one.
         """
+        forces, channel = moment.value("wall_force"), self.robot.channels.get("wall_force")
+        names = channel.names if channel else ()  # a recorded robot tells none
+        hardest = np.argsort(-forces, kind="stable")[: min(MAX_BODIES, len(names))].tolist()
+        bodies = [(f"  {names[i]}", f"{forces[i]:.1f}") for i in hardest if forces[i] > 0]
         return [
-            ("wall force, N", f"{moment.value('wall_force').sum():.1f}"),
+            ("wall force, N", f"{forces.sum():.1f}"),
+            *bodies,
             ("power, W", f"{np.maximum(moment.value('actuator_power'), 0.0).sum():.2f}"),
             ("tilt", f"{np.degrees(location.tilt[0]):.1f} deg"),
         ]
 
-    def arrows(self, trajectory: Trajectory, carriers: Sequence[Array]) -> list[ForceArrow]:
-        """Return the arrows of forces on pages; none by default.
+    def arrows(self, trajectory: Trajectory, carriers: Sequence[Array]) -> list[ForceArrow] | None:
+        """Return the arrows of forces on pages; None: those of ``wall_force``, also in films.
 
         Args:
             trajectory: the record.
             carriers: positions, m, and quaternions (T, 7) of the ``badges``.
         """
-        return []
+        return None
 
     # Tracks
 

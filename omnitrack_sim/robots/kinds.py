@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Annotated, TypeGuard
+from typing import Annotated, Any, TypeGuard
 
 from pydantic import SerializeAsAny
 
@@ -41,6 +41,13 @@ MODEL_FILES = (".xml", ".mjcf", ".urdf")
 def is_model_file(source: str) -> bool:
     """Return whether a text is the name of a file that holds a model of a robot."""
     return Path(source).suffix.lower() in MODEL_FILES
+
+
+def robot_in_full(robot: Any) -> Any:
+    """Return the table that a robot's name or file is short for; any other value as it is."""
+    if not isinstance(robot, str):
+        return robot
+    return {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
 
 
 def robot_kinds() -> tuple[str, ...]:

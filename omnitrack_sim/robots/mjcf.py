@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -15,22 +15,32 @@ from pydantic import ValidationInfo, field_validator
 from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.base.naming import by_pattern
-from omnitrack_sim.base.reading import exists, read_bytes
+from omnitrack_sim.base.reading import below, exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, NotNegative, Positive
+from omnitrack_sim.base.text import listed
 from omnitrack_sim.robots.model_file import (
     AmbiguousRootError,
     RobotModel,
     check_robot,
     in_words,
+    keyframe,
     robot_model,
 )
-from omnitrack_sim.robots.plant import initial_state
-from omnitrack_sim.robots.quantity import QuantityModel, quantity
+from omnitrack_sim.robots.model_values import (
+    KINDS,
+    Elements,
+    apply,
+    unit_of,
+    values_of,
+    with_changes,
+)
+from omnitrack_sim.robots.plant import Plant, Start, compiled, initial_state
+from omnitrack_sim.robots.quantity import Parameter, QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-MAX_SERVOS = 100
+MAX_SERVOS = 1_000
 """Tables of servos of one robot; one may be for many joints."""
 
 
@@ -96,7 +106,11 @@ class Mjcf(Robot):
     """
 
     kind: ClassVar[str] = "mjcf"
-    file: Annotated[str, FileName("sha256")] = quantity(
+    own_values: ClassVar[tuple[str, ...]] = (
+        *(f"joint.*.{key}" for key in ("stiffness", "damping", "frictionloss")),
+        *("actuator.*.kp", "actuator.*.kv"),
+    )
+    file: Annotated[str, FileName("sha256", tuple(KINDS))] = quantity(
         ..., "", "unstated", "MJCF or URDF file, relative to the scenario", max_length=4096
     )
     sha256: str | None = quantity(
@@ -115,8 +129,22 @@ class Mjcf(Robot):
         "actuators, a free joint or joints",
         validate_default=True,
     )
+    keyframe: str = quantity(
+        "",
+        "",
+        "unstated",
+        "state that the file has saved, in which the robot begins: joints and inputs. Left out: "
+        "the pose of its bodies",
+    )
     forward: Axis = quantity(
         "z", "", "unstated", "axis of the chassis that points to the robot's nose"
+    )
+    centre: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0),
+        "m",
+        "unstated",
+        "point of the chassis, in its frame, that the robot's axis goes through; what it is along "
+        "the axis means nothing",
     )
     bore: Positive | None = quantity(
         None,
@@ -125,13 +153,34 @@ class Mjcf(Robot):
         "inner diameter of the pipe that it is made for. Left out: twice its largest extent from "
         "its axis along the two others",
     )
-
     servos: tuple[Servo, ...] = quantity(
         (),
         "",
         "unstated",
         "a list of motors of joints, for files without actuators such as URDF",
         max_length=MAX_SERVOS,
+    )
+    joint: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of a joint by its name: stiffness, springref, damping, armature, frictionloss. Left out: "
+        "as the file has it",
+        validate_default=True,
+    )
+    geom: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of a geom by its name: size, and mass or density. Left out: as the file has it",
+        validate_default=True,
+    )
+    actuator: Elements = quantity(
+        {},
+        "",
+        "derived",
+        "of an actuator by its name: kp and kv of servos, gear. Left out: as the file has it",
+        validate_default=True,
     )
 
     @field_validator("file")
@@ -166,10 +215,20 @@ class Mjcf(Robot):
             raise ValueError(in_words(error, info.data["file"])) from None
         return body
 
+    @field_validator("keyframe")
+    @classmethod
+    def _is_saved(cls, keyframe: str, info: ValidationInfo) -> str:
+        if keyframe and {"file", "body"} <= info.data.keys():
+            names = _loaded(info.data["file"], info.data["body"]).keyframes
+            if keyframe not in names:
+                choices = f" (choose from: {listed(names)})" if names else ", and no other"
+                raise ValueError(f"the file has no keyframe {keyframe!r}{choices}")
+        return keyframe
+
     @field_validator("servos")
     @classmethod
     def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
-        if "body" in info.data:
+        if {"file", "body"} <= info.data.keys():
             names = _loaded(info.data["file"], info.data["body"]).drivable
             try:
                 by_pattern({servo.joints: servo for servo in servos}, names, "joints")
@@ -177,24 +236,91 @@ class Mjcf(Robot):
                 raise ValueError(str(error)) from None
         return servos
 
+    @field_validator("joint", "geom", "actuator")
+    @classmethod
+    def _of_the_file(cls, changes: Elements, info: ValidationInfo) -> Elements:
+        """Return the values of all elements, with those that were given."""
+        if not {"file", "body"} <= info.data.keys() or info.field_name is None:
+            return changes  # reported at the file's own key
+        spec = _loaded(info.data["file"], info.data["body"]).spec
+        try:
+            return with_changes(values_of(spec, info.field_name), changes)
+        except InputError as error:
+            raise below(error) from None
+
+    def plant(self, model: mujoco.MjModel, start: Start, *more: Any) -> Plant:
+        """See ``Robot``."""
+        from omnitrack_sim.robots.file_plant import FilePlant
+
+        return FilePlant(model, self, start, *more)
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    @cached_property
+    def _text(self) -> str:
+        return self.model_dump_json()
+
+    def unit_at(self, path: str) -> str | None:
+        """See ``Robot``."""
+        kind, _, rest = path.partition(".")
+        keys = rest.split(".")
+        if kind not in KINDS or len(keys) < 2:
+            return super().unit_at(path)
+        spec = _loaded(self.file, self.body).spec
+        # The last number of a size has the unit of the size.
+        key = keys[-2] if keys[-1].isdecimal() else keys[-1]
+        return unit_of(spec, kind, rest.partition(f".{key}")[0], key)
+
+    def parameters(self) -> list[Parameter]:
+        """See ``Robot``; each value of a joint, geom or actuator has a row."""
+        rows = [row for row in super().parameters() if row.name not in KINDS]
+        for kind in KINDS:
+            rows += [
+                Parameter(
+                    name=(name := f"{kind}.{element}.{key}"),
+                    value=value,
+                    unit=self.unit_at(name) or "",
+                    provenance="unstated",
+                    source="of the file",
+                )
+                for element, values in getattr(self, kind).items()
+                for key, value in values.items()
+            ]
+        return rows
+
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
-        robot = robot_model(self.file, self.body)
-        wanted = {servo.joints: servo for servo in self.servos}
+        robot = _loaded(self.file, self.body)
+        spec, wanted = robot.spec.copy(), {servo.joints: servo for servo in self.servos}
+        for kind in KINDS:
+            apply(spec, kind, getattr(self, kind))
         motors = by_pattern(wanted, robot.drivable, "robot.servos")
         for joint in robot.drivable:
             if joint in motors:
-                motors[joint].add_to(robot.spec, joint)
+                motors[joint].add_to(spec, joint)
         if motors:
             # By Euler's own method a servo of a light wheel would blow up at a step of 2 ms.
-            robot.spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        return robot.spec
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return spec
 
-    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:  # noqa: ARG002 - protocol
+    def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
         """See ``Robot``; what was left out of the file or changed."""
+        yield from super().notes(bores, timestep)
         changes = _loaded(self.file, self.body).changes
         if changes:
             yield f"{Path(self.file).name}: {'; '.join(changes)}"
+        own = _loaded(self.file, self.body).spec.option.timestep
+        if timestep > 1.5 * own:
+            yield (
+                f"{Path(self.file).name} is made for a time step of {own:.4g} s, and "
+                f"physics.timestep is {timestep:.4g} s: a model may diverge that is stiffer"
+            )
+
+    @property
+    def keyframes(self) -> tuple[str, ...]:
+        """Names of the states that the file has saved."""
+        return _loaded(self.file, self.body).keyframes
 
     @property
     def chassis(self) -> str:
@@ -203,7 +329,7 @@ class Mjcf(Robot):
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
-        """Extent of the parts that touch, m, along and about the forward axis.
+        """Extent of the parts that touch, m, along and about the robot's axis.
 
         Tail and nose along the axis from the chassis' origin, and the largest distance from it.
         """
@@ -216,16 +342,55 @@ class Mjcf(Robot):
         frames = data.geom_xmat[touching].reshape(-1, 3, 3)
         points = np.einsum("gij,gkj->gki", frames, local) + data.geom_xpos[touching, None]
         body = model.body(self.chassis).id
-        own = data.xmat[body].reshape(3, 3) @ _turn(self.forward)
-        x, y, z = ((points.reshape(-1, 3) - data.xpos[body]) @ own).T
+        own = data.xmat[body].reshape(3, 3) @ turn_to(self.forward)
+        x, y, z = ((points.reshape(-1, 3) - data.xpos[body]) @ own - self._aside).T
         return float(z.min()), float(z.max()), float(np.abs([x, y]).max())
+
+    @property
+    def _aside(self) -> Array:
+        """Way (3,) m from the chassis' origin across to the robot's axis, robot frame."""
+        return (self.centre @ turn_to(self.forward)) * [1.0, 1.0, 0.0]
 
     @property
     def frame(self) -> Pose:
         """See ``Robot``."""
         tail, nose, _ = self._extent
-        turn = _turn(self.forward)
-        return Pose(turn, turn @ [0.0, 0.0, (tail + nose) / 2])
+        turn = turn_to(self.forward)
+        return Pose(turn, turn @ (self._aside + np.array([0.0, 0.0, (tail + nose) / 2])))
+
+    @property
+    def start_ctrl(self) -> Array:
+        """See ``Robot``: those of the keyframe.
+
+        Without one, servos of position are asked for where they are, others for nothing.
+        """
+        return np.array(self._saved[1] if self.keyframe else self._held_inputs)
+
+    @property
+    def start_qpos(self) -> Array | None:
+        """See ``Robot``: those of the keyframe."""
+        return np.array(self._saved[0]) if self.keyframe else None
+
+    @cached_property
+    def _saved(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Joint positions and inputs of the keyframe."""
+        qpos, ctrl = keyframe(self.file, self.keyframe, compiled(self))
+        return tuple(qpos.tolist()), tuple(ctrl.tolist())
+
+    @cached_property
+    def _held_inputs(self) -> tuple[float, ...]:
+        data = initial_state(self)
+        model = data.model
+        mujoco.mj_forward(model, data)
+        affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        gain, (constant, slope) = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :2].T
+        holds = affine & fixed & (gain != 0) & (slope != 0)
+        force = constant + slope * data.actuator_length
+        ctrl = np.where(holds, -force / np.where(gain == 0, 1.0, gain), 0.0)
+        low, high = model.actuator_ctrlrange.T
+        limited = model.actuator_ctrllimited.astype(bool)
+        return tuple((np.where(limited, np.clip(ctrl, low, high), ctrl) + 0.0).tolist())
 
     @property
     def start_frame(self) -> Pose:
@@ -269,7 +434,7 @@ def _checked(file: str, body: str, _version: str) -> RobotModel:
     return robot
 
 
-def _turn(forward: Axis) -> Array:
+def turn_to(forward: Axis) -> Array:
     """Rotation (3, 3) whose z is an axis of the chassis."""
     z = np.zeros(3)
     z["xyz".index(forward[-1])] = -1.0 if forward.startswith("-") else 1.0

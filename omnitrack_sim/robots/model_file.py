@@ -18,8 +18,9 @@ import numpy as np
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import listed
-from omnitrack_sim.robots.model_bounds import read_spec
+from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.walls.geoms import set_numerics
+from omnitrack_sim.walls.model_bounds import read_spec
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
@@ -60,11 +61,13 @@ class RobotModel:
         spec: the model.
         root: name of the body that carries the others, with a free joint.
         changes: what was left out or changed, in words; none where the file is a robot alone.
+        keyframes: names of the states that the file has saved, see ``keyframe``.
     """
 
     spec: mujoco.MjSpec
     root: str
     changes: tuple[str, ...]
+    keyframes: tuple[str, ...]
 
     @property
     def drivable(self) -> tuple[str, ...]:
@@ -91,6 +94,7 @@ def robot_model(file: str, body: str = "") -> RobotModel:
     """
     changes: list[str] = []
     spec = _read(file, changes)
+    keyframes = tuple(key.name for key in spec.keys if key.name)
     root = _root(spec, body)
     root.name = root.name or _unique("chassis", spec.bodies)
     changes += _leave_out_world(spec, root)
@@ -99,7 +103,35 @@ def robot_model(file: str, body: str = "") -> RobotModel:
     # Else the compiler does, and the bodies that sensors were added for are gone.
     if spec.compiler.fusestatic:
         spec.fuse_static()
-    return RobotModel(spec, root.name, tuple(changes))
+    if body and spec.body(body) is None:
+        raise ValueError(f"{body!r} is fixed to another body, of which it becomes a part")
+    return RobotModel(spec, root.name, tuple(changes), keyframes)
+
+
+def keyframe(file: str, name: str, model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Return joint positions (nq,) and control inputs (nu,) of a state that a file has saved.
+
+    The joint that carries the robot stays where it is in the model.
+
+    Args:
+        file: MJCF.
+        name: of the keyframe.
+        model: of the robot alone.
+    """
+    whole = read_spec(Path(file)).compile()
+    key, qpos, ctrl = whole.key(name), model.qpos0.copy(), np.zeros(model.nu)
+    for i in range(whole.njnt):
+        joint = whole.joint(i)
+        own = mujoco.mj_name2id(model, _Kind.mjOBJ_JOINT, joint.name) if joint.name else -1
+        if own >= 0 and joint.type[0] != mujoco.mjtJoint.mjJNT_FREE:
+            model_joint = model.joint(own)
+            size = len(model_joint.qpos0)
+            first = model_joint.qposadr[0]
+            qpos[first : first + size] = key.qpos[joint.qposadr[0] :][:size]
+    names = actuator_names(whole)
+    for i, actuator in enumerate(actuator_names(model)):
+        ctrl[i] = key.ctrl[names.index(actuator)] if actuator in names else 0.0
+    return qpos, ctrl
 
 
 def check_robot(model: mujoco.MjModel) -> None:
@@ -127,6 +159,7 @@ def check_robot(model: mujoco.MjModel) -> None:
 def in_words(error: Exception, file: str) -> str:
     """Return what MuJoCo says of a file, on one line, with what to do about it."""
     words = " ".join(str(error).split()).removeprefix("XML ").removeprefix("Error: ")
+    words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
     words = re.sub(r"'/[^']*/([^'/]+)'", r"'\1'", words)  # a mesh by its name, not all of its path
     hints = [hint for part, hint in _HINTS if part in words]

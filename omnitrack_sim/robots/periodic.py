@@ -30,7 +30,13 @@ class Wave(Table):
 
 
 class Periodic:
-    """Constant and periodic inputs, by the names of the actuators; nothing is measured."""
+    """Constant and periodic inputs, by the names of the actuators; nothing is measured.
+
+    Example:
+        >>> inputs = {"wheel_*": 4.0, "tail": {"amplitude": 0.3, "frequency": 2.0}}
+        >>> ot.Periodic.Parameters(inputs=inputs).inputs["tail"].phase_deg
+        0.0
+    """
 
     class Parameters(Table):
         """Inputs of the robot's actuators over time."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -153,6 +153,8 @@ def _compiled(robot: Robot) -> mujoco.MjModel:
 def initial_state(robot: Robot) -> mujoco.MjData:
     """Return data of the model of a robot alone, in its initial state."""
     data = mujoco.MjData(compiled(robot))
+    if robot.start_qpos is not None:
+        data.qpos[:] = robot.start_qpos
     mujoco.mj_kinematics(data.model, data)
     return data
 
@@ -272,8 +274,11 @@ class Plant:
     def reset(self, rows: NDArray[np.intp], start: Start) -> None:
         """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self.robot.start_qpos is not None:
+            self.qpos[rows] = self.robot.start_qpos
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
+        self._warnings[rows] = self._count_warnings()[rows]
         self._settle(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]
 
@@ -428,6 +433,7 @@ class Plant:
         self._gravity[rows] = start.gravity
         self._batch.bind("time")[rows] = 0.0
         self._batch.forward(rows)
+        self._find_diverged()
         self._check_fit(rows, start)
 
     def _misfits(self, rows: NDArray[np.intp], start: Start) -> NDArray[np.intp]:
@@ -450,6 +456,8 @@ class Plant:
     def _check_fit(self, rows: NDArray[np.intp], start: Start) -> None:
         """Refuse robots that are in the wall where they have settled."""
         for row, radius in zip(rows.tolist(), start.bore_radius.tolist(), strict=True):
+            if self.diverged[row]:
+                continue  # its run ends with that
             contacts = self._wall_contacts(row)
             rigid = max((each for each in contacts if each.is_rigid), default=NONE)
             deepest = max(contacts, default=NONE)
@@ -493,6 +501,10 @@ class Plant:
             self._batch.step(active, nstep=substeps)
         except batch.SimulationError as error:
             self.diverged[error.ids] = True
+        self._find_diverged()
+
+    def _find_diverged(self) -> None:
+        """Find the robots whose physics has gone wrong since the warnings were counted last."""
         warnings = self._count_warnings()
         # A sum is finite where all its terms are, unless they are beyond all reason.
         if warnings.tobytes() != self._warnings.tobytes() or not math.isfinite(self.qpos.sum()):
@@ -620,7 +632,7 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
     """
     meaning = "control inputs, by actuator"
     shown = Display("Control inputs", "1", span=0.02, each="actuator")
-    own = {"source": "command", "names": _actuator_names(model), "shown": shown}
+    own = {"source": "command", "names": actuator_names(model), "shown": shown}
     ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
@@ -630,15 +642,16 @@ def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
     """Sensors of the channels that follow from a robot's model."""
     names = [model.sensor(i).name for i in range(model.nsensor)]
     named = [name for name in names if name and not name.startswith(TOUCH)]
-    return [
+    own = [
         *_actuator_sensors(model),
         *_contact_sensors(model, [name for name in names if name.startswith(TOUCH)]),
         *_joint_sensors(model),
-        *(_named_sensor(model, name) for name in named),
     ]
+    taken = {*COMMON, "ctrl", *(sensor.channel.name for sensor in own)}
+    return [*own, *(_named_sensor(model, name, taken) for name in named)]
 
 
-def _actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
+def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
     """Names of the actuators; of one without, that of its joint or tendon, or its number from 1."""
     names = []
     for i in range(model.nu):
@@ -658,7 +671,7 @@ def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
         shown = Display(title, unit, span=0.02, each="actuator")
         return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
 
-    names, order = _actuator_names(model), "in the model's own order"
+    names, order = actuator_names(model), "in the model's own order"
     force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
     velocity = each("actuator_velocity", "m/s, rad/s", "speed of each actuator's length")
     power = each("actuator_power", "W", "force times speed of each actuator")
@@ -719,13 +732,17 @@ def _joint_sensors(model: mujoco.MjModel) -> list[Sensor]:
     ]
 
 
-def _named_sensor(model: mujoco.MjModel, name: str) -> Sensor:
-    """Sensor of a channel with the values of a named sensor of the model."""
+def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Sensor:
+    """Sensor of a channel with the values of a named sensor of the model.
+
+    The channel has its name, but for the names of channels that are ``taken``.
+    """
     sensor = model.sensor(name)
     kind = mujoco.mjtSensor(int(sensor.type[0])).name.removeprefix("mjSENS_").lower()
     at = sensor.adr[0] + np.arange(sensor.dim[0])
     shape = () if len(at) == 1 else (len(at),)
-    channel = Channel(name, shape, "", f"sensor of the model: {kind}")
+    own = f"sensor_{name}" if name in taken else name
+    channel = Channel(own, shape, "", f"sensor of the model: {kind}")
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
 
 

@@ -86,7 +86,7 @@ class Robot(Sized, ABC):
         built: keys of ``[robot]`` that make it the robot that was built, where its defaults are
             those of a simulation; benches and passports take them.
         own_values: dotted paths below ``[robot]`` of the numbers in which robots of one batch may
-            differ; see ``Plant.reset``.
+            differ, a ``*`` for any key; see ``Plant.reset``.
 
     Example:
         >>> import mujoco
@@ -230,13 +230,19 @@ class Robot(Sized, ABC):
 
     @property
     def joints(self) -> Mapping[str, slice]:
-        """Columns of joint positions by the names of the joints."""
+        """Columns of joint positions by the names of the joints; one without goes by its number."""
         from omnitrack_sim.robots.plant import compiled
 
         model = compiled(self)
         starts = [*model.jnt_qposadr.tolist(), model.nq]
-        names = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
-        return {name: slice(*starts[i : i + 2]) for i, name in enumerate(names)}
+        given = [model.joint(i).name for i in range(model.njnt)]
+        columns: dict[str, slice] = {}
+        for i, name in enumerate(given):
+            own = name or f"joint_{i}"
+            while not name and own in given:  # another joint is called so
+                own += "_"
+            columns[own] = slice(*starts[i : i + 2])
+        return columns
 
     @property
     def joint_count(self) -> int:
@@ -282,6 +288,14 @@ class Robot(Sized, ABC):
         from omnitrack_sim.robots.plant import Plant
 
         return Plant(model, self, start, *more)
+
+    @property
+    def start_qpos(self) -> Array | None:
+        """Joint positions (nq,) of the initial state; None: those of the model (``qpos0``).
+
+        A start sets the position of the free joint that carries the robot.
+        """
+        return None
 
     @property
     def start_ctrl(self) -> Array | None:
@@ -405,8 +419,14 @@ class Robot(Sized, ABC):
         return None
 
     def notes(self, bores: Iterable[float], timestep: float) -> Iterator[str]:
-        """Yield remarks on a run through bores (m), with a time step (s), before it begins."""
-        return iter(())
+        """Yield remarks on a run through bores (m), with a time step (s), before it begins.
+
+        Here one on servos that are too stiff for the inertia of their joints.
+        """
+        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.servos import servo_notes
+
+        return servo_notes(compiled(self), timestep)
 
     def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
         """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""

@@ -24,7 +24,7 @@ from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
-from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, is_model_file, robot_class
+from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, robot_class, robot_in_full
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
 from omnitrack_sim.scenario.tables import RecordTable
@@ -97,14 +97,18 @@ def _control_kind(data: Any) -> str:
 
 
 def _forget_digest(data: Any, path: str) -> None:
-    """Remove the digest beside a key that now names another file."""
+    """Remove what is known of the file beside a key that now names another one."""
     *before, key = keys_of(path)
-    if tuple(before) != OPEN_TABLE:
+    if tuple(before) == OPEN_TABLE:
+        model = _parameters_of(data)
+    elif before == ["robot"] and _knows_robot(data):
+        model = robot_class(_robot_kind(data))
+    else:
         return
-    model = _parameters_of(data)
     file = {} if model is None else marks_of(model, FileName)
     if key in file:
-        value_at(data, ".".join(before)).pop(file[key].digest, None)
+        for known in (file[key].digest, *file[key].values):
+            value_at(data, ".".join(before)).pop(known, None)
 
 
 def load_scenario(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -186,6 +190,9 @@ def _changed(
 ) -> tuple[dict[str, Any], list[Fault]]:
     """Copy a scenario's data with values changed by dotted path; faults of invalid paths."""
     plain, faults = copy.deepcopy(dict(data)), []
+    changes = {path: robot_in_full(v) if path == "robot" else v for path, v in changes.items()}
+    if "robot" in plain:
+        plain["robot"] = robot_in_full(plain["robot"])
     if any(path.startswith("robot.") for path in changes):
         # `values_at_scale` may state the robot at another size; a change means the robot at hand.
         plain["robot"] = _at_its_scale(plain.get("robot", {}), changes)
@@ -261,8 +268,10 @@ def _cut_out(data: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(mission, Mapping) or mission.get("map") == "unknown":
         return data
     start, goals = mission.get("start"), mission.get("goals")
-    if not (isinstance(start, str) and isinstance(goals, Sequence) and len(goals) == 1):
+    if not (isinstance(goals, Sequence) and len(goals) == 1):
         return data
+    if not (isinstance(start, str) and isinstance(goals[0], str)):
+        return data  # reported with the table
     names = {fitting.name for fitting in network.fittings} - network.ports.keys()
     if len(network.fittings) <= MAX_PARTS and not names & {start, goals[0]}:
         return data
@@ -274,7 +283,7 @@ def _with_robot(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any
     """Return the data with the robot as a table, files by absolute paths; faults of its kind."""
     robot = data.get("robot", {})
     if isinstance(robot, str):
-        robot = {"kind": "mjcf", "file": robot} if is_model_file(robot) else {"kind": robot}
+        robot = robot_in_full(robot)
         data = {**data, "robot": robot}
     kind = robot.get("kind", DEFAULT) if isinstance(robot, Mapping) else DEFAULT
     if kind == DEFAULT or not isinstance(kind, str):

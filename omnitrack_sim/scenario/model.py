@@ -279,6 +279,15 @@ class Scenario(Table):
         return self.pull is not None or self.robot.tether is not None
 
     @property
+    def named_metrics(self) -> tuple[Metric, ...]:
+        """Metrics of the user's own, that ``record.metrics`` names.
+
+        Raises:
+            InputError: there is no such metric.
+        """
+        return _of_kind("record.metrics", self.record.metrics, Metric)
+
+    @property
     def own_metrics(self) -> tuple[Metric, ...]:
         """Metrics that ``record.metrics`` names, those of a pull at the tail, and of the estimate.
 
@@ -287,7 +296,7 @@ class Scenario(Table):
         Raises:
             InputError: there is no such metric.
         """
-        metrics = _of_kind("record.metrics", self.record.metrics, Metric)
+        metrics = self.named_metrics
         shipped = (*self.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS)
         taken = {metric.name for metric in shipped}
         refuse_taken("record.metrics", [metric.name for metric in metrics], taken)
@@ -587,6 +596,18 @@ def max_seconds(scenario: Scenario) -> float:
     more = [] if planner is None else planner.plan()[1:]
     lengths = [] if planner is None else [planner.route(leg.path).length for leg in more]
     return scenario.time_limit_s + sum(scenario.time_for(length) for length in lengths)
+
+
+def min_seconds(scenario: Scenario) -> float:
+    """Simulated time of a run, s, if the robot cruises to its goal; to its time limit at most."""
+    planner, exploration = scenario.planner, scenario.exploration
+    if exploration is not None:
+        way = 2 * exploration.network.length  # there and back
+    elif planner is not None:
+        way = sum(leg.end - leg.begin for leg in planner.plan())
+    else:
+        way = scenario.goal_distance - scenario.start.distance
+    return min(way / scenario.control.cruise_speed, max_seconds(scenario))
 
 
 def too_much_work(scenario: Scenario) -> Iterator[Fault]:

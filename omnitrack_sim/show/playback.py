@@ -25,6 +25,7 @@ from omnitrack_sim.record.display import (
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
+from omnitrack_sim.show.legend import MAX_NAMED, Legend, colours
 
 MAX_MAGNITUDE = 1e5
 """Largest magnitude of positions, m, and other shown values of a valid sample: far outside of any
@@ -51,18 +52,36 @@ class ContactForces(NamedTuple):
         sample: (C,) in which sample, in order.
         position: (C, 3) m.
         force: (C, 3) N.
+        colour: (C, 3) red, green, blue, from 0 to 1.
         metres: length of an arrow for a force of 1 N, m.
     """
 
     sample: NDArray[Any]
     position: Array
     force: Array
+    colour: Array
     metres: float
 
-    def lines(self, row: int) -> tuple[Array, Array]:
-        """Return begins and vectors (n, 3) m of the lines that are drawn at sample ``row``."""
+    def lines(self, row: int) -> tuple[Array, Array, Array]:
+        """Return begins and vectors (n, 3) m and colours of the lines drawn at sample ``row``."""
         these = slice(*np.searchsorted(self.sample, [row, row + 1]))
-        return self.position[these], self.metres * self.force[these]
+        return self.position[these], self.metres * self.force[these], self.colour[these]
+
+
+class Badge(NamedTuple):
+    """A number that stands on a body, on pages, in the colour of the body's curves."""
+
+    body: str
+    text: str
+    colour: Colour
+
+
+class Line(NamedTuple):
+    """A line of a curve: its column, its name, and its colour; None: of a curve with one line."""
+
+    column: int
+    name: str
+    colour: Colour | None
 
 
 class Playback:
@@ -79,7 +98,6 @@ class Playback:
         extremes: samples that tell how far the robot reaches about its body.
         album: pictures of the robot's cameras.
         page_camera: camera on board of pages; None without one.
-        badges: bodies with numbers on them, on pages.
         tracks: bodies that lie on others, by name.
         track_pitch: way after which a track looks the same, m.
         columns: name and colour of each column of curves with so many.
@@ -93,7 +111,6 @@ class Playback:
     extremes: tuple[int, ...] = (0,)
     album: Pictures | None = None
     page_camera: CarriedCamera | None = None
-    badges: tuple[str, ...] = ()
     tracks: Mapping[str, Track] = {}
     track_pitch: float = 1.0
     columns: tuple[tuple[str, Colour], ...] = ()
@@ -226,6 +243,35 @@ class Playback:
     def curves(self) -> Mapping[str, Curve]:
         """Values over time, by name, of pages and figures."""
         raise NotImplementedError
+
+    @cached_property
+    def legends(self) -> Mapping[str, Legend]:
+        """Names and colours of the parts that curves are of, by what one of them is."""
+        return {}
+
+    @cached_property
+    def badges(self) -> Sequence[Badge]:
+        """Bodies with numbers on them, on pages: those of the legend, if it names them all."""
+        bodies = self.legends.get("body")
+        if bodies is None or len(bodies.rows) > MAX_NAMED:
+            return ()
+        return [Badge(name, str(i + 1), paint) for i, (_, name, paint) in enumerate(bodies.rows)]
+
+    def lines(self, name: str) -> list[Line]:
+        """Return the lines of a curve: those of parts that never act are left out."""
+        curve = self.curves[name]
+        return self._lines(curve.display.each, curve.names)
+
+    def _lines(self, each: str, names: tuple[str, ...]) -> list[Line]:
+        """Return the lines of columns with these names, of parts that are called ``each``."""
+        legend = self.legends.get(each)
+        if legend is not None and legend.names == names:
+            rows = zip(legend.short, legend.colours, strict=True)
+            return [Line(i, short, c) for i, (short, c) in enumerate(rows) if c is not None]
+        if not names:
+            return [Line(0, "", None)]
+        paints = colours(len(names))
+        return [Line(i, word, paints[i]) for i, word in enumerate(names)]
 
     @cached_property
     def plots(self) -> Sequence[str]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import json
 import os
+import sys
 import zipfile
+from collections.abc import Collection
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.arguments import check_is, check_time
 from omnitrack_sim.base.bounds import MAX_RECORDING_BYTES
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.reading import parsed, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
@@ -25,6 +28,10 @@ from omnitrack_sim.pipes import Assembly, Part
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
 from omnitrack_sim.results.files import reading
 from omnitrack_sim.walls.around import AxisPoints, Pipes
+from omnitrack_sim.walls.model_bounds import check_binary
+
+if TYPE_CHECKING:
+    import pandas
 
 FIELDS = (
     "qpos",
@@ -275,6 +282,43 @@ class Recording:
         along = (step * (forward[1:] + forward[:-1]) / 2).sum(axis=1)
         return np.append(0.0, np.cumsum(along)), forward
 
+    def head(self, count: int) -> Self:
+        """Return a recording of the first ``count`` samples."""
+        short = type(self)(self.model, self.pipes, period=self.period)
+        short.body = self.body
+        short._samples = {name: values[:count] for name, values in self._samples.items()}
+        short._contacts = self._contacts[:count]
+        return short
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table: one row a sample, with the names of joints, actuators and bodies.
+
+        After ``time`` come MuJoCo's arrays (``qpos_JOINT``, ``ctrl_ACTUATOR`` and so on), the pose
+        of each body in the world (``position_BODY_x``, ``quaternion_BODY_w``), the sum of the
+        normal forces of the walls on each (``wall_force_BODY``), and of the robot's body ``part``,
+        that it is in, ``clearance`` and ``distance``, its way along the pipes.
+        ``frame.attrs["units"]`` has the unit of each column.
+
+        Raises:
+            ImportError: pandas is not installed; it is no dependency of this package.
+        """
+        from omnitrack_sim.show.recording_tables import samples_table
+
+        return samples_table(self)
+
+    def contacts_to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table of ``contacts``: one row a contact, with its time and its names.
+
+        Columns are ``time``, ``sample``, ``body``, ``geom``, ``part`` of the pipes, ``position``,
+        ``force`` and ``normal`` by x, y and z, ``normal_force`` and ``distance``.
+
+        Raises:
+            ImportError: pandas is not installed; it is no dependency of this package.
+        """
+        from omnitrack_sim.show.recording_tables import contacts_table
+
+        return contacts_table(self)
+
     def require_samples(self) -> None:
         """Raise an ``InputError`` for a recording without samples."""
         if not len(self):
@@ -301,7 +345,7 @@ class Recording:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickled model names its walls, which another process has to know before.
-        return _of_file, (self._file(),)
+        return _of_file, (self._file(), tuple(sys.modules))
 
     def _file(self) -> bytes:
         """Return model, pipes and samples as the bytes of a file."""
@@ -329,13 +373,18 @@ class Recording:
         return npz_of(arrays)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
         """Read a saved recording, whose model and pipes are ready for use again.
+
+        Args:
+            path: of the file.
+            trust: import modules of fittings of somebody's own, ``module:Class``. Otherwise a file
+                that names one is refused, unless the module has been imported already.
 
         Raises:
             OutputError: the file is missing or damaged, or another release of MuJoCo wrote it.
         """
-        with reading(Path(path)) as file:
+        with trusting(None if trust else ()), reading(Path(path)) as file:
             return cls._read(read_bytes(file, MAX_RECORDING_BYTES))
 
     @classmethod
@@ -353,6 +402,7 @@ class Recording:
         # The walls have to be known before a binary model with them is used.
         pipes = Pipes(_assembly(head, arrays["part_position"], arrays["part_rotation"]))
         binary = {"model.mjb": arrays["model"].tobytes()}
+        check_binary(binary["model.mjb"])
         model = mujoco.MjModel.from_binary_path("model.mjb", binary)
         recording = cls(model, pipes, period=head["period"])
         recording.body = int(head["body"])
@@ -376,9 +426,10 @@ class Recording:
             self._contacts.append(WallContacts(*(column[begin:end] for column in every)))
 
 
-def _of_file(file: bytes) -> Recording:
-    """Return the recording that another process has sent."""
-    return Recording._read(file)
+def _of_file(file: bytes, modules: Collection[str]) -> Recording:
+    """Return the recording that another process has sent, which has imported ``modules``."""
+    with trusting(modules):
+        return Recording._read(file)
 
 
 def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assembly:

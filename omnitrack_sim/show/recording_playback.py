@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -24,26 +24,33 @@ from omnitrack_sim.record.display import (
 )
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.display import HIDDEN_FROM
+from omnitrack_sim.robots.plant import actuator_names
+from omnitrack_sim.show.film.shots import is_outside
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
+from omnitrack_sim.show.legend import Legend, Parts, actuator_owners, legends_of
 from omnitrack_sim.show.playback import POINTS_APART, ContactForces, Playback, sound_rows
 from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.surfaces import DRAWN
+from omnitrack_sim.show.wall_forces import ForceBars, body_arrows, body_forces, drawn_forces
 
-MAX_CURVES = 6
-"""Lines of one plot: there are as many colours."""
 BORE, REACH = 0.16, 0.16
 """Bore, and reach of a robot about its body, m, of pictures of size 1."""
 EXTREMES = 20
 """Samples by which the robot's reach is judged: more would take longer than they tell."""
-LARGE_PERCENTILE, ARROW_BORES = 98, 0.5
-"""Percentile of the forces whose arrow is so long, in bores: single shocks do not set the scale."""
+_SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 
 
 class RecordingPlayback(Playback):
     """Playback of a recording; its arrows are the forces of the walls.
 
+    It ends where the body has left the pipes and does not come back.
+
     Args:
         recording: with at least one sample.
+
+    Attributes:
+        recording: what is shown of it.
+        unshown: number of samples after that.
 
     Raises:
         InputError: it has no sample.
@@ -56,16 +63,19 @@ class RecordingPlayback(Playback):
 
     def __init__(self, recording: Recording) -> None:
         recording.require_samples()
-        self.recording, self.network = recording, recording.pipes.assembly
-        self.name = f"recording of {recording.model.body(recording.body).name or 'a robot'}"
-        samples = len(recording)
+        self._whole, self.network = recording, recording.pipes.assembly
+        shown = shown_samples(recording.places.part >= 0)
+        self.recording, self.unshown = recording.head(shown), len(recording) - shown
+        self._body_name = recording.model.body(recording.body).name or "the robot"
+        self.name = f"recording of {self._body_name}"
+        samples = len(self.recording)
         rows = np.linspace(0, samples - 1, EXTREMES).astype(int)
         self.extremes = tuple(np.unique(rows).tolist())
-        carried = [mount for mount in self.mounts.values() if mount.body]
-        self.page_camera = carried[0] if carried else None
+        carried = (mount for mount in self.mounts.values() if mount.body)
+        self.page_camera = next((one for one in carried if not is_outside(self, one)), None)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RecordingPlayback, (self.recording,)
+        return RecordingPlayback, (self._whole,)
 
     @cached_property
     def model(self) -> mujoco.MjModel:
@@ -163,7 +173,52 @@ class RecordingPlayback(Playback):
         touch = f"{count:.0f} contacts, {force:.3g} N on the walls"
         part = self.recording.places.part[row]
         place = f"in {self.network.parts[part].name}" if part >= 0 else "outside"
-        return StatusText(place, (move, touch))
+        bars = self._bars
+        return StatusText(place, (move, touch), bars.caption if bars.at(row) else "", bars.at(row))
+
+    @cached_property
+    def _bars(self) -> ForceBars:
+        """Bars of the forces of the walls."""
+        return ForceBars(self.legends["body"], self._body_forces)
+
+    @cached_property
+    def _body_forces(self) -> Array:
+        """Normal force of the walls on each body but the world (T, nbody - 1), N."""
+        return body_forces(self.recording.contacts, self.model, len(self.time))[:, 1:]
+
+    @cached_property
+    def legends(self) -> Mapping[str, Legend]:
+        """Legends of bodies that touch the walls, of actuators, and of joints by their kind."""
+        model, kinds = self.model, []
+        names = tuple(model.body(i).name or f"body_{i}" for i in range(1, model.nbody))
+        touches = tuple((self._body_forces != 0).any(axis=0).tolist())
+        kinds.append(Parts("body", names, tuple(range(1, model.nbody)), touches))
+        motors = actuator_names(model)
+        kinds.append(Parts("actuator", motors, actuator_owners(model), (True,) * len(motors)))
+        for kind, joints in self._joints.items():
+            names = tuple(model.joint(i).name or f"joint_{i}" for i in joints)
+            owners = tuple(model.jnt_bodyid[joints].tolist())
+            kinds.append(Parts(kind, names, owners, (True,) * len(names)))
+        return legends_of(kinds)
+
+    @cached_property
+    def _joints(self) -> dict[str, list[int]]:
+        """Numbers of the slides and of the hinges."""
+        kinds = {"slide": _SLIDE, "hinge": _HINGE}
+        types = self.model.jnt_type
+        return {word: np.flatnonzero(types == kind).tolist() for word, kind in kinds.items()}
+
+    @cached_property
+    def events(self) -> list[tuple[float, str]]:
+        """The moment at which the body left the pipes, where it did."""
+        if not self.unshown:
+            return []
+        return [(float(self.time[-1]), f"{self._body_name} left the pipes{self._rest}")]
+
+    @property
+    def _rest(self) -> str:
+        """Words on the samples that are not shown."""
+        return f"; {self.unshown} later samples are not shown" if self.unshown > 1 else ""
 
     @cached_property
     def passages(self) -> list[PassageSpan]:
@@ -180,12 +235,8 @@ class RecordingPlayback(Playback):
     @cached_property
     def forces(self) -> ContactForces:
         """Forces of the walls; the arrow of nearly the largest is half a bore long."""
-        contacts = self.recording.contacts
-        sizes = np.linalg.norm(contacts.force, axis=1)
-        large = float(np.percentile(sizes, LARGE_PERCENTILE)) if len(sizes) else 0.0
         bore = 2 * self.network.parts[0].fitting.radius
-        metres = ARROW_BORES * bore / large if large > 0 else 0.0
-        return ContactForces(contacts.sample, contacts.position, contacts.force, metres)
+        return drawn_forces(self.recording.contacts, self.model, self.legends["body"], bore)
 
     @cached_property
     def curves(self) -> Mapping[str, Curve]:
@@ -207,34 +258,42 @@ class RecordingPlayback(Playback):
             name: Curve(display, values[:, None]) for name, (display, values) in single.items()
         }
         position = recording.bodies[:, self.body, :3]
-        curves["position"] = Curve(Display("Position of the body", "m"), position, ("x", "y", "z"))
-        return curves | self._model_curves()
+        places = Curve(Display("Position of the body", "m"), position, ("x", "y", "z"))
+        return curves | self._part_curves() | {"position": places}
 
-    def _model_curves(self) -> dict[str, Curve]:
-        """Return the curves of actuators and joints, where there are not too many."""
-        model, curves = self.model, {}
-        names = tuple(model.actuator(i).name or str(i) for i in range(model.nu))
-        forces = self.recording["actuator_force"]
-        curves["actuator_force"] = Curve(Display("Actuator forces", "N, N m"), forces, names)
-        slides = Display("Slides", "mm", 1e3, span=1.0)
-        hinges = Display("Hinges", "deg", float(np.degrees(1.0)), span=1.0)
-        for name, kind, display in (
-            ("slides", mujoco.mjtJoint.mjJNT_SLIDE, slides),
-            ("hinges", mujoco.mjtJoint.mjJNT_HINGE, hinges),
-        ):
-            joints = np.flatnonzero(model.jnt_type == kind).tolist()
-            names = tuple(model.joint(i).name or str(i) for i in joints)
-            values = self.recording.qpos[:, model.jnt_qposadr[joints]]
-            curves[name] = Curve(display, values, names)
-        return {
-            name: curve for name, curve in curves.items() if 1 <= len(curve.names) <= MAX_CURVES
+    def _part_curves(self) -> dict[str, Curve]:
+        """Return the curves of bodies, actuators and joints, where there are any."""
+        force = Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body")
+        motor = Display("Actuator forces", "N, N m", each="actuator")
+        slide = Display("Slides", "mm", 1e3, span=1.0, each="slide")
+        hinge = Display("Hinges", "deg", float(np.degrees(1.0)), span=1.0, each="hinge")
+        places = {
+            kind: self.recording.qpos[:, self.model.jnt_qposadr[joints]]
+            for kind, joints in self._joints.items()
         }
+        rows = {
+            "body_force": (force, self._body_forces),
+            "actuator_force": (motor, self.recording["actuator_force"]),
+            "slides": (slide, places["slide"]),
+            "hinges": (hinge, places["hinge"]),
+        }
+        return {
+            name: Curve(display, values, self.legends[display.each].names)
+            for name, (display, values) in rows.items()
+            if self.legends[display.each].rows
+        }
+
+    @cached_property
+    def first_plots(self) -> Sequence[str]:
+        """Curves with a single line, and the forces of the walls."""
+        return (*super().first_plots, "body_force")
 
     @cached_property
     def heading(self) -> dict[str, Any]:
         """See ``Playback``."""
         curves, time = self.curves, self.time
-        least = 1e3 * curves["clearance"].values.min()
+        clearance = curves["clearance"].values
+        least = 1e3 * np.min(clearance, where=np.isfinite(clearance), initial=np.inf)
         energy = np.trapezoid(self.recording.power(), time)
         rows = [
             ("way", "m", curves["distance"].values[-1], "along the pipes' axes"),
@@ -249,10 +308,10 @@ class RecordingPlayback(Playback):
         first, last = time[[0, -1]]
         heading = {
             "name": self.name,
-            "outcome": "ends",
+            "outcome": "left the pipes" if self.unshown else "ends",
             "success": None,
             "advice": "",
-            "reason": f"{len(time)} samples from {first:.6g} to {last:.6g} s",
+            "reason": f"{len(time)} samples from {first:.6g} to {last:.6g} s{self._rest}",
             "duration": float(np.ptp(time)),
             "figures": figures,
             "provenance": [["mujoco", mujoco.__version__]],
@@ -262,25 +321,13 @@ class RecordingPlayback(Playback):
     @cached_property
     def arrows(self) -> list[ForceArrow]:
         """Forces of the walls on each body that touches them, where they act in the mean."""
-        contacts, samples, arrows = self.recording.contacts, len(self.time), []
-        bodies = self.model.geom_bodyid[contacts.geom]
-        for body in np.unique(bodies).tolist():
-            mine = bodies == body
-            sample, weight = contacts.sample[mine], contacts.normal_force[mine] + 1e-12
-            total = np.bincount(sample, weight, samples)
-            there = total > 0
-            # Without contact an arrow has no length and stays where it was last.
-            last = np.maximum.accumulate(np.where(there, np.arange(samples), np.argmax(there)))
-            push = contacts.normal[mine] * contacts.normal_force[mine, None]
-            moment = _summed(contacts.position[mine] * weight[:, None], sample, samples)
-            point = moment[last] / total[last, None]
-            pull = contacts.force[mine] - push
-            arrows.append(ForceArrow("normal_force", point, _summed(push, sample, samples)))
-            arrows.append(ForceArrow("traction", point, _summed(pull, sample, samples)))
-        return arrows
+        return body_arrows(self.recording.contacts, self.model, len(self.time))
 
 
-def _summed(values: Array, sample: NDArray[Any], samples: int) -> Array:
-    """Return the sums (samples, 3) of vectors (C, 3) over those of the same sample."""
-    columns = [np.bincount(sample, column, samples) for column in values.T]
-    return np.stack(columns, axis=-1).astype(float)
+def shown_samples(inside: NDArray[np.bool_]) -> int:
+    """Return how many samples are shown of a body that is inside the pipes or not, (T,).
+
+    The last one is that in which it has left them for good; all, if it was never inside.
+    """
+    within = np.flatnonzero(inside)
+    return min(int(within[-1]) + 2, len(inside)) if len(within) else len(inside)

@@ -17,17 +17,32 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.base.text import finite
-from omnitrack_sim.record.channels import COMMON
+from omnitrack_sim.record.channels import COMMON, Channel, Vector
 from omnitrack_sim.record.display import CarriedCamera, Curve, ForceArrow, Moment, StatusText
 from omnitrack_sim.record.events import Note
-from omnitrack_sim.record.metrics import Metric
+from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
+from omnitrack_sim.robots.plant import scene
 from omnitrack_sim.robots.recorded import Recorded
+from omnitrack_sim.robots.robot import SceneOptions
+from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans
-from omnitrack_sim.show.playback import POINTS_APART, STANDARD, PhaseSpan, Playback, sound_rows
+from omnitrack_sim.show.legend import Legend, legends_of, parts_of_run
+from omnitrack_sim.show.playback import (
+    POINTS_APART,
+    STANDARD,
+    Badge,
+    ContactForces,
+    Line,
+    PhaseSpan,
+    Playback,
+    sound_rows,
+)
 from omnitrack_sim.show.projection import needs_map
+from omnitrack_sim.show.recording import WallContacts
+from omnitrack_sim.show.wall_forces import ForceBars, body_arrows, contacts_of_run, drawn_forces
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 
 CAMERAS = (*STANDARD, "onboard")
@@ -45,30 +60,34 @@ class RunPlayback(Playback):
     Args:
         result: the run.
         coarse: faces may be coarse, which is enough for films.
+
+    Attributes:
+        run: as given as ``result``.
+        display: of its robot.
     """
 
     def __init__(self, result: Result, coarse: bool = True) -> None:
-        self._run, self._coarse = result, coarse
+        self.run, self._coarse = result, coarse
         scenario, display = result.scenario, result.scenario.robot.display
         self.result, self.display = result, display
         self.name, self.network, self.plates = scenario.name, result.pipes, scenario.plates
         self.album, self.page_camera = result.album, display.page_camera
-        self.badges, self.columns, self.state = display.badges, display.columns, display.state
+        self.columns, self.state = display.columns, display.state
         self.tracks, self.track_pitch = display.tracks, display.track_pitch
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Tables of fittings are classes made while files are read, which cannot be pickled.
-        scenario, robot = self._run.scenario, self._run.scenario.robot
+        scenario, robot = self.run.scenario, self.run.scenario.robot
         data = scenario.model_dump(mode="json", exclude_none=True)
         if isinstance(robot, Recorded):
             data["robot"] = robot.to_table()
-        rest: Any = replace(self._run, scenario=None)  # type: ignore[arg-type]
+        rest: Any = replace(self.run, scenario=None)  # type: ignore[arg-type]
         return _run_again, (data, rest, self._coarse, tuple(sys.modules))
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The record, each sample that has diverged replaced by the last one before it."""
-        trajectory = self._run.trajectory
+        trajectory = self.run.trajectory
         values = [trajectory.qpos, *(trajectory[name] for name in self.display.finite)]
         rows = sound_rows([value.reshape(len(trajectory.time), -1) for value in values])
         if (rows == np.arange(len(rows))).all():
@@ -84,7 +103,7 @@ class RunPlayback(Playback):
     @cached_property
     def time(self) -> Array:
         """See ``Playback``."""
-        return self._run.trajectory.time
+        return self.run.trajectory.time
 
     @cached_property
     def qpos(self) -> Array:
@@ -169,13 +188,40 @@ class RunPlayback(Playback):
         )
 
     def status(self, row: int) -> StatusText:
-        """Return what the robot tells of a sample."""
-        return self.display.status(self.moment(row))
+        """Return the robot's text of a sample, with bars of the walls' forces if it has none."""
+        status = self.display.status(self.moment(row))
+        if status.bars or self._bars is None:
+            return status
+        return status._replace(caption=self._bars.caption, bars=self._bars.at(row))
+
+    @cached_property
+    def _bars(self) -> ForceBars | None:
+        """Bars of the forces of the walls; None of a robot without such a channel."""
+        legend = self.legends.get("body")
+        if legend is None or "wall_force" not in self.trajectory.channels:
+            return None
+        return ForceBars(legend, self.trajectory["wall_force"])
+
+    @cached_property
+    def legends(self) -> Mapping[str, Legend]:
+        """See ``Playback``."""
+        trajectory = self.trajectory
+        if not any(channel.names for channel in trajectory.schema.values()):
+            return {}
+        return legends_of(parts_of_run(self.model, trajectory))
+
+    @cached_property
+    def badges(self) -> Sequence[Badge]:
+        """See ``Playback``; a robot with modules says itself where their numbers stand."""
+        if not self.columns:
+            return super().badges
+        rows = zip(self.display.badges, self.columns, strict=False)
+        return [Badge(body, str(i + 1), paint) for i, (body, (_, paint)) in enumerate(rows)]
 
     @cached_property
     def passages(self) -> list[PassageSpan]:
         """See ``Playback``."""
-        return passage_spans(self._run, self.trajectory)
+        return passage_spans(self.run, self.trajectory)
 
     @cached_property
     def _begins(self) -> list[int]:
@@ -185,7 +231,7 @@ class RunPlayback(Playback):
     @cached_property
     def leg(self) -> NDArray[np.intp] | None:
         """See ``Playback``."""
-        return self.trajectory["leg"] if len(self._run.routes()) > 1 else None
+        return self.trajectory["leg"] if len(self.run.routes()) > 1 else None
 
     @cached_property
     def phases(self) -> list[PhaseSpan]:
@@ -196,7 +242,7 @@ class RunPlayback(Playback):
     @cached_property
     def events(self) -> list[tuple[float, str]]:
         """See ``Playback``."""
-        events = sorted(self._run.events, key=lambda event: event.time)
+        events = sorted(self.run.events, key=lambda event: event.time)
         return [
             (event.time, event.text)
             for event in events
@@ -206,12 +252,12 @@ class RunPlayback(Playback):
     @cached_property
     def notes(self) -> list[str]:
         """See ``Playback``."""
-        return [str(event) for event in self._run.events if isinstance(event, Note)]
+        return [str(event) for event in self.run.events if isinstance(event, Note)]
 
     @cached_property
     def landmarks(self) -> Landmarks | None:
         """See ``Playback``."""
-        return Landmarks.of(self._run, self.trajectory) if needs_map(self._run) else None
+        return Landmarks.of(self.run, self.trajectory) if needs_map(self.run) else None
 
     @cached_property
     def curves(self) -> Mapping[str, Curve]:
@@ -219,7 +265,25 @@ class RunPlayback(Playback):
         trajectory, plots = self.trajectory, self.plots
         commands = [trajectory.schema[name].display.command for name in plots]
         names = (*plots, *filter(None, commands), *self.display.page_channels)
-        return {name: Curve(trajectory.schema[name].display, trajectory[name]) for name in names}
+        every = {name: self._curve(name) for name in names}
+        return {name: curve for name, curve in every.items() if curve.values[0].size}
+
+    def _curve(self, name: str) -> Curve:
+        """Return the curve of a channel."""
+        channel = self.trajectory.schema[name]
+        return Curve(channel.display, self.trajectory[name], self._names(channel))
+
+    def _names(self, channel: Channel) -> tuple[str, ...]:
+        """Return names of the numbers of a channel: none of a single one and of modules."""
+        count = math.prod(channel.shape)
+        of_modules = count == len(self.columns) and not isinstance(channel, Vector)
+        if channel.names or count <= 1 or of_modules:
+            return channel.names
+        return tuple(one.removeprefix(f"{channel.name}_") for one in channel.columns)
+
+    def lines_of(self, channel: Channel) -> list[Line]:
+        """Return the lines of any channel of several numbers, also of one without a curve."""
+        return self._lines(channel.display.each, self._names(channel))
 
     @cached_property
     def plots(self) -> Sequence[str]:
@@ -227,10 +291,10 @@ class RunPlayback(Playback):
         plots, known = self.display.plots, {*COMMON, *self.display.plots, *self.display.unplotted}
         own = [
             name
-            for name, channel in self._run.trajectory.schema.items()
+            for name, channel in self.run.trajectory.schema.items()
             if name not in known and len(channel.columns) <= MAX_COLUMNS
         ]
-        return (*plots, *own)
+        return tuple(name for name in (*plots, *own) if self.trajectory[name][0].size)
 
     @cached_property
     def first_plots(self) -> Sequence[str]:
@@ -240,7 +304,7 @@ class RunPlayback(Playback):
     @cached_property
     def heading(self) -> dict[str, Any]:
         """Name, outcome, metrics and versions."""
-        run, provenance = self._run, self._run.provenance
+        run, provenance = self.run, self.run.provenance
         versions: Mapping[str, Any] = provenance.get("versions") or {}
         kept = {key: provenance.get(key) for key in PROVENANCE}
         return finite(
@@ -262,15 +326,39 @@ class RunPlayback(Playback):
     @cached_property
     def headline(self) -> Mapping[str, str]:
         """See ``Playback``."""
-        metrics = _metrics(self._run)
+        metrics = _metrics(self.run)
         modules = self.display.robot.modules
         return {name: _title(metrics[name], modules) for name in self.display.headline}
 
     @cached_property
     def arrows(self) -> list[ForceArrow]:
         """See ``Playback``."""
-        poses = self.body_poses([self.model.body(name).id for name in self.badges])
-        return self.display.arrows(self.trajectory, list(np.moveaxis(poses, 1, 0)))
+        poses = self.body_poses([self.model.body(name).id for name in self.display.badges])
+        own = self.display.arrows(self.trajectory, list(np.moveaxis(poses, 1, 0)))
+        if own is not None or self._contacts is None:
+            return own or []
+        return body_arrows(*self._contacts, len(self.time))
+
+    @cached_property
+    def forces(self) -> ContactForces | None:
+        """See ``Playback``."""
+        if self.columns or self._contacts is None:
+            return None
+        bore = 2 * self.network.parts[0].fitting.radius
+        return drawn_forces(*self._contacts, self.legends["body"], bore)
+
+    @cached_property
+    def _contacts(self) -> tuple[WallContacts, mujoco.MjModel] | None:
+        """Contacts with the walls, and their model; None where no forces of bodies are recorded."""
+        trajectory = self.trajectory
+        if "wall_force" not in trajectory.channels or not trajectory["wall_force"].size:
+            return None
+        robot, step = self.display.robot, self.run.scenario.physics.timestep
+        # The model of a recorded robot has its plates.
+        plates = () if isinstance(robot, Recorded) else self.plates
+        options = SceneOptions(plates, step, 0.0, None, exact=True, looks=True)
+        model = scene(robot, self.network, options).compile()
+        return contacts_of_run(model, trajectory), model
 
     @cached_property
     def track_travel(self) -> Array:
@@ -302,8 +390,9 @@ def _figure_rows(result: Result) -> list[dict[str, Any]]:
 
 
 def _metrics(result: Result) -> dict[str, Metric]:
-    """Return the metrics of a run's robot by name."""
-    return {metric.name: metric for metric in result.scenario.robot.metrics}
+    """Return the package's metrics of a run by name; a user's own are not looked up."""
+    shipped = (*result.scenario.robot.metrics, *ESTIMATE_METRICS, *TAIL_METRICS, *TETHER_METRICS)
+    return {metric.name: metric for metric in shipped}
 
 
 def _title(metric: Metric, modules: int) -> str:

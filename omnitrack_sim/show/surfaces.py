@@ -13,7 +13,7 @@ from manifold3d import Manifold, Mesh
 from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, Pose, matrix_from_quaternion, unit
-from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes import Fitting, Part
 from omnitrack_sim.walls.meshes import (
     THICKNESS,
     TriangleMesh,
@@ -25,6 +25,11 @@ from omnitrack_sim.walls.meshes import (
 
 PIPE, SECTION, JOINT = (0.64, 0.705, 0.775), (0.93, 0.95, 0.97), (0.36, 0.41, 0.47)
 """Red, green, blue of a pipe's wall, of where it is cut, and of the seams between parts."""
+MARK = (0.50, 0.56, 0.63)
+"""The same of the rings that cameras in a pipe see on its wall, between wall and seams."""
+MARK_APART, MARK_WIDTH, MARK_HEIGHT, MARK_OFF = 0.5, 0.02, 0.0025, 0.01
+"""Distance of the rings, in bores, their width and height over the wall, and how far from where it
+is straight across they may lie: in a branch's mouth a ring is left open."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Size of the weld between two parts, m: along the pipe, and into the bore."""
 DRAWN = (
@@ -36,8 +41,11 @@ DRAWN = (
     mujoco.mjtGeom.mjGEOM_MESH,
 )
 """Shapes of geoms that have a surface here."""
-_FINE, _ROUND, _THIN, _THIN_RADIUS = 24, 16, 8, 0.005
-"""Sides of round primitives: seen closely, in films, and in films below the last radius, m."""
+_WHEEL_FINE, _WHEEL, _BALL_FINE, _BALL = 72, 48, 32, 20
+"""Sides of cylinders and of balls, seen closely and in films: chords of a wheel of 25 mm are within
+0.06 mm of its rim."""
+_THIN, _THIN_RADIUS = 8, 0.005
+"""Sides in films of what is thinner than this radius, m."""
 UNPAINTED, PLAIN = (0.5, 0.5, 0.5, 1.0), (0.95, 0.55, 0.05)
 """MuJoCo's colour of geoms that state none, which is hard to tell from pipes, and ours."""
 CREASE_DEG = 50.0
@@ -180,10 +188,11 @@ def _primitive(kind: mujoco.mjtGeom, size: Array, fine: bool) -> Manifold:
     """Return the solid of a primitive geom in its own frame."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return Manifold.cube(2 * size, center=True)
-    around = _FINE if fine else _THIN if size[0] < _THIN_RADIUS else _ROUND
+    thin = size[0] < _THIN_RADIUS and not fine
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        around = _THIN if thin else _WHEEL_FINE if fine else _WHEEL
         return Manifold.cylinder(2 * size[1], size[0], circular_segments=around, center=True)
-    ball = Manifold.sphere(1.0, around)
+    ball = Manifold.sphere(1.0, _THIN if thin else _BALL_FINE if fine else _BALL)
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
         return ball.scale(size)
     ball = ball.scale(size[[0, 0, 0]])
@@ -224,6 +233,37 @@ def pipe_inside(fitting: Fitting) -> Surface:
     Painted without the faces that look away, the pipe is open towards any viewer.
     """
     return _wall(fitting, inside_mesh(fitting, _SECTIONS_INSIDE), np.zeros(3))
+
+
+def rings(part: Part) -> list[Surface]:
+    """Return rings painted round the bore of a part, world frame, to judge distances by.
+
+    There is one on each half a bore of its axes, where there is a wall.
+    """
+    found, angle = [], np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    for line, first, last in part.axes:
+        bore = 2 * first
+        stations = np.arange(MARK_APART * bore, line.length, MARK_APART * bore)
+        for middle in stations.tolist():
+            s = middle + MARK_WIDTH * bore * np.array([-0.5, 0.5])
+            height = MARK_HEIGHT * bore
+            radius = first + (last - first) * middle / line.length - height
+            ends = radius * np.einsum("sij,kj->ski", line.frame(s), circle)
+            points = line.at(s)[0][:, None] + ends  # (2, k, 3)
+            off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
+            whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
+            if whole.any():
+                found.append(_band(points, -ends / radius, np.flatnonzero(whole)))
+    return found
+
+
+def _band(points: Array, normal: Array, columns: NDArray[np.intp]) -> Surface:
+    """Return the given quadrangles of a ring, points and normals (2, k, 3), seen from within."""
+    index = np.arange(2 * points.shape[1]).reshape(2, -1)
+    a, b, c, d = (index[i, columns + j] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
+    return _painted(points.reshape(-1, 3), normal.reshape(-1, 3), faces, (*MARK, 0.0))
 
 
 def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:

@@ -59,14 +59,21 @@ def batch_key(data: Mapping[str, Any]) -> str:
     """
     shared = copy.deepcopy(dict(data))
     for path in _own_paths(robot_kind(data)):
-        *tables, key = path.split(".")
-        place: Any = shared
-        for table in tables:
-            place = place.get(table) if isinstance(place, dict) else None
-        if isinstance(place, dict):
-            place.pop(key, None)
+        _remove(shared, path.split("."))
     # Sorted, so that the order of keys in a file does not part what belongs together.
     return json.dumps(shared, sort_keys=True)
+
+
+def _remove(place: Any, keys: Sequence[str]) -> None:
+    """Remove what is at a path of a table, a ``*`` in which stands for any key."""
+    if not isinstance(place, dict):
+        return
+    key, *inner = keys
+    if not inner:
+        place.pop(key, None)
+        return
+    for table in place.values() if key == "*" else [place.get(key)]:
+        _remove(table, inner)
 
 
 @functools.cache
@@ -87,7 +94,12 @@ def robot_kind(data: Mapping[str, Any]) -> str:
 @functools.cache
 def is_shared(path: str, kind: str) -> bool:
     """Return whether scenarios of a batch, with robots of a kind, share the value at a path."""
-    return not any(f"{path}.".startswith(f"{own}.") for own in _own_paths(kind))
+    return not any(_is_in(path.split("."), own.split(".")) for own in _own_paths(kind))
+
+
+def _is_in(keys: Sequence[str], own: Sequence[str]) -> bool:
+    """Return whether a path leads to what is at another one, or below."""
+    return len(keys) >= len(own) and all(b in ("*", a) for a, b in zip(keys, own, strict=False))
 
 
 def each(scenarios: Sequence[Scenario], name: str) -> NDArray:

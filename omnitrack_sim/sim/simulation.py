@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.autonomy.pilots import Pilot
 from omnitrack_sim.base.arguments import check_all, check_is, refuse_taken
+from omnitrack_sim.base.errors import ControllerError
 from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.rotations import Array, with_rows
 from omnitrack_sim.base.text import shown
@@ -29,6 +30,7 @@ from omnitrack_sim.robots.control import (
     ControlSetup,
     Observation,
     checked,
+    endless,
     held_command,
     with_command_rows,
 )
@@ -170,6 +172,9 @@ class Simulation:
         self.channels: tuple[Channel, ...] = (*own, *self.senses.recorded, *pull)
         schema, together = recorded(self.channels), moments_together(self.n)
         self.recorder = Recorder(self.phases, schema, read_together, together)
+        self._users = [
+            own for own in (kind, type(robot)) if not own.__module__.startswith("omnitrack_sim.")
+        ]
         self._returned = f"what {type(self.controller).__name__}.step returns"
         self._judge(self.active, np.zeros(self.n, bool))
         if self._recording:
@@ -295,8 +300,8 @@ class Simulation:
         Raises:
             TypeError: it is no command of this kind of robot.
             ValueError: an array of the command has the wrong shape.
-            ControllerError: a user's own controller raised an error, or one of these holds for what
-                it returned.
+            ControllerError: a user's own controller raised an error, one of these holds for what it
+                returned, or a number in that is not finite.
         """
         command = self._own_command() if command is None else self._checked(command, "command")
         command, lost = self.senses.guard(command)
@@ -317,7 +322,22 @@ class Simulation:
     def _own_command(self) -> Any:
         """Return the command of the robots' controller."""
         with own_errors(type(self.controller), self._step_at_hand):
-            return self._checked(self.controller.step(self.observation), self._returned)
+            command = self._checked(self.controller.step(self.observation), self._returned)
+            self._refuse_endless(command)
+            return command
+
+    def _refuse_endless(self, command: Any) -> None:
+        """Raise a ``ControllerError`` for a number that is not finite, from a user's own code."""
+        place = endless(command, self.active) if self._users else None
+        if place is not None:
+            field, robot, *numbers = place
+            what = f"command.{field}[{', '.join(map(str, [robot, *numbers]))}]"
+            if field == "ctrl":
+                actuator = self.plant.model.actuator(numbers[0])
+                what += f" (actuator {actuator.name or actuator.id!r})"
+            value, own = getattr(command, field)[(robot, *numbers)], self._users[0]
+            name = f"{own.__module__}:{own.__qualname__}"
+            raise ControllerError(f"{name}, {self._step_at_hand()}: {what} is {value}")
 
     def _step_at_hand(self) -> str:
         return f"step {self._tick + 1} ({self.time.max():.6g} s)"

@@ -23,6 +23,7 @@ from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.loading import can_be_made, refuse_file
 from omnitrack_sim.towns.features import FEATURES, as_straights
 from omnitrack_sim.towns.passage_model import MODEL, Estimate, KindTrials
+from omnitrack_sim.trials.batches import sha256_of
 from omnitrack_sim.trials.entries import robot_of
 
 if TYPE_CHECKING:
@@ -62,6 +63,16 @@ class Passport:
     def __repr__(self) -> str:
         trials = sum(len(kind.passed) for kind in self.kinds.values())
         return f"Passport({self.robot.kind!r}: {trials} trials of {len(self.kinds)} ways)"
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the trials and of what makes the robot, hexadecimal."""
+        rows = {
+            name: [kind.points.tolist(), kind.passed.tolist(), str(kind.costs.tolist())]
+            for name, kind in self.kinds.items()
+        }
+        outcomes = {name: list(kind.outcomes) for name, kind in self.kinds.items()}
+        return sha256_of([dict(self.changes), rows, outcomes, dict(self.misfits)])
 
     def estimate(self, kind: str, points: Any, lengths: Any = None) -> Estimate:
         """Return estimates at points (q, features) of a kind of passage; see ``FEATURES``.

@@ -26,7 +26,7 @@ from omnitrack_sim.towns.passage_model import MODEL, KindTrials
 from omnitrack_sim.towns.passport import Passport
 from omnitrack_sim.trials.axes import DirectionAxis, NormalAxis, UniformAxis
 from omnitrack_sim.trials.entries import robot_entry, robot_of
-from omnitrack_sim.trials.mobility import CourseFile
+from omnitrack_sim.trials.mobility import BATCH, CourseFile
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.table import numbers_of, passed_of, refuse_all_invalid
@@ -54,6 +54,7 @@ class PassportPlan(Plan):
         trials: of each course.
         courses: names; empty: all.
         name: of the plan.
+        batch: trials that run together.
 
     Raises:
         InputError: there is no such course.
@@ -71,6 +72,7 @@ class PassportPlan(Plan):
     trials: int = FULL
     courses: tuple[str, ...] = ()
     name: str = "passport"
+    batch: int = BATCH
 
     @classmethod
     def of(
@@ -81,6 +83,7 @@ class PassportPlan(Plan):
         changes: Mapping[str, Any] | None = None,
         trials: int = FULL,
         courses: Sequence[str] | None = None,
+        batch: int = BATCH,
     ) -> PassportPlan:
         """Return the plan for a robot by name.
 
@@ -90,12 +93,13 @@ class PassportPlan(Plan):
             changes: of all scenarios, by dotted path.
             trials: of each course.
             courses: names; all when not given.
+            batch: trials that run together.
 
         Raises:
             InputError: there is no such robot, controller or course.
         """
         made = {**robot_entry(robot, controller).changes, **(changes or {})}
-        return cls(made, trials, tuple(courses or ()))
+        return cls(made, trials, tuple(courses or ()), batch=batch)
 
     def __post_init__(self) -> None:
         known = dict(_pipes())
@@ -161,10 +165,12 @@ class PassportPlan(Plan):
                 misfits[name] = "; ".join(str(error).splitlines())
         if not bases:
             raise InputError(Fault("robot", f"fits no course: {next(iter(misfits.values()))}"))
-        return _sweep_of(bases, self.changes, self.trials), misfits
+        return _sweep_of(bases, self.changes, self.trials, self.batch), misfits
 
 
-def _sweep_of(bases: dict[str, Scenario], changes: Mapping[str, Any], trials: int) -> Sweep:
+def _sweep_of(
+    bases: dict[str, Scenario], changes: Mapping[str, Any], trials: int, batch: int
+) -> Sweep:
     """Random trials of each base: walls, roll, slope and pull."""
     weight = robot_of(changes).mass * GRAVITY
     low, high = TRIED.friction
@@ -174,7 +180,7 @@ def _sweep_of(bases: dict[str, Scenario], changes: Mapping[str, Any], trials: in
         samples=trials,
         sampling="latin_hypercube",
         draws="independent",
-        batch=16,
+        batch=batch,
         axes=(
             UniformAxis(path="world.friction", kind="uniform", low=low, high=high),
             UniformAxis(path="start.theta5_deg", kind="uniform", low=-180, high=180),

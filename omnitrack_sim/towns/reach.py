@@ -25,10 +25,13 @@ from omnitrack_sim.pipes.centreline import Segment
 from omnitrack_sim.pipes.network import Network, both_ways
 from omnitrack_sim.pipes.routes import Edge
 from omnitrack_sim.record.statistics import Z95
+from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import Tether
+from omnitrack_sim.towns.bores import BoreReach, bores_of
 from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
 from omnitrack_sim.towns.passport import Passport
+from omnitrack_sim.trials.batches import sha256_of
 
 NO_WAY = "no way leads there"
 """Reason where pipes are not joined to those of the opening."""
@@ -120,6 +123,9 @@ class ReachMap:
         openings: names, best first: each adds most to the length that is reached and returned from.
         gains: m, expected length that each opening adds.
         paths: the way to each part that is reached, by its name.
+        bores: of the network, the longest first, each with the size of a robot made for it.
+        assumed: what the map rests on, as plain data: passport, network, friction, supply, tether,
+            gravity, versions.
 
     Example:
         >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=4)
@@ -134,6 +140,8 @@ class ReachMap:
     openings: tuple[str, ...]
     gains: tuple[float, ...]
     paths: Mapping[str, tuple[Edge, ...]] = field(default_factory=dict)
+    bores: tuple[BoreReach, ...] = ()
+    assumed: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"ReachMap({self.expected_length:.4g} of {self.length:.4g} m from {self.openings})"
@@ -305,7 +313,10 @@ def map_reach(
         if progress is not None:
             progress(0.5 + k / len(launches) / 2, f"from {launch}")
         reaches[launch], paths[launch] = planner.spread(launch)
-    return _combined(network, reaches, paths, openings or len(launches))
+    made = _combined(network, reaches, paths, openings or len(launches))
+    lengths, chances = zip(*((part.length, part.probability) for part in made.parts), strict=True)
+    rows = bores_of(network, passport, lengths, chances)
+    return replace(made, bores=rows, assumed=planner.assumed(friction, launches))
 
 
 def _combined(
@@ -453,6 +464,30 @@ class _Planner:
         return (
             f"unknown: {kind} with {', '.join(outside) or 'features that were not tried together'}"
         )
+
+    def assumed(self, friction: tuple[float, float], launches: Sequence[str]) -> dict[str, Any]:
+        """Return what the map rests on; see ``ReachMap``."""
+        passport, network, supply = self.passport, self.network, self.supply
+        return {
+            "passport": {
+                "robot": passport.robot.kind,
+                "changes": dict(passport.changes),
+                "trials": sum(len(kind.passed) for kind in passport.kinds.values()),
+                "sha256": passport.sha256,
+            },
+            "network": {"name": network.name, "sha256": sha256_of(network.model_dump(mode="json"))},
+            "launches": list(launches),
+            "friction": list(friction),
+            "supply": {
+                "battery_wh": supply.battery_wh if math.isfinite(supply.battery_wh) else None,
+                "efficiency": supply.efficiency,
+                "base_power_w": supply.base_power,
+            },
+            "tether": None if self.tether is None else self.tether.model_dump(mode="json"),
+            "gravity_m_s2": self.gravity.tolist(),
+            "way": "nose first, and back by the same way, judged as driven nose first",
+            "versions": dict(environment()["versions"]),
+        }
 
     def starts(self, launch: str) -> Iterator[Port]:
         """Yield the ports through which the robot goes into parts from an opening."""

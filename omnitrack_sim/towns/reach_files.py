@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import string
@@ -16,21 +14,34 @@ import numpy as np
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import finite, strict_json
+from omnitrack_sim.base.text import clipped, csv_text, finite, strict_json
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.results.html import safe
 from omnitrack_sim.show.plots.style import GREY, INK, PAGE, chart, figure_bytes
-from omnitrack_sim.towns.reach import PipeReach, ReachMap
+from omnitrack_sim.towns.reach import NO_WAY, PipeReach, ReachMap
 from omnitrack_sim.trials.table import to_json, to_parquet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS, UNREACHED = "viridis", "#c9cdd2"
-"""Colours of probabilities, distinct for any colour vision, and of parts out of reach."""
+COLOURS = "viridis"
+"""Colours of probabilities, distinct for any colour vision."""
+REACHED = 0.01
+"""Probability below which a part counts as not reached, and has the colour of what stops it."""
+CAUSES = {
+    "bore": ("a bore that the robot does not fit", "#e08b3e"),
+    "unknown": ("what no trial has tried", "#b279a2"),
+    "battery": ("the battery", "#c8322b"),
+    "tether": ("the tether", "#8c5a44"),
+    "fitting": ("a fitting that it hardly passes", "#6b7077"),
+    "way": ("no way leads there", "#c9cdd2"),
+}
+"""Causes for which parts are not reached: words and colour."""
+MAX_LETTERS = 24
+"""Letters of an opening's name in a picture."""
 MAX_NAMES = 6
-"""Openings that a picture names."""
+"""Openings that a headline names; more are a number. Pictures name all."""
 FILES = (
     *(f"reach.{ending}" for ending in ("csv", "parquet", "geojson", "html", "json")),
     "reach_parts.parquet",
@@ -75,37 +86,99 @@ def plot_reach(
     lines = [(i, line[:, columns]) for i, line in _lines(reach)]
     points = np.concatenate([line for _, line in lines])
     wide, tall = np.ptp(points, axis=0)
-    size = (PAGE, float(np.clip(PAGE * (tall + 1e-9) / (wide + 1e-9), 2.5, 8.0)))
+    # As high as the pipes ask for beside the scale of colours, so that no margin is blank.
+    high = (PAGE - _BESIDE) * (tall + 1e-9) / (wide + 1e-9) + _ABOVE
+    legend = _unreached(reach)
+    size = (PAGE, float(np.clip(high, 2.5, 8.0)) + _LEGEND * -(-len(legend) // _COLUMNS))
+    unit, scale = ("km", 1e-3) if max(wide, tall) >= _LONG else ("m", 1.0)
 
     def draw(axes: Axes) -> None:
-        from matplotlib.collections import LineCollection
-
-        # What is reached lies above what is not.
-        for reached in (False, True):
-            own = [(i, line) for i, line in lines if (reach.parts[i].probability > 0) == reached]
-            drawn = LineCollection([line for _, line in own], linewidths=1.6, capstyle="round")
-            if reached:
-                drawn.set(array=np.array([reach.parts[i].probability for i, _ in own]))
-                drawn.set(cmap=COLOURS, clim=(0, 1))
-                axes.get_figure(root=True).colorbar(  # type: ignore[union-attr]
-                    drawn, ax=axes, label="probability of getting there", shrink=0.7
-                )
-            else:
-                drawn.set(color=UNREACHED, linewidth=0.9)
-            axes.add_collection(drawn)
-        for k, place in enumerate(_openings(reach, lines)):
-            axes.plot(*place, "v", color=INK, markersize=6)
-            if len(reach.openings) <= MAX_NAMES:
-                beside = {"xytext": (5, 2), "textcoords": "offset points"}
-                x, y = place[:2].tolist()
-                axes.annotate(reach.openings[k], (x, y), color=INK, fontsize=7, **beside)
-        axes.set(aspect="equal", xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
+        _draw_pipes(axes, reach, [(i, scale * line) for i, line in lines])
+        for name, place in zip(reach.openings, _openings(reach, lines), strict=True):
+            _mark(axes, name, scale * place[:2])
+        axes.set(xlabel=f"{names[0]} [{unit}]", ylabel=f"{names[1]} [{unit}]")
         axes.margins(0.03)
         axes.autoscale_view()
+        axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(_headline(reach), loc="left")
         axes.tick_params(colors=GREY)
+        if legend:
+            _draw_legend(axes, legend)
 
     return chart(draw, size, path, ax, format)
+
+
+_BESIDE, _ABOVE, _LEGEND, _COLUMNS = 1.55, 0.75, 0.18, 2
+"""Inches beside a map, above and below it, and of a row of the legend, which has two columns."""
+_LONG = 2000.0
+"""Extent from which on a map is in kilometres, m."""
+
+
+def _draw_pipes(axes: Axes, reach: ReachMap, lines: Sequence[tuple[int, Array]]) -> None:
+    """Draw the pipes, those that are reached by their probability above the others."""
+    from matplotlib.collections import LineCollection
+
+    sides: dict[bool, list[tuple[int, Array]]] = {False: [], True: []}
+    for i, line in lines:
+        sides[reach.parts[i].probability >= REACHED].append((i, line))
+    colours = [CAUSES[_group(reach.parts[i].stopped_by)][1] for i, _ in sides[False]]
+    blocked = [line for _, line in sides[False]]
+    axes.add_collection(LineCollection(blocked, linewidths=0.9, colors=colours, capstyle="round"))
+    if not sides[True]:
+        return
+    drawn = LineCollection([line for _, line in sides[True]], linewidths=1.8, capstyle="round")
+    drawn.set(array=np.array([reach.parts[i].probability for i, _ in sides[True]]))
+    drawn.set(cmap=COLOURS, clim=(0, 1))
+    axes.add_collection(drawn)
+    figure = axes.get_figure(root=True)
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.01)  # type: ignore[union-attr]
+    bar.set_label("probability of getting there")
+
+
+def _mark(axes: Axes, name: str, place: Array) -> None:
+    """Mark an opening and name it, on a white edge that sets the name off the pipes."""
+    from matplotlib.patheffects import withStroke
+
+    x, y = place.tolist()
+    axes.plot(x, y, "v", color=INK, markersize=6, markeredgecolor="white", zorder=5)
+    edge = [withStroke(linewidth=2, foreground="white")]
+    beside = {"xytext": (5, 2), "textcoords": "offset points", "path_effects": edge}
+    text = clipped(name, MAX_LETTERS)
+    axes.annotate(text, (x, y), color=INK, fontsize=7, zorder=6, **beside)
+
+
+def _draw_legend(axes: Axes, rows: Sequence[tuple[str, str, float]]) -> None:
+    """Draw why pipes are not reached, below the map."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=colour, lw=1.6, label=f"{words}, {length_text(length)}")
+        for words, colour, length in rows
+    ]
+    axes.legend(
+        handles=handles,
+        title="not reached because of",
+        loc="upper left",
+        bbox_to_anchor=(0.0, -0.12),
+        ncols=_COLUMNS,
+        alignment="left",
+    )
+
+
+def _group(reason: str) -> str:
+    """Return the key of ``CAUSES`` that a reason belongs to."""
+    if reason in ("", NO_WAY):
+        return "way"
+    return next((key for key in CAUSES if reason.startswith(key)), "fitting")
+
+
+def _unreached(reach: ReachMap) -> list[tuple[str, str, float]]:
+    """Return words, colour and length, m, of each cause for which parts are not reached."""
+    lengths: dict[str, float] = dict.fromkeys(CAUSES, 0.0)
+    for part in reach.parts:
+        if part.probability < REACHED:
+            lengths[_group(part.stopped_by)] += part.length
+    return [(*CAUSES[key], length) for key, length in lengths.items() if length > 0]
 
 
 def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
@@ -134,13 +207,10 @@ def save_reach(reach: ReachMap, folder: str | Path) -> list[Path]:
     check_is(ReachMap, "reach", reach)
     check_folder(folder, files=(*FILES, *PICTURES))
     rows, parts = ([finite(row._asdict()) for row in own] for own in (reach.pipes, reach.parts))
-    text = io.StringIO()
-    table = csv.DictWriter(text, PipeReach._fields, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
+    table = [PipeReach._fields, *([row[name] for name in PipeReach._fields] for row in rows)]
     figure = plot_reach(reach)
     made = {
-        "reach.csv": text.getvalue().encode(),
+        "reach.csv": csv_text(table).encode(),
         "reach.parquet": to_parquet(pa.Table.from_pylist(rows)),
         "reach_parts.parquet": to_parquet(pa.Table.from_pylist(parts)),
         "reach.geojson": _geojson(reach, rows),
@@ -170,6 +240,8 @@ def summary_of(reach: ReachMap) -> dict[str, Any]:
         "expected_there_and_back_m": returned,
         "openings": openings,
         "stops": sorted(stops.items(), key=lambda pair: -pair[1]),
+        "bores": [row._asdict() for row in reach.bores],
+        "assumed": dict(reach.assumed),
     }
 
 
@@ -251,20 +323,21 @@ def _page(reach: ReachMap) -> str:
 
     columns, _ = _view(reach)
     drawn, points = [], []
-    for i, line in sorted(_lines(reach), key=lambda pair: reach.parts[pair[0]].probability):
-        x, y = line[:, columns].T
-        points.append(np.stack([x, -y], axis=-1))
-        p = reach.parts[i].probability
-        colour = to_hex(colormaps[COLOURS](p)) if p > 0 else UNREACHED
+    flat = [(i, line[:, columns]) for i, line in _lines(reach)]
+    for i, line in sorted(flat, key=lambda pair: reach.parts[pair[0]].probability):
+        points.append(line * [1, -1])
+        p, cause = reach.parts[i].probability, _group(reach.parts[i].stopped_by)
+        colour = to_hex(colormaps[COLOURS](p)) if p >= REACHED else CAUSES[cause][1]
         place = " ".join(f"{a:.3f},{b:.3f}" for a, b in points[-1])
-        width = 5 if p > 0 else 3
+        width = 5 if p >= REACHED else 3
         drawn.append(
             f'<polyline data-i="{reach.row_of[i]}" points="{place}" stroke="{colour}" '
             f'stroke-width="{width}"/>'
         )
     everything = np.concatenate(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.06 * float((high - low).max()) + 1e-3
+    margin = 0.03 * float((high - low).max()) + 1e-3
+    openings = zip(reach.openings, _openings(reach, flat), strict=True)
     box = [*(low - margin), *(high - low + 2 * margin)]
     ramp = ", ".join(to_hex(colormaps[COLOURS](k / 8)) for k in range(9))
     template = string.Template(Path(__file__).with_name("reach_map.html").read_text("utf-8"))
@@ -276,6 +349,8 @@ def _page(reach: ReachMap) -> str:
         ramp=f"linear-gradient(to right, {ramp})",
         rows=_script([_texts(row) for row in reach.pipes]),
         heads=_script(HEADS),
+        openings=_script([[name, *(at[:2] * [1, -1]).round(3).tolist()] for name, at in openings]),
+        causes=_script([[w, c, length_text(length)] for w, c, length in _unreached(reach)]),
     )
 
 

@@ -35,6 +35,7 @@ class Bench(Plan):
         quick: only a few trials of each, to see that everything runs.
         trials: of each course, other ones than without it; none: as many as each course has.
         changes: of all scenarios by dotted path, after those of the entries.
+        batch: trials that run together; none: as each course has it.
 
     Raises:
         InputError: there is no course or no entry, two entries have one name, or the number of
@@ -57,6 +58,7 @@ class Bench(Plan):
     quick: bool = False
     trials: int | None = None
     changes: Changes = field(default_factory=dict)
+    batch: int | None = None
 
     @classmethod
     def of(
@@ -74,7 +76,7 @@ class Bench(Plan):
             courses: names of courses; none: all of them.
             entries: names of shipped ones, robots, or pairs of a robot and its controller, of the
                 suite ``control`` controllers and policies; none: the shipped ones.
-            options: ``quick``, ``trials`` and ``changes``.
+            options: ``quick``, ``trials``, ``changes`` and ``batch``.
 
         Raises:
             InputError: there is no such suite, course or entry.
@@ -132,6 +134,7 @@ class Bench(Plan):
             "quick": self.quick,
             "trials": self.trials,
             "changes": dict(self.changes),
+            **({} if self.batch is None else {"batch": self.batch}),
         }
 
     @property
@@ -177,7 +180,10 @@ class Bench(Plan):
             for entry in self.entries:
                 count = course.quick if self.quick else self.trials or course.trials
                 changes = {**entry.changes, **self.changes}
-                sweeps[course.name, entry.name] = course.sweep(count, changes)
+                sweep = course.sweep(count, changes)
+                if self.batch is not None and isinstance(sweep, Sweep):
+                    sweep = sweep.model_copy(update={"batch": self.batch})
+                sweeps[course.name, entry.name] = sweep
         return sweeps
 
 

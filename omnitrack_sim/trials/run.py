@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.results.provenance import warn_of_unlike
 from omnitrack_sim.trials.batches import Batch, Rows
 from omnitrack_sim.trials.dispatch import MakeExecutor, Workers
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round
@@ -223,6 +224,7 @@ class _Run:
         trials = joined(self._tables).replace_schema_metadata(metadata)
         tables = {TRIALS: trials, **end.tables}
         makers = [json.loads(text) for text in sorted(self._makers)]
+        warn_of_unlike(makers, "trials")
         summary = {"name": plan.name, "sha256": plan.hash, **end.summary, "made_by": makers}
         self._store.finish(replace(end, summary=summary), tables)
         return TrialsResult(plan, tables, summary, self.status, self._store.path)

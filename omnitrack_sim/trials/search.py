@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.trials.search_plan import SearchPlan
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def _search(start: Array, plan: SearchPlan, number: int) -> CMA:
     try:
         from cmaes import CMA
     except ImportError:
-        problem = "needs the package cmaes: pip install 'omnitrack_sim[optimise]'"
+        problem = f"needs the package cmaes: {installing('optimise')}"
         raise InputError(Fault("a study", problem)) from None
     # Seeds that differ by one may give correlated streams; a seed sequence mixes them.
     seed = np.random.SeedSequence([plan.seed, number]).generate_state(1)[0]

@@ -5,17 +5,19 @@ from __future__ import annotations
 import io
 import itertools
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pyarrow import csv
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import counted
+from omnitrack_sim.base.text import FORMULA, NUMBER, counted
 from omnitrack_sim.trials.batches import ERROR, INVALID, Batch, Rows
 
 XYZ = "xyz"
@@ -156,9 +158,20 @@ def to_parquet(table: pa.Table) -> bytes:
 
 def to_csv(table: pa.Table) -> bytes:
     """Return a table as the bytes of a CSV file."""
+    names = [f"'{name}" if re.match(FORMULA, name) else name for name in table.column_names]
+    columns = [_inert(column) for column in table.columns]
     buffer = io.BytesIO()
-    csv.write_csv(table, buffer)
+    csv.write_csv(pa.table(columns, names), buffer)
     return buffer.getvalue()
+
+
+def _inert(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return a column whose texts no spreadsheet takes for formulas; see ``csv_text``."""
+    if not pa.types.is_string(column.type):
+        return column
+    begins, is_number = (pc.match_substring_regex(column, rule) for rule in (FORMULA, NUMBER))
+    quoted = pc.binary_join_element_wise("'", column, "")
+    return pc.if_else(pc.and_not(begins, is_number), quoted, column)
 
 
 def to_json(data: Any) -> bytes:

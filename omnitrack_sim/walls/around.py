@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from ctypes import CFUNCTYPE
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.arguments import check_is
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly, Part, Port
 from omnitrack_sim.pipes.assembly import JOINED, Stretch, touching
 from omnitrack_sim.pipes.compiled import compiled
@@ -144,6 +145,8 @@ DECIDING = {
 }
 """Attributes of walls that state a friction: these outrank those of the robot's geoms. With
 MuJoCo's own contact time, 20 ms, wheels sink in and run 2 % slower."""
+THROUGH = 1e-3
+"""Depth, m, to which a plane may reach into a bore before it is told of."""
 ATTRIBUTES = (
     "conaffinity",
     "condim",
@@ -195,6 +198,9 @@ def add_pipes(
             argument is not what it should be.
         GeometryError: a fitting of one's own has a wall that does not compile.
 
+    Warns:
+        UserWarning: a plane of the model's world lies in a bore.
+
     Example:
         >>> import mujoco
         >>> spec = mujoco.MjSpec()
@@ -211,6 +217,8 @@ def add_pipes(
     _check(spec)
     pipes = Pipes(network)
     _check_arguments(spec, pipes.assembly, friction, body, attributes)
+    if body is None:
+        _warn_of_planes(spec, pipes.assembly)
     walls = wall_attributes(friction, attributes)
     depths = solid_depths(pipes.assembly)
     ends = {end: end_depth(pipes.assembly, end, depths) for end in pipes.assembly.closed_ends}
@@ -300,6 +308,25 @@ def _check(spec: mujoco.MjSpec) -> None:
     ]
     if faults:
         raise InputError(faults)
+
+
+def _warn_of_planes(spec: mujoco.MjSpec, network: Assembly) -> None:
+    """Warn of a floor of the model that stands in a bore."""
+    points = np.concatenate(
+        [part.bore_samples(stretch) for part in network.parts for stretch in part.stretches()]
+    )
+    for geom in spec.worldbody.geoms:
+        touches = geom.contype | geom.conaffinity
+        if geom.type != mujoco.mjtGeom.mjGEOM_PLANE or not touches:
+            continue
+        normal, place = matrix_from_quaternion(np.array(geom.quat))[:, 2], np.array(geom.pos)
+        if ((points - place) @ normal).min() < -THROUGH:
+            warnings.warn(
+                f"the plane {geom.name!r} of the world lies in the pipes, and the robot would "
+                "stand on it: delete it (spec.delete), or take ot.Mjcf(file=...).spec(), which is "
+                "the robot of a file alone",
+                stacklevel=3,
+            )
 
 
 def _check_arguments(

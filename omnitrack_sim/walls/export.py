@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.base.text import csv_text
 from omnitrack_sim.base.writing import check_folder, write_files
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.walls.geoms import add_plates, add_walls, new_spec
@@ -60,9 +60,7 @@ def centreline_table(pipes: Assembly) -> str:
 
     ``s_m`` is the arc length from the port ``from``; points and unit tangents in the world frame.
     """
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
+    table: list[Sequence[str]] = [COLUMNS]
     for part in pipes.parts:
         for enter, leave in combinations(part.fitting.port_names, 2):
             line = part.axis(enter, leave)
@@ -70,8 +68,8 @@ def centreline_table(pipes: Assembly) -> str:
             point, tangent, _, curvature = line.at(s)
             for row in np.column_stack([s, point, tangent, curvature]):
                 # Adding 0.0 turns -0.0 into 0.0, which would otherwise be written as "-0".
-                table.writerow([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
-    return text.getvalue()
+                table.append([part.name, enter, leave, *(f"{value + 0.0:.9g}" for value in row)])
+    return csv_text(table)
 
 
 def network_geojson(pipes: Assembly) -> str:

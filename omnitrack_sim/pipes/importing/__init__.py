@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.reading import exists, faults_of, read_bytes
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes.importing.assumptions import Import, ImportSettings, check_schedule
 from omnitrack_sim.pipes.importing.building import build
 from omnitrack_sim.pipes.importing.epanet import read_epanet
@@ -74,7 +75,7 @@ def _example(name: str) -> Path:
         return towns[name]
     problem = "no such file, nor a town of wntr of that name"
     if not towns:
-        problem += "; wntr, which has some, is not installed: pip install 'omnitrack_sim[town]'"
+        problem += f"; wntr, which has some, is not installed: {installing('town')}"
     raise NetworkError(Fault(name, problem, tuple(towns), given=name))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from omnitrack_sim.base.bounds import MAX_TOWN_LENGTH, too_long
 from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.rotations import Array, length
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes.importing.assumptions import ImportNote, ImportSettings, true_bore
 from omnitrack_sim.pipes.importing.drawing import Drawing, DrawnPipe
 
@@ -144,7 +145,7 @@ def _model(path: Path) -> Any:
     try:
         wntr = importlib.import_module("wntr")
     except ImportError as error:
-        problem = "is a file of EPANET, which wntr reads: pip install 'omnitrack_sim[town]'"
+        problem = f"is a file of EPANET, which wntr reads: {installing('town')}"
         raise NetworkError(Fault(path.name, problem)) from error
     try:
         return wntr.network.WaterNetworkModel(str(path))

@@ -5,6 +5,7 @@ Lengths are pixels of a film with 720 lines, unless something else is said.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,17 +15,21 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.record.display import Bar, StatusText
+from omnitrack_sim.record.display import Bar, Colour, StatusText
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.show.film.shots import Eye
 from omnitrack_sim.show.landmarks import Landmarks
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.projection import axis_lines, clearest
 
-LEFT, WIDTH, HEIGHT = 18, 337, 224
-"""Margin, width and height of the status panel."""
+LEFT, WIDTH = 18, 337
+"""Margin and width of the status panel."""
+BARS, BAR_APART, CLOSE_APART, FEW_BARS = 128, 30, 22, 3
+"""Height above the first bar, distance of bars, and of more than so many."""
 SHORT = 108
 """Height of a status panel without bars."""
+LABEL, TEXT, INSET = 172, 304, 16
+"""Widest label of a bar, width of all text of a panel, and its distance from the edge."""
 CAMERA_HEIGHT, CAMERA_GAP = 206, 10
 """Height of the panel of the robot's cameras, and its distance from the status panel below it."""
 MARGIN = 14
@@ -36,8 +41,9 @@ NOSE_FIRST, TAIL_FIRST = (255, 205, 70), (240, 120, 170)
 """Colours of the travelled path by gear. All colours are 8-bit RGB, panels with their opacity."""
 _PANEL, _TEXT, _FAINT = (14, 18, 24, 190), (240, 243, 246), (160, 168, 178)
 _EDGE, _PIPE, _ROBOT = (14, 18, 24), (120, 131, 144), (255, 255, 255)
-_FORCE = (209, 0, 108)
 _PLATE, _GOAL, _ESTIMATE = (226, 74, 60), (255, 230, 120), (90, 220, 255)
+_LUMINANCE, DARK = (0.21, 0.72, 0.07), 0.38
+"""Shares of red, green and blue in the luminance, and that below which a colour is dark."""
 _FINER = 3  # the map is drawn so many times larger and then reduced, for smooth lines
 _TILE, _GAP = 144, 16  # width of a camera's picture; space around it
 # A power below one spreads the far end of the range, where most of a straight pipe's pixels are.
@@ -99,7 +105,13 @@ class StatusPanel(Panel):
     def __init__(self, status: Callable[[int], StatusText], size: tuple[int, int]) -> None:
         super().__init__(size)
         self._large, self._small = font(self._px(26)), font(self._px(17))
-        self._status, self._full = status, HEIGHT if status(0).bars else SHORT
+        bars = status(0).bars
+        few = len(bars) <= FEW_BARS
+        self._apart = BAR_APART if few else CLOSE_APART
+        self._letters = self._small if few else font(self._px(15))
+        self._status, self._full = status, BARS + self._apart * len(bars) + 6 if bars else SHORT
+        widest = max((self._letters.getlength(bar.label) for bar in bars), default=0.0)
+        self._label = min(LABEL, max(12.0, widest / self.scale))
         self.top = LEFT + self._full
 
     def write(self, frame: NDArray[np.uint8], row: int) -> None:
@@ -109,27 +121,32 @@ class StatusPanel(Panel):
             return
         corner, image, draw = opened
         px, small, status = self._px, self._small, self._status(row)
-        title = _cut(status.title, self._large, px(304))
-        draw.text((px(16), px(10)), title, font=self._large, fill=_TEXT)
+        # A long title is small before it is cut.
+        fits = self._large.getlength(status.title) <= px(TEXT)
+        letters, top = (self._large, 10) if fits else (small, 17)
+        title = _cut(status.title, letters, px(TEXT))
+        draw.text((px(INSET), px(top)), title, font=letters, fill=_TEXT)
         for number, line in enumerate(status.lines):
-            place = (px(16), px(46 + 26 * number))
-            draw.text(place, _cut(line, small, px(304)), font=small, fill=_TEXT)
-        draw.text((px(16), px(100)), status.caption, font=small, fill=_FAINT)
+            place = (px(INSET), px(46 + 26 * number))
+            draw.text(place, _cut(line, small, px(TEXT)), font=small, fill=_TEXT)
+        draw.text((px(INSET), px(100)), status.caption, font=small, fill=_FAINT)
         for number, bar in enumerate(status.bars):
-            self._bar(draw, px(16), px(128 + 30 * number), bar)
+            self._bar(draw, px(INSET), px(BARS + self._apart * number), bar)
         corner[:] = np.asarray(image)
 
     def _bar(self, draw: ImageDraw.ImageDraw, left: int, top: int, bar: Bar) -> None:
-        """Label, bar from the middle (positive to the right) and figure."""
-        # Mixed with some white, colours stand out on a dark panel.
-        px, colour = self._px, tuple(round(255 * (0.12 + 0.88 * part)) for part in bar.colour)
-        draw.text((left, top), bar.label, font=self._small, fill=colour)
-        box = (left + px(28), top + px(4), left + px(228), top + px(18))
+        """Label, bar from the middle or from the left (positive to the right) and figure."""
+        px, colour = self._px, _on_dark(bar.colour)
+        label = _cut(bar.label, self._letters, px(self._label))
+        draw.text((left, top), label, font=self._letters, fill=colour)
+        right = px(max(228, self._label + 80))
+        box = (left + px(self._label + 16), top + px(4), left + right, top + px(18))
         draw.rectangle(box, fill=(255, 255, 255, 28))
-        middle = left + px(128)
-        end = middle + round(px(100) * bar.share)
-        draw.rectangle((min(middle, end), box[1], max(middle, end), box[3]), fill=colour)
-        draw.line((middle, top + px(1), middle, top + px(21)), fill=_FAINT, width=px(1.5))
+        half = (box[2] - box[0]) // 2
+        start = box[0] + half if bar.has_sign else box[0]
+        end = start + round((half if bar.has_sign else 2 * half) * bar.share)
+        draw.rectangle((min(start, end), box[1], max(start, end), box[3]), fill=colour)
+        draw.line((start, top + px(1), start, top + px(21)), fill=_FAINT, width=px(1.5))
         text = bar.text.replace("-", "\u2212")
         draw.text((left + px(300), top), text, font=self._small, fill=_TEXT, anchor="ra")
 
@@ -203,31 +220,47 @@ def levels(picture: Array, unit: str) -> NDArray[np.uint8]:
     return np.where(known, 1 + np.round(254 * bright), 0).astype(np.uint8)
 
 
-def draw_forces(frame: NDArray[np.uint8], points: Array, lines: Array, eye: Eye) -> None:
+def draw_forces(frame: NDArray[np.uint8], forces: tuple[Array, Array, Array], eye: Eye) -> None:
     """Draw forces on the robot: a disc where each acts, and a line along it.
 
     Args:
         frame: picture (h, w, 3) to draw into.
-        points: (n, 3) m, world frame.
-        lines: (n, 3) m, along the forces.
+        forces: points (n, 3) m and lines (n, 3) m along the forces, world frame, and red, green,
+            blue (n, 3) of each.
         eye: that has seen the picture.
     """
+    points, lines, colours = forces
     height, width, _ = frame.shape
     ends = np.stack([points, points + lines], axis=1).reshape(-1, 3)
     pixels, ahead = eye.pixels(ends, (_FINER * width, _FINER * height))
     shown = ahead.reshape(-1, 2).all(axis=1)
     if not shown.any():
         return
-    sheet = Image.new("RGBA", (_FINER * width, _FINER * height), (*_FORCE, 0))
-    draw, unit = ImageDraw.Draw(sheet), _FINER * min(height / 720, width / 1280)
-    for start, end in pixels.reshape(-1, 2, 2)[shown]:
-        line = [tuple(start.tolist()), tuple(end.tolist())]
-        draw.line(line, fill=(*_FORCE, 255), width=max(1, round(3.0 * unit)))
-        _disc(draw, start, max(_FINER, 4.5 * unit), fill=(*_FORCE, 255))
-    image = Image.fromarray(frame)
-    small = sheet.reduce(_FINER)
-    image.paste(small.convert("RGB"), (0, 0), small.getchannel("A"))
-    frame[:] = np.asarray(image)
+    # Drawn over the picture itself, where they are: that is all that is enlarged and reduced.
+    ends = pixels.reshape(-1, 2, 2)[shown]
+    unit = _FINER * min(height / 720, width / 1280)
+    room = math.ceil(8 * unit / _FINER) + 1
+    low = np.clip(np.floor(ends.min(axis=(0, 1)) / _FINER) - room, 0, [width, height]).astype(int)
+    high = np.clip(np.ceil(ends.max(axis=(0, 1)) / _FINER) + room, 0, [width, height]).astype(int)
+    if not (high > low).all():
+        return
+    (x, y), (right, bottom) = low.tolist(), high.tolist()
+    corner = Image.fromarray(np.ascontiguousarray(frame[y:bottom, x:right]))
+    size = (_FINER * corner.width, _FINER * corner.height)
+    sheet = corner.resize(size, Image.Resampling.NEAREST)
+    draw = ImageDraw.Draw(sheet)
+    for line, colour in zip(ends - _FINER * low, colours[shown], strict=True):
+        # A dark edge sets off arrows from what has their colour.
+        for fill, thick in ((_EDGE, 5.5), (_on_dark(colour.tolist()), 3.0)):
+            draw.line([tuple(end) for end in line.tolist()], fill=fill, width=round(thick * unit))
+            _disc(draw, line[0], max(_FINER, (thick + 1.5) * unit), fill=fill)
+    frame[y:bottom, x:right] = np.asarray(sheet.reduce(_FINER))
+
+
+def _on_dark(colour: Colour | list[float]) -> tuple[int, ...]:
+    """Return a colour for a dark ground, mixed with some white to stand out; more if it is dark."""
+    white = 0.12 if np.dot(_LUMINANCE, colour) > DARK else 0.4
+    return tuple(round(255 * (white + (1 - white) * part)) for part in colour)
 
 
 class MapPanel(Panel):

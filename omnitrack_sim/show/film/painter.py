@@ -257,6 +257,8 @@ NEAR_MAP, FINE_NEAR_MAP, FAR_MAP = 768, 1024, 3072
 texels: those of the robot are finer than the pixels of a film in its default size."""
 GROUND = (0.145, 0.168, 0.2)
 """Red, green, blue behind everything outside of a pipe."""
+DAYLIGHT = (0.74, 0.81, 0.88)
+"""The same where the eye has a lamp: what is seen through an open end."""
 _TO_TEXELS = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
 _HERE = np.eye(3, 4)  # the pose of the world, which pipes belong to
 
@@ -409,7 +411,7 @@ class Painter:
         GL.glEnable(GL.GL_SCISSOR_TEST)
         GL.glScissor(*box)
         _test_depths(GL.GL_CW)  # rows come from the top
-        GL.glClearColor(*((0.0, 0.0, 0.0) if self._lamp else GROUND), 1.0)
+        GL.glClearColor(*(DAYLIGHT if self._lamp else GROUND), 1.0)
         GL.glClear(int(GL.GL_COLOR_BUFFER_BIT) | int(GL.GL_DEPTH_BUFFER_BIT))
         bind(0, self._near.depths)
         bind(1, self._far.depths)

@@ -18,6 +18,7 @@ from omnitrack_sim.base.arguments import check_time, check_times
 from omnitrack_sim.base.errors import Fault, InputError, RenderError
 from omnitrack_sim.base.workers import LocalPool
 from omnitrack_sim.base.writing import check_file
+from omnitrack_sim.record.display import StatusText
 from omnitrack_sim.show.film.encoding import Image, film, film_format
 from omnitrack_sim.show.film.overlay import (
     MARGIN,
@@ -26,8 +27,9 @@ from omnitrack_sim.show.film.overlay import (
     Panel,
     StatusPanel,
 )
+from omnitrack_sim.show.film.shots import is_outside
 from omnitrack_sim.show.film.stage import Stage
-from omnitrack_sim.show.playback import Playback
+from omnitrack_sim.show.playback import STANDARD, Playback
 from omnitrack_sim.show.run_playback import CAMERAS
 from omnitrack_sim.show.sources import Source, cameras_of, playback_of
 
@@ -105,13 +107,26 @@ def stage_of(
     panels: list[Panel] = []
     covered, album = 0.0, playback.album
     if overlay:
-        panels.append(StatusPanel(playback.status, size))
+        panels.append(StatusPanel(_status_of(playback, camera), size))
         if album is not None:
             panels.append(CameraPanel(album, playback, size, panels[-1].top))
         covered = (panels[-1].top + MARGIN) / 720
     if inset and camera != "side" and playback.landmarks is not None:
         panels.append(MapPanel(playback, playback.landmarks, size))
     return Stage(playback, size, camera, panels=panels, covered=covered, fine=fine)
+
+
+def _status_of(playback: Playback, camera: str) -> Callable[[int], StatusText]:
+    """Return the status by sample; it says where a camera of the model is outside the pipes."""
+    mount = None if camera in STANDARD else playback.mounts[camera]
+    if mount is None or not is_outside(playback, mount):
+        return playback.status
+
+    def status(row: int) -> StatusText:
+        own = playback.status(row)
+        return own._replace(title=f"seen from outside, {own.title}")
+
+    return status
 
 
 def painted(

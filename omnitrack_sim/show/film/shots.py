@@ -377,23 +377,64 @@ class FollowCamera(FilmCamera):
         return Framing(eye, sun, tuple(clearness.tolist()))
 
 
-class OnboardCamera(FilmCamera):
-    """Camera that a body carries, in the light of its own lamp."""
-
-    lamp = True
+class CarriedCameraShots(FilmCamera):
+    """Base of the cameras that a body, or the world, carries."""
 
     def __init__(self, playback: Playback, aspect: float, mount: CarriedCamera) -> None:
         super().__init__(playback, aspect)
         self._mount = mount
 
-    def shot(self, row: int, data: mujoco.MjData) -> Framing:
-        """See ``FilmCamera``."""
+    def _eye(self, data: mujoco.MjData) -> Eye:
         mount, body = self._mount, data.model.body(self._mount.body).id
         rotation = matrix_from_quaternion(np.array(data.xquat[body]))
         position = data.xpos[body] + rotation @ np.array(mount.position)
         frame, near = rotation @ np.array(mount.frame), self._size * _ONBOARD_NEAR
-        eye = Eye(position, frame, np.radians(mount.angle_deg), near, self._size * _FAR)
+        return Eye(position, frame, np.radians(mount.angle_deg), near, self._size * _FAR)
+
+
+class OnboardCamera(CarriedCameraShots):
+    """Camera within the pipes, in the light of its own lamp."""
+
+    lamp = True
+
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
+        """See ``FilmCamera``."""
+        eye = self._eye(data)
         return Framing(eye, None, tuple(self._visible(eye)))
+
+
+class OutsideCamera(CarriedCameraShots):
+    """Camera outside the pipes, which looks into them as if they were cut open.
+
+    Args:
+        playback: that is seen.
+        aspect: width over height of the pictures.
+        mount: the camera.
+        reach: of the robot about its centre, m.
+    """
+
+    def __init__(
+        self, playback: Playback, aspect: float, mount: CarriedCamera, reach: float
+    ) -> None:
+        super().__init__(playback, aspect, mount)
+        self._reach = reach
+
+    def shot(self, row: int, data: mujoco.MjData) -> Framing:
+        """See ``FilmCamera``."""
+        eye, centre = self._eye(data), np.array(data.xpos[self._playback.body])
+        right, up, back = eye.frame.T
+        towards, shadow = over_the_shoulder(back, right, up), self._size * SHADOW_REACH
+        sun = Sun(towards, centre, self._reach, shadow)
+        return Framing(eye, sun, tuple(self._visible(eye)))
+
+
+def is_outside(playback: Playback, mount: CarriedCamera) -> bool:
+    """Return whether a camera is outside the pipes at the first sample."""
+    data = mujoco.MjData(playback.model)
+    playback.place(data, 0)
+    body = playback.model.body(mount.body).id
+    place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ np.array(mount.position)
+    return float(playback.network.signed_distance(place)[0]) < 0.0
 
 
 def _near_path(playback: Playback) -> Array:

@@ -13,21 +13,26 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.show.film.overlay import Panel, draw_forces
 from omnitrack_sim.show.film.shots import (
     FilmCamera,
     FollowCamera,
     OnboardCamera,
+    OutsideCamera,
     SideCamera,
+    is_outside,
 )
 from omnitrack_sim.show.playback import STANDARD, Playback
 from omnitrack_sim.show.surfaces import (
     SEAM_ANGLES,
+    Surface,
     body_spheres,
     cut_pipe,
     geoms_surface,
     pipe_inside,
+    rings,
     seam,
 )
 
@@ -84,7 +89,7 @@ class Stage:
         row = self.playback.row(time)
         frame = self.paint(row)
         if self.playback.forces is not None:
-            draw_forces(frame, *self.playback.forces.lines(row), self._eye)
+            draw_forces(frame, self.playback.forces.lines(row), self._eye)
         for panel in self._panels:
             panel.write(frame, row)
         return frame
@@ -108,8 +113,12 @@ class Stage:
     def _camera_of(self, name: str, covered: float) -> FilmCamera:
         playback, aspect = self.playback, self._aspect
         if name not in STANDARD:
-            return OnboardCamera(playback, aspect, playback.mounts[name])
+            mount = playback.mounts[name]
+            if not is_outside(playback, mount):
+                return OnboardCamera(playback, aspect, mount)
         reach = _REACH * max(self._extent(row) for row in playback.extremes)
+        if name not in STANDARD:
+            return OutsideCamera(playback, aspect, playback.mounts[name], reach)
         if name == "follow":
             return FollowCamera(playback, aspect, reach)
         return SideCamera(playback, aspect, reach, covered)
@@ -134,7 +143,8 @@ class Stage:
         for part in network.parts:
             towards = part.pose.rotation.T @ cut
             wall = cut_pipe(part.fitting, towards) if cut.any() else pipe_inside(part.fitting)
-            pipes.append(wall.placed(part.pose))
+            marks = rings(part) if self._camera.lamp else []
+            pipes.append(Surface.joined([wall.placed(part.pose), *marks]))
         self._joined = []
         for (i, port), (j, other) in network.joints:
             a, b = network.parts[i], network.parts[j]
@@ -175,5 +185,5 @@ def _open_context(width: int, height: int) -> Any:
             reasons.append(f"{backend}: {error}")
     hint = f"On Debian or Ubuntu: {APT_LINE}"
     if sys.platform != "linux":
-        hint = "It needs GLFW: pip install 'omnitrack_sim[view]'"
+        hint = f"It needs GLFW: {installing('view')}"
     raise RenderError(f"no offscreen OpenGL ({'; '.join(reasons)}). {hint}")

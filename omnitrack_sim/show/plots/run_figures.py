@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,16 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.record.channels import Channel, Display, Vector
-from omnitrack_sim.record.display import MODULE_COLOURS, Curve
+from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.show.legend import Legend, merged
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
-    CURVE_COLOURS,
     GREY,
     INK,
     PAGE,
@@ -34,6 +34,7 @@ from omnitrack_sim.show.plots.style import (
     page,
 )
 from omnitrack_sim.show.projection import aligned, bore_faces
+from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.sources import Source, playback_of
 
 if TYPE_CHECKING:
@@ -63,11 +64,17 @@ _ERRORS_SHOWN = 95.0
 the robot claims to know its orientation: before, its band is as wide as a circle."""
 LEFT, RIGHT = 0.42, 0.08
 """Margins of a page of panels, inches."""
-_ABOVE, _BELOW = 0.78, 0.36  # inches: title and legends above the panels, times below them
+_TITLE, _HEAD, _BELOW = 0.28, 0.48, 0.36
+"""Inches: height of the title, of all above the panels but for the legends, and of the times below.
+"""
+_ABOVE = _HEAD + 2 * 0.15  # inches above the panels with two lines of legends
 _BESIDE, _BETWEEN, _HEIGHT = 0.44, 0.27, 0.82  # inches between columns, between rows; of a panel
-_MAX_LEGEND = 80
-"""Characters of a legend that fit into one line."""
-_LEGEND, _LEGEND_HEAD = 0.15, 0.55  # inches: of one line of a legend, and of a word before it
+_MAX_LEGEND = 105
+"""Characters of a legend that fit into one line of a page."""
+_LEGEND, _LETTER, _LEGEND_GAP = 0.15, 0.053, 0.1
+"""Inches: height of one line of a legend, width of a letter before it, and the gap behind that."""
+MAX_NAME = 60
+"""Characters of a name in a legend."""
 _MIN_SPAN = 1e-4
 """Least span of an axis over its largest value: below it are rounding errors, and ticks that differ
 in their sixth digit."""
@@ -89,11 +96,12 @@ def has_modules(channel: Channel) -> bool:
     return channel.display.summed or channel.shape == (len(MODULE_COLOURS),)
 
 
-def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None = None) -> None:
+def draw_panel(axis: Axes, playback: RunPlayback, name: str, module: int | None = None) -> None:
     """Draw lines of a channel over time: one a module in its colour, or those of one ``module``.
 
     ``module`` is 1 to 3. The command is drawn where there is one. Phases are not; see ``shade``.
     """
+    trajectory = playback.run.trajectory
     time, values = trajectory.time, display_values(trajectory, name)
     display = trajectory.schema[name].display
     command = display_values(trajectory, display.command) if display.command else None
@@ -106,7 +114,7 @@ def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None
     elif values.ndim == 1:
         axis.plot(time, values, color=INK)
     else:
-        _draw_columns(axis, trajectory, values, trajectory.schema[name])
+        _draw_columns(axis, playback, values, trajectory.schema[name])
         if command is not None:
             _draw_commands(axis, time, command)
     limits = limits_of(display, values if command is None else np.stack([values, command]))
@@ -114,37 +122,16 @@ def draw_panel(axis: Axes, trajectory: Trajectory, name: str, module: int | None
         axis.set_ylim(*limits)
 
 
-def _draw_columns(axis: Axes, trajectory: Trajectory, values: NDArray, channel: Channel) -> None:
+def _draw_columns(axis: Axes, playback: RunPlayback, values: NDArray, channel: Channel) -> None:
     """One line a column: a module, a component of a vector, or what the channel has names for."""
-    modules, time = has_modules(channel), trajectory.time
-    if channel.names:
-        for column, look in _named_looks(trajectory, channel).items():
-            axis.plot(time, values[:, column], **look)
+    time = playback.time
+    if not has_modules(channel):
+        for column, label, colour in playback.lines_of(channel):
+            axis.plot(time, values[:, column], label=label, color=colour)
         return
     for i, column in enumerate(values.T):
-        look: dict[str, Any] = {"label": channel.columns[i].removeprefix(f"{channel.name}_")}
-        if modules:
-            look = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}"} | LINES[i]
+        look: dict[str, Any] = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}"} | LINES[i]
         axis.plot(time, column, **look)
-
-
-def _named_looks(trajectory: Trajectory, channel: Channel) -> dict[int, dict[str, Any]]:
-    """Return the looks of the lines of a channel with names, by column.
-
-    Only what moves, acts or touches at all has a line. Few of them have a colour each, in the order
-    of their names, so that it is that of what has the same names elsewhere.
-    """
-    alike = [one for one in trajectory.schema.values() if one.names == channel.names]
-    moving = [(trajectory[one.name] != 0).any(axis=0).ravel() for one in alike]
-    acts = np.any(moving, axis=0)
-    acting = np.flatnonzero(acts if acts.any() else ~acts).tolist()
-    columns = sorted(acting, key=lambda column: channel.names[column])
-    names = [channel.names[column] for column in columns]
-    apart = len(names) <= len(CURVE_COLOURS) and _width(names) <= _MAX_LEGEND
-    return {
-        column: {"label": name} | ({"color": CURVE_COLOURS[i]} if apart else {})
-        for i, (column, name) in enumerate(zip(columns, names, strict=True))
-    }
 
 
 def _draw_commands(axis: Axes, time: NDArray, commands: NDArray) -> None:
@@ -175,9 +162,16 @@ def limits_of(display: Display, values: NDArray) -> tuple[float, float] | None:
     return (low, high) if high > low else None
 
 
-def _width(names: Sequence[str]) -> int:
-    """Length of a legend with these names, characters."""
-    return sum(len(name) + 5 for name in names)
+def legend_columns(names: Sequence[str], width: int) -> int:
+    """Most columns of a legend with these names, filled one after the other, that fit.
+
+    ``width`` is in characters; one column where none fits.
+    """
+    lengths = np.array([len(name) + 5 for name in names])
+    for columns in range(len(names), 1, -1):
+        if sum(own.max() for own in np.array_split(lengths, columns)) <= width:
+            return columns
+    return 1
 
 
 def draw_error(axis: Axes, trajectory: Trajectory, name: str) -> None:
@@ -268,25 +262,37 @@ class PanelGrid:
         axis.yaxis.set_label_coords(0.0, 1.04)
         return axis
 
-    def legend(self, handles: list, down: float, head: str = "") -> None:
-        """Draw a legend from the left, ``down`` inches below the top, with ``head`` before it.
+    def legend(
+        self,
+        handles: list,
+        down: float,
+        head: str = "",
+        left: float = LEFT,
+        width: float = PAGE - LEFT,
+    ) -> int:
+        """Draw a legend, ``down`` inches below the top, with ``head`` before it; return its lines.
 
-        A long one has several lines.
+        It begins ``left`` inches from the left, and is at most ``width`` inches wide; ``head`` is
+        above one that stands further to the right than the panels.
         """
         if not handles:
-            return
+            return 0
         names = [handle.get_label() for handle in handles]
-        lines = -(-_width(names) // _MAX_LEGEND)
-        left, top = LEFT / PAGE, 1 - down / self.height
+        above = bool(head) and left > LEFT
+        beside = 0 if above else len(head)
+        columns = legend_columns(names, _letters(width) - beside)
+        left, top = left / PAGE, 1 - down / self.height
         if head:
             self.figure.text(left, top, head, size=7, color=INK, va="top")
-            left += _LEGEND_HEAD / PAGE
+            left += (_LETTER * beside + _LEGEND_GAP * (not above)) / PAGE
+            top -= above * _LEGEND / self.height
         self.figure.legend(
             handles=handles,
             loc="upper left",
             bbox_to_anchor=(left, top),
-            ncols=-(-len(names) // max(1, lines)),
+            ncols=columns,
         )
+        return -(-len(names) // columns) + above
 
 
 OF_ROBOT = ("distance", "tilt", "offset")
@@ -329,26 +335,27 @@ def plot_summary(
         15
     """
     playback = playback_of(source)
-    draw = _recording_figure if playback.result is None else _summary
-    return page(lambda: draw(playback), path, format)
+
+    def draw() -> Figure:
+        return _summary(playback) if isinstance(playback, RunPlayback) else _recorded(playback)
+
+    return page(draw, path, format)
 
 
-def _summary(playback: Playback) -> Figure:
+def _summary(playback: RunPlayback) -> Figure:
     """Return the panels that the robot of a run chooses."""
-    result = playback.result
-    assert result is not None
+    result = playback.run
     trajectory = result.trajectory
     errors = ERRORS if "distance_estimate" in trajectory.channels else {}
-    summary = result.scenario.robot.display.summary
-    named = _named_lines(result)
-    above = _ABOVE + _LEGEND * max(0, len(named) - 1)  # the first has the place of the modules
-    grid = PanelGrid(len(summary) + bool(errors), len(summary[0]), above)
+    summary = _filled(result.scenario.robot.display.summary, trajectory)
+    legends = _summary_legends(playback, bool(errors))
+    grid = PanelGrid(len(summary) + bool(errors), COLUMNS, _HEAD + _heights(legends))
     for row, panels in enumerate(summary):
         for column, (channel, module) in enumerate(panels):
             label = trajectory.schema[channel].display.label(module)
             axis = grid.add(row, column, label)
             shade(axis, trajectory)
-            draw_panel(axis, trajectory, channel, module)
+            draw_panel(axis, playback, channel, module)
             if module is not None and (limits := _limits_of_all(trajectory, channel)) is not None:
                 axis.set_ylim(*limits)
     for column, (channel, display) in enumerate(errors.items()):
@@ -356,24 +363,61 @@ def _summary(playback: Playback) -> Figure:
         shade(axis, trajectory)
         draw_error(axis, trajectory, channel)
     headline(grid.figure, result.scenario.name, _outcome(result), LEFT, result.success)
-    grid.legend(_line_handles(result, bool(errors)), 0.28)
-    for number, (head, handles) in enumerate(named.items()):
-        grid.legend(handles, 0.28 + _LEGEND * number, head)
-    grid.legend(_phase_handles(trajectory), 0.43 + above - _ABOVE)
+    for number, (head, handles) in enumerate(legends):
+        grid.legend(handles, _TITLE + _heights(legends[:number]), head)
     return grid.figure
 
 
-def _named_lines(result: Result) -> dict[str, list[Any]]:
-    """Legends of the panels whose lines have names of their own, by what these name."""
+_Panels = Sequence[tuple[str, int | None]]
+
+
+def _filled(summary: Sequence[_Panels], trajectory: Trajectory) -> list[_Panels]:
+    """Return the panels that have data, in rows as given; in full rows where one has none."""
+    with_data = [
+        [(name, module) for name, module in row if trajectory[name].size] for row in summary
+    ]
+    if with_data == [list(row) for row in summary]:
+        return list(summary)
+    every = [panel for row in with_data for panel in row]
+    return [every[i : i + COLUMNS] for i in range(0, len(every), COLUMNS)]
+
+
+def _summary_legends(playback: RunPlayback, estimates: bool) -> list[tuple[str, list[Any]]]:
+    """Legends of a summary with words before them: lines, and phases where there are several."""
+    trajectory, legends = playback.run.trajectory, [("", _line_handles(playback, estimates))]
+    legends += _legend_lines(playback.legends.values()).items()
+    phases = _phase_handles(trajectory)
+    legends += [("", phases)] if len(phases) > 1 else []
+    return [(head, handles) for head, handles in legends if handles]
+
+
+def _heights(legends: Sequence[tuple[str, list[Any]]]) -> float:
+    """Height of legends below each other, inches."""
+    return _LEGEND * sum(_rows(handles, head) for head, handles in legends)
+
+
+def _rows(handles: Sequence[Any], head: str) -> int:
+    """Lines of a legend with a word before it."""
+    names = [handle.get_label() for handle in handles]
+    return -(-len(names) // legend_columns(names, _letters(PAGE - LEFT) - len(head)))
+
+
+def _letters(width: float) -> int:
+    """Characters of a legend that fit into one line of ``width`` inches."""
+    return round(_MAX_LEGEND * width / (PAGE - LEFT))
+
+
+def _legend_lines(legends: Iterable[Legend]) -> dict[str, list[Any]]:
+    """Legends of panels whose lines are of parts of the robot, by what these are."""
     from matplotlib.lines import Line2D
 
-    legends: dict[str, list[Any]] = {}
-    for channel, _ in (panel for row in result.scenario.robot.display.summary for panel in row):
-        schema = result.trajectory.schema[channel]
-        looks = _named_looks(result.trajectory, schema).values() if schema.names else ()
-        if looks and all("color" in look for look in looks):
-            legends[schema.display.each] = [Line2D([], [], **look) for look in looks]
-    return legends
+    return {
+        legend.heading: [
+            Line2D([], [], color=colour, label=clipped(short, MAX_NAME))
+            for short, _, colour in legend.rows
+        ]
+        for legend in merged(legends)
+    }
 
 
 def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] | None:
@@ -387,17 +431,17 @@ def _outcome(result: Result) -> str:
     return f"{result.ending} after {result.duration_s:.2f} s"
 
 
-def _line_handles(result: Result, estimates: bool) -> list[Any]:
+def _line_handles(playback: RunPlayback, estimates: bool) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    columns = result.scenario.robot.display.columns
+    columns = playback.columns
     lines: list[Any] = [
         Line2D([], [], color=colour, label=name, **LINES[i])
         for i, (name, colour) in enumerate(columns)
     ]
     if not columns:
-        return []  # see _named_lines
+        return []  # see _legend_lines
     lines.append(Line2D([], [], label="command", **COMMAND))
     if estimates:
         lines.append(Patch(fc=BAND_COLOUR, label=f"{BAND:.0f} sigma of the estimate"))
@@ -551,7 +595,8 @@ def plot_channel(
         >>> ot.plot_channel(result, channel="normal_force", module=2).axes[0].get_ylabel()
         'Normal force, module 2 [N]'
     """
-    run = as_result(result)
+    playback = RunPlayback(as_result(result))
+    run = playback.run
     schema = run.trajectory.schema
     if channel not in schema:
         raise InputError(Fault("channel", f"is {channel!r}", tuple(schema), str(channel)))
@@ -563,7 +608,7 @@ def plot_channel(
 
     def draw(axis: Axes) -> None:
         shade(axis, run.trajectory)
-        draw_panel(axis, run.trajectory, channel, module)
+        draw_panel(axis, playback, channel, module)
         axis.set_xlabel("time [s]")
         axis.set_ylabel(schema[channel].display.label(module))
         if ax is None:
@@ -580,17 +625,21 @@ def _legends(axis: Axes, trajectory: Trajectory) -> None:
     for place, handles in (("upper", lines), ("lower", _phase_handles(trajectory))):
         if handles:
             loc = f"outside {place} left"
-            figure.legend(handles=handles, loc=loc, ncols=4, borderaxespad=0.4)
+            names = [str(handle.get_label()) for handle in handles]
+            ncols = min(4, legend_columns(names, _MAX_LEGEND // 2))
+            figure.legend(handles=handles, loc=loc, ncols=ncols, borderaxespad=0.4)
 
 
 COLUMNS = 3
 """Panels beside each other."""
-_VIEWS_APART, _BELOW_VIEWS, _TALLEST_VIEW = 0.5, 0.6, 3.0
+_VIEWS_APART, _BELOW_VIEWS, _TALLEST_VIEW = 0.6, 0.6, 2.2
 """Inches between views of the way, and below them; their largest height."""
+_LEGEND_WIDE = 2.5
+"""Room beside the views, inches, from which on the legends stand there."""
 _WAY = (0.82, 0.0, 0.42)
 
 
-def _recording_figure(playback: Playback) -> Figure:
+def _recorded(playback: Playback) -> Figure:
     """Return the way in elevation and plan, and below them a panel for each curve."""
     network, curves = playback.network, playback.curves
     faces = bore_faces(network)
@@ -599,12 +648,21 @@ def _recording_figure(playback: Playback) -> Figure:
     wide, deep, tall = (high - low)[[*plan.columns, 2]]
     width = (PAGE - LEFT - RIGHT - _VIEWS_APART) / 2
     scale = min(width / wide, _TALLEST_VIEW / max(tall, deep))  # inches a metre
-    above = 0.3 + scale * max(tall, deep) + _BELOW_VIEWS
+    legends = list(_legend_lines(playback.legends.values()).items())
+    # Beside the views of a pipe that stands, above those of a long one.
+    beside = LEFT + 2 * (scale * wide + _VIEWS_APART)
+    width = PAGE - beside
+    views = _TITLE + 0.1 + (0 if width > _LEGEND_WIDE else _heights(legends))
+    above = views + scale * max(tall, deep) + _BELOW_VIEWS
     grid = PanelGrid(-(-len(curves) // COLUMNS), COLUMNS, above)
-    top = 1 - 0.38 / grid.height
+    down = _TITLE
+    for head, handles in legends:
+        place = {"left": beside, "width": width} if width > _LEGEND_WIDE else {}
+        down += _LEGEND * grid.legend(handles, down, head, **place)
+    top = 1 - (views + 0.08) / grid.height
     for number, view in enumerate((elevation, plan)):
         size = scale * np.array([wide, deep if number else tall])
-        left = (LEFT + number * (width + _VIEWS_APART) + (width - size[0]) / 2) / PAGE
+        left = (LEFT + number * (size[0] + _VIEWS_APART)) / PAGE
         bottom = top - size[1] / grid.height
         box = (left, bottom, size[0] / PAGE, size[1] / grid.height)
         axis = grid.figure.add_axes(box)
@@ -613,27 +671,26 @@ def _recording_figure(playback: Playback) -> Figure:
         flat = curves["position"].values[:, list(view.columns)]
         axis.plot(*flat.T, color=_WAY, lw=1.4, zorder=3)
         axis.plot(*flat[:1].T, "o", color=_WAY, mfc="white", ms=4, zorder=4)
-    for number, curve in enumerate(curves.values()):
+    for number, (name, curve) in enumerate(curves.items()):
         last = number + COLUMNS >= len(curves)
         axis = grid.add(*divmod(number, COLUMNS), curve.display.label(), last)
-        _draw_curve(axis, playback, curve)
-    duration = f"{len(playback.time)} samples, {np.ptp(playback.time):.2f} s"
-    headline(grid.figure, playback.name, duration, LEFT)
+        _draw_curve(axis, playback, name)
+    heading = playback.heading
+    text = f"{heading['outcome']} after {heading['duration']:.2f} s"
+    headline(grid.figure, playback.name, text, LEFT)
     return grid.figure
 
 
-def _draw_curve(axis: Axes, playback: Playback, curve: Curve) -> None:
+def _draw_curve(axis: Axes, playback: Playback, name: str) -> None:
     """Draw one panel, with the parts as bands behind it."""
+    curve = playback.curves[name]
     display, time = curve.display, playback.time
     for span in playback.passages:
         axis.axvspan(time[span.first], time[span.last], color=span.colour, lw=0, zorder=0)
-    shown = display.scale * curve.values
-    for column, values in enumerate(shown.T):
-        look: dict[str, Any] = {"color": INK}
-        if curve.names:
-            look = {"color": CURVE_COLOURS[column], "label": curve.names[column]}
-        axis.plot(time, values, **look)
-    if curve.names:
+    shown, lines = display.scale * curve.values, playback.lines(name)
+    for column, label, colour in lines:
+        axis.plot(time, shown[:, column], color=colour or INK, label=label)
+    if curve.names and display.each not in playback.legends:
         axis.legend(fontsize=5.5, ncols=3, loc="best", handlelength=1.0, columnspacing=0.8)
     if len(time) > 1:
         axis.set_xlim(time[0], time[-1])

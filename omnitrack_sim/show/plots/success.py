@@ -54,6 +54,9 @@ MAX_CELLS = 40
 MAX_TICKS, MIN_APART = 10, 0.08
 """Most values of which each has its tick, and how near two of them may be, as a part of the axis.
 """
+MIN_BINNED, FULL_GRID = 320, 2.0
+"""Trials from which on a map of random ones has bins, five in each in the mean; and points of a
+grid for each trial, up to which the trials are those of a grid."""
 BINS, QUANTILES, FEW = 8, 10, 5
 """Bins along each side of a map, and bins of a main effect.
 
@@ -339,7 +342,38 @@ def _maps(over: Sequence[Spread], groups: Spread | None, passed: Array, title: s
 
 
 def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
-    """Draw the success rate over two numbers."""
+    """Draw the success rate over two numbers; of few trials that are no grid each by itself."""
+    if len(passed) < MIN_BINNED and not _is_grid(x, y):
+        _draw_scatter(axis, x, y, passed)
+    else:
+        _draw_cells(axis, x, y, passed)
+    axis.set_xlabel(x.label)
+    axis.set_ylabel(y.label)
+
+
+def _is_grid(x: Spread, y: Spread) -> bool:
+    """Return whether trials are at most points of a grid: most of its points were tried."""
+    different = [len(np.unique(np.asarray(spread.values, float))) for spread in (x, y)]
+    return math.prod(different) <= FULL_GRID * len(x.values)
+
+
+def _draw_scatter(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
+    """Draw each trial where it was, by its outcome."""
+    places = np.stack([np.asarray(spread.values, float) for spread in (x, y)])
+    looks = {
+        "passed": (passed == 1, {"marker": "o", "color": PASSED_COLOUR, "ms": 3.6}),
+        "failed": (passed == 0, {"marker": "X", "color": FAILED_COLOUR, "ms": 4.2}),
+        "no outcome": (~np.isfinite(passed), {"marker": ".", "color": GREY, "ms": 3.0}),
+    }
+    for label, (these, look) in looks.items():
+        if these.any():
+            axis.plot(*places[:, these], ls="none", label=label, **look)
+    place: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.2)}
+    axis.legend(**place, ncols=3)
+
+
+def _draw_cells(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
+    """Draw the success rate in the cells of a grid, or in bins."""
     (column, x_edges), (row, y_edges) = _cells(x), _cells(y)
     shape = (len(y_edges) - 1, len(x_edges) - 1)
     known = np.isfinite(passed)
@@ -374,8 +408,6 @@ def _draw_map(axis: Axes, x: Spread, y: Spread, passed: Array) -> None:
         bar.ax.tick_params(**TICKS)
         bar.outline.set_visible(False)  # type: ignore[operator]
     axis.grid(False)
-    axis.set_xlabel(x.label)
-    axis.set_ylabel(y.label)
 
 
 def _tick_values(axis: Axis, spread: Spread, edges: Array) -> None:

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
-from omnitrack_sim.record.display import FORCES, ForceArrow
+from omnitrack_sim.record.display import FORCES, Colour, ForceArrow
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
 from omnitrack_sim.show.film.shots import DISTANCE, view_directions
+from omnitrack_sim.show.legend import merged
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
-from omnitrack_sim.show.plots.style import CURVE_COLOURS
 from omnitrack_sim.show.projection import clearest
 from omnitrack_sim.show.surfaces import Surface, geoms_surface, opened_pipe
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
@@ -126,12 +126,38 @@ def run_table(playback: Playback, pack: Pack, shapes: Shapes) -> dict[str, Any]:
 
 
 def panel_table(playback: Playback, name: str) -> dict[str, Any]:
-    """Return the plot of a curve."""
-    curve = playback.curves[name]
-    colours = [f"rgb({','.join(str(round(255 * part)) for part in c)})" for c in CURVE_COLOURS]
-    more = {"names": curve.names, "colours": colours} if curve.names else {}
-    table = {"channel": name, "first": name in playback.first_plots}
-    return table | more | asdict(curve.display)
+    """Return the plot of a curve; columns of what never acts have no name and no line."""
+    curve, table = playback.curves[name], {"channel": name, "first": name in playback.first_plots}
+    if curve.names:
+        names: list[str | None] = [None] * len(curve.names)
+        paints = list(names)
+        for column, word, colour in playback.lines(name):
+            names[column], paints[column] = word, css(colour or (0.0, 0.0, 0.0))
+        table |= {"names": names, "colours": paints, "told": curve.display.each in playback.legends}
+    return table | asdict(curve.display)
+
+
+def css(colour: Colour) -> str:
+    """Return a colour as style sheets have it."""
+    return f"rgb({','.join(str(round(255 * part)) for part in colour)})"
+
+
+def legends_table(playback: Playback) -> list[dict[str, Any]]:
+    """Return the legends of the robot's parts: heading, and short name, name, colour and number.
+
+    Numbers are those that stand on the bodies.
+    """
+    numbers = {badge.body: badge.text for badge in playback.badges}
+    return [
+        {
+            "heading": legend.heading,
+            "rows": [
+                [short, name, css(colour), numbers.get(name, "")]
+                for short, name, colour in legend.rows
+            ],
+        }
+        for legend in merged(playback.legends.values())
+    ]
 
 
 def phases_table(playback: Playback) -> list[dict[str, Any]]:
@@ -321,7 +347,7 @@ def robot_table(playback: Playback, pack: Pack, shapes: Shapes) -> dict[str, Any
     return {
         "bodies": bodies,
         "moved": [names[i] for i in moved],
-        "badges": [place[name] for name in playback.badges],
+        "badges": [[place[one.body], one.text, css(one.colour)] for one in playback.badges],
         "positions": pack.steps(poses[..., :3].reshape(samples, -1), POSITION_STEP),
         "turns": pack.steps(poses[..., 3:].reshape(samples, -1), TURN_STEP),
         "travel": pack.steps(playback.track_travel, POSITION_STEP),

@@ -17,6 +17,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import RenderError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 from omnitrack_sim.record.display import Lines
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.film.shots import DISTANCE, in_the_way, over_the_shoulder, upright
@@ -53,7 +54,7 @@ def covers_robot(lines: Lines, width: int, height: int) -> bool:
 
 NAME = "omnitrack_sim"
 """Name in the title of the window."""
-INSTALL = "pip install 'omnitrack_sim[view]'"
+INSTALL = installing("view")
 """Command that installs the window's library."""
 SUN = [0.26, 0.25, 0.23]
 """Red, green, blue of the sun, which throws no shadow here and may not outshine the pipes."""

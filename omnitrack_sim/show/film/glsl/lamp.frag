@@ -30,10 +30,10 @@ void main() {
   float reach = length(ray);
   ray /= reach;
   float cone = smoothstep(0.2, 0.95, dot(ray, ahead));
-  float falloff = 1.0 / (1.0 + 3.0 * reach + 22.0 * reach * reach);
+  float falloff = 1.0 / (1.5 + 3.0 * reach + 22.0 * reach * reach);
   float meets = max(-dot(n, ray), 0.0);
-  float rough = 0.84 + 0.20 * noise(110.0 * at) + 0.12 * noise(450.0 * at);
+  float rough = 0.92 + 0.08 * noise(110.0 * at) + 0.08 * noise(450.0 * at);
   vec3 light = falloff * (vec3(0.05, 0.06, 0.075)
-             + vec3(5.0, 4.7, 4.15) * cone * (0.12 + 0.88 * meets));
+             + vec3(5.3, 5.0, 4.4) * cone * (0.12 + 0.88 * meets));
   shown = vec4(1.0 - exp(-paint.rgb * rough * light), 1.0);
 }

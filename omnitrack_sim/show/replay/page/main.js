@@ -5,7 +5,7 @@ import { CAMERAS, Cameras } from "replay/cameras";
 import { Chart } from "replay/chart";
 import { Motion } from "replay/motion";
 import { RobotPictures } from "replay/pictures";
-import { columnColours, Plots } from "replay/plots";
+import { Plots } from "replay/plots";
 import { PIPES, SLIP_FULL, Stage, slipColour } from "replay/stage";
 import { listEvents, Strip } from "replay/strip";
 import { unpacked } from "replay/unpack";
@@ -44,7 +44,8 @@ class Replay {
     tellFigures(data);
     this.views = CAMERAS.filter((name) => name !== "onboard" || data.onboard);
     this.tracks = data.runs[0].robot.bodies.some((body) => body.on !== undefined);
-    tellHelp(data, KEYS.filter(([key]) => key !== "t" || this.tracks));
+    const idle = { t: !this.tracks, f: !this.motions[0].arrows.length };
+    tellHelp(data, KEYS.filter(([key]) => !idle[key]));
     listEvents(data.runs[0], seek);
     this.plots = new Plots(data, this.motions, this.span, seek);
     this.strip = new Strip(this.motions[0], this.span, seek);
@@ -78,10 +79,9 @@ class Replay {
     this.stage.lightFor(this.cameras.onboard, 0.2);
     this.arrows = new Arrows(this.stage.scene, motions[0], data.arrows);
     this.cameras.controls.addEventListener("change", () => (this.stale = true));
-    const colours = columnColours(data);
-    this.badges = motions[0].table.robot.badges.map((_, i) => {
-      const badge = element("span", {}, String(i + 1));
-      badge.style.background = colours[i];
+    this.badges = motions[0].table.robot.badges.map(([, text, colour]) => {
+      const badge = element("span", {}, text);
+      badge.style.background = colour;
       at("badges").append(badge);
       return badge;
     });
@@ -98,7 +98,8 @@ class Replay {
       return button;
     };
     this.slipButton = !this.tracks ? null : extra("slip", "colour the tracks by slip (t)", () => this.setSlip(!this.stage.slip));
-    this.forceButton = extra("forces", "arrows of forces (f)", () => this.setForces(!this.arrows.visible));
+    const arrows = this.motions[0].arrows.length;
+    this.forceButton = !arrows ? null : extra("forces", "arrows of forces (f)", () => this.setForces(!this.arrows.visible));
   }
 
   addTransport() {
@@ -170,7 +171,7 @@ class Replay {
   }
 
   setForces(on) {
-    if (!this.stage) return;
+    if (!this.stage || !this.forceButton) return;
     this.arrows.visible = on;
     this.forceButton.ariaPressed = String(on);
     this.tellLegend();
@@ -287,7 +288,7 @@ class Replay {
   placeBadges() {
     const { clientWidth: width, clientHeight: height } = at("stage");
     const { camera, mode } = this.cameras;
-    const places = this.motions[0].table.robot.badges.map((body) => {
+    const places = this.motions[0].table.robot.badges.map(([body]) => {
       this.motions[0].pose(body, point, turn);
       point.project(camera);
       return [((point.x + 1) / 2) * width, ((1 - point.y) / 2) * height, point.z];

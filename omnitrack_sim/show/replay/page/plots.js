@@ -35,6 +35,15 @@ export class Plots {
     this.colours.forEach((colour, i) => {
       keys.append(element("span", {}, dash(colour), data.columns[i][0]));
     });
+    for (const { heading, rows } of data.legends) {
+      const group = element("div", { className: "parts" }, element("b", {}, heading));
+      for (const [short, name, colour, number] of rows) {
+        const sign = number ? element("i", { className: "badge" }, number) : dash(colour);
+        if (number) sign.style.background = colour;
+        group.append(element("span", { title: name }, sign, short));
+      }
+      keys.append(group);
+    }
     if (data.panels.some((panel) => panel.command)) {
       keys.append(element("span", {}, dash(SINGLE, "dashed"), "command"));
     }
@@ -53,8 +62,8 @@ export class Plots {
     plot.bounds = boundsOf(panel, plot.curves);
     const told = plot.curves.filter((curve) => curve.told);
     const shown = told.length > MAX_READOUTS ? [] : told;
-    plot.readouts = shown.map((curve, i) => {
-      const readout = element("span", { title: panel.names?.[i] ?? "" });
+    plot.readouts = shown.map((curve) => {
+      const readout = element("span", { title: curve.name });
       readout.style.color = curve.colour;
       values.append(readout);
       return { readout, curve };
@@ -74,8 +83,10 @@ export class Plots {
       const columns = motion.curves[name] ?? [];
       columns.forEach((values, i) => {
         const own = columns.length === this.colours.length ? this.colours[i] : SINGLE;
+        const name = panel.names ? panel.names[i] : "";
+        if (name === null) return; // it never acts
         const colour = panel.colours?.[i] ?? own;
-        curves.push({ motion, values, colour, told, ...look });
+        curves.push({ motion, values, colour, told, name, ...look });
       });
     };
     const [first, second] = this.motions;
@@ -160,7 +171,9 @@ export class Plots {
       line(pen, at, TOP, at, HEIGHT - BOTTOM);
       for (const { readout, curve } of readouts) {
         const near = panel.wraps ? "nearest" : "between";
-        readout.textContent = text3(curve.motion[near](curve.values) * panel.scale);
+        // What no legend above the plots tells stands beside its value.
+        const word = curve.name && !panel.told ? `${curve.name} ` : "";
+        readout.textContent = word + text3(curve.motion[near](curve.values) * panel.scale);
       }
     }
   }

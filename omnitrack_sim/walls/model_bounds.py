@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
@@ -23,6 +25,7 @@ from omnitrack_sim.base.bounds import (
     MAX_MODEL_LEVELS,
     MAX_MODEL_MEMORY,
     MAX_MODEL_TEXT,
+    MAX_PICTURE_CELLS,
 )
 from omnitrack_sim.base.reading import read_bytes, size_of
 
@@ -35,6 +38,8 @@ MODELS = ("include", "model")
 GRIDS = ("flexcomp", "composite")
 """Elements that make a body or vertex of each cell."""
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_AROUND = b" \t\r\n\0"
+"""Bytes that MuJoCo passes over before and behind the text of a file."""
 _UNITS = {unit: 1024**power for power, unit in enumerate("KMGTPE", start=1)}
 _CELLS: Mapping[str, tuple[str, ...]] = {
     "hfield": ("nrow", "ncol"),
@@ -108,8 +113,12 @@ class _Folder:
     def size(self, names: list[str]) -> int:
         """Return the size of the first of these files that is there; 0 where none is."""
         for name in names:
-            if (self._folder / name).exists():
-                return size_of(self._folder / name, MAX_MODEL_FILES)
+            file = self._folder / name
+            if file.exists():
+                size = size_of(file, MAX_MODEL_FILES)
+                with file.open("rb") as opened:
+                    _check_picture(opened.read(_PNG.size), name)
+                return size
         return 0  # said by MuJoCo
 
 
@@ -127,11 +136,25 @@ class _Archive:
 
     def size(self, names: list[str]) -> int:
         """Return 0, as all has been counted; a file must be there by its path or by its name."""
-        there = self._archive.namelist()
-        last = {PurePosixPath(name).name for name in there}
-        if not any(name in there or name in last for name in names):
+        there = {PurePosixPath(name).name: name for name in self._archive.namelist()}
+        there |= {name: name for name in there.values()}
+        found = next((there[name] for name in names if name in there), None)
+        if found is None:
             raise ValueError(f"names {names[-1]!r}, which is not in it")
+        with self._archive.open(found) as opened:
+            _check_picture(opened.read(_PNG.size), found)
         return 0
+
+
+_PNG = struct.Struct(">8s4s4sII")
+"""Beginning of a PNG: its mark, length and name of the first part, width and height."""
+
+
+def _check_picture(head: bytes, name: str) -> None:
+    """Raise a ``ValueError`` for a PNG that unpacks to too much."""
+    if len(head) == _PNG.size and head.startswith(b"\x89PNG"):
+        *_, width, height = _PNG.unpack(head)
+        _refuse(width * height, MAX_PICTURE_CELLS, f"pixels of {name}")
 
 
 class _Demands:
@@ -151,7 +174,7 @@ class _Demands:
         if name in self._read:
             return
         self._read.add(name)
-        text = _COMMENT.sub(b"", self._files.read(name)).lstrip()
+        text = _COMMENT.sub(b"", self._files.read(name)).strip(_AROUND)
         if b"<!ENTITY" in text:
             raise ValueError("has entities of its own, which are not read")
         stack = [times]
@@ -223,3 +246,36 @@ def _refuse(value: float, most: float, what: Any) -> None:
     """Raise a ``ValueError`` for a value beyond a bound, not a number included."""
     if not value <= most:
         raise ValueError(f"asks for {value:.6g} {what}; at most {most:.6g}")
+
+
+def check_binary(model: bytes) -> None:
+    """Refuse a model in MuJoCo's binary form whose sizes are not those of its bytes.
+
+    MuJoCo takes memory by the sizes at its beginning, and looks only then for what they are of.
+
+    Raises:
+        ValueError: a size is out of bounds.
+    """
+    from mujoco.introspect import structs
+
+    # The sizes come first.
+    fields = takewhile(lambda field: field.name.startswith("n"), structs.STRUCTS["mjModel"].fields)
+    names = [field.name for field in fields]
+    head = struct.Struct(f"<{_HEAD}i")
+    if len(model) < head.size:
+        raise ValueError("is no model of MuJoCo's")
+    count = head.unpack_from(model)[2]
+    if count != len(names) or len(model) < head.size + 8 * count:
+        raise ValueError("is no model of this release of MuJoCo")
+    sizes = struct.unpack_from(f"<{count}q", model, head.size)
+    limits = {"narena": MAX_MODEL_MEMORY, "nbuffer": 2 * len(model) + MAX_MODEL_COUNT}
+    for name, size in zip(names, sizes, strict=True):
+        most = MAX_MODEL_COUNT if name in _MADE else len(model)
+        if not -1 <= size <= limits.get(name, most):
+            raise ValueError(f"has {size} as its {name}")
+
+
+_HEAD = 5
+"""Integers before the sizes: mark, bytes of a number, count of sizes, release, count of arrays."""
+_MADE = ("nuserdata", "njmax", "nconmax", "nemax")
+"""Sizes of what is no part of the file, but made with the data."""

@@ -1,0 +1,281 @@
+"""What is found in the model of a stranger's robot, and the scenario that is written from it."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import strangers
+from typer.testing import CliRunner
+
+import omnitrack_sim as ot
+from omnitrack_sim.base import naming
+from omnitrack_sim.cli import app
+from omnitrack_sim.robots.model_look import look_at
+from omnitrack_sim.scenario import validate
+
+INERTIA = (
+    '<inertial><mass value="{0}"/><inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+WHEEL = (
+    '<link name="rim_{0}">'
+    + INERTIA.format(0.05, 2e-5)
+    + '<collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.02" length="0.01"/>'
+    '</geometry></collision></link><joint name="axle_{0}" type="continuous">'
+    '<origin xyz="{1} {2} 0"/>'
+    '<parent link="hull"/><child link="rim_{0}"/><axis xyz="0 1 0"/></joint>'
+)
+CART = (
+    '<robot name="cart"><link name="hull">'
+    + INERTIA.format(0.5, 1e-3)
+    + '<collision><origin xyz="0 0 0.02"/><geometry><box size="0.12 0.03 0.02"/></geometry>'
+    "</collision></link>"
+    + "".join(
+        WHEEL.format(f"{i}{k}", x, y)
+        for i, x in enumerate((-0.04, 0.04))
+        for k, y in enumerate((-0.025, 0.025))
+    )
+    + "</robot>"
+)
+"""On wheels below its hull, along x; without actuators."""
+ARM = (
+    "<body euler='0 0 {0}'><body pos='0.05 0 {1}'><joint name='{0}_{1}' axis='0 {2} 0'/>"
+    "<geom type='cylinder' size='0.02 0.005' euler='90 0 0' mass='0.05'/></body></body>"
+)
+RING = ((0, 1), (120, -1), (240, 1))
+WHEELS = [(angle, z, way) for z in (0.04, -0.04) for angle, way in RING]
+SERVO = "<velocity joint='{0}_{1}' kv='1' {2}/>"
+RINGED = (
+    "<mujoco><option timestep='0.0005' integrator='implicitfast'/><worldbody><body name='hull'>"
+    "<freejoint/><geom type='capsule' size='0.02 0.04' mass='0.3'/>"
+    + "".join(ARM.format(*wheel) for wheel in WHEELS)
+    + "</body></worldbody><actuator>"
+    + "".join(
+        SERVO.format(*wheel[:2], "gear='2'" if i == 1 else "") for i, wheel in enumerate(WHEELS)
+    )
+    + "</actuator></mujoco>"
+)
+"""Two rings of three wheels about its axis, z; some turn the other way, one is geared."""
+DOG = (
+    "<mujoco><worldbody><body name='trunk' pos='0 0 1'><freejoint/>"
+    "<geom type='box' size='0.1 0.03 0.02'/>"
+    + "".join(
+        f"<body name='leg_{x}{y}' pos='{0.08 * x} {0.04 * y} 0'>"
+        f"<joint name='hip_{x}{y}' axis='0 1 0' range='-60 60' damping='0.01'/>"
+        "<geom type='capsule' size='0.01' fromto='0 0 0 0 0 -0.08'/>"
+        "</body>"
+        for x in (-1, 1)
+        for y in (-1, 1)
+    )
+    + "</body></worldbody><actuator>"
+    + "".join(
+        f"<position joint='hip_{x}{y}' kp='3' dampratio='1' ctrlrange='-1 1'/>"
+        for x in (-1, 1)
+        for y in (-1, 1)
+    )
+    + "</actuator></mujoco>"
+)
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine_control", raising=False)
+    monkeypatch.setattr(naming, "_FOLDERS", [])
+
+
+def new(text, name, *arguments):
+    """The output of ``omnitrack new mine --robot`` for a model of this text."""
+    Path(name).write_text(text)
+    result = CliRunner().invoke(app, ["new", "mine", "--robot", name, *arguments])
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout
+
+
+def driven(seconds=1.0):
+    """Result of the scenario that was written."""
+    return ot.run(ot.load_scenario("mine.toml", {"run.time_limit": seconds}), no_load=False)
+
+
+def started(scenario):
+    """MuJoCo's data of a robot at its start."""
+    sim = ot.Simulation([scenario])
+    data = sim.data(0)
+    mujoco.mj_kinematics(sim.model, data)
+    return data
+
+
+def test_a_urdf_of_a_cart_drives_in_its_pipe():
+    """Wheels, the axis that they roll along, its bore, and motors; it stands on its wheels, and
+    moves on by what was found, under the controller that was written beside it."""
+    assert new(CART, "cart.urdf").startswith("wrote mine.toml and mine_control.py")
+    data = tomllib.loads(Path("mine.toml").read_text())
+    assert data["robot"]["forward"] == "x"
+    assert data["control"]["kind"] == "mine_control:Controller"
+    assert [servo["joints"] for servo in data["robot"]["servos"]] == ["axle_*"]
+    assert len(set(data["control"]["parameters"]["inputs"].values())) == 1
+    result = driven()
+    assert result.metrics["distance_m"] > 0.6 * result.scenario.robot.nominal_speed
+    assert result.trajectory["tilt"].max() < 0.1
+    top = started(result.scenario).body("hull").xmat.reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
+
+
+def test_wheels_about_the_axis_drive_to_the_nose():
+    """Whichever way they turn and are geared; the time step is the file's own."""
+    new(RINGED, "ringed.xml")
+    data = tomllib.loads(Path("mine.toml").read_text())
+    assert data["robot"]["forward"] == "z"
+    assert data["robot"]["bore"] == pytest.approx(0.141, abs=0.002)
+    assert data["physics"]["timestep"] == 0.0005
+    first, second, third, *_ = data["control"]["parameters"]["inputs"].values()
+    assert abs(first) == pytest.approx(0.2 * data["robot"]["bore"] / 0.02, rel=0.01)
+    assert second == pytest.approx(-2 * first)
+    assert third == first
+    assert driven().metrics["distance_m"] > 0.4 * data["robot"]["bore"] / 5
+
+
+def test_legs_swing_about_where_they_are():
+    """A robot without wheels has its longer level side along the pipe, its back up, and legs that
+    move from the start on, none beyond its range."""
+    new(DOG, "dog.xml")
+    scenario = ot.load_scenario("mine.toml")
+    assert scenario.robot.forward == "x"
+    top = started(scenario).body("trunk").xmat.reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(top, [0, 0, 1], atol=1e-3)
+    result = driven(2.0)
+    swing = np.ptp(result.trajectory["ctrl"], axis=0)
+    assert (swing > 0.3).all()
+    assert np.abs(result.trajectory["ctrl"]).max() < 1.0
+
+
+def test_the_bore_is_that_of_the_narrowest_pipe():
+    """About the middle of the cross section, which need not be the chassis' own axis; at rest as
+    well, when springs have moved limbs out."""
+    two = (
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.02'/>"
+        "<geom size='0.02' pos='0.2 0.1 0'/><geom size='0.02' pos='0.1 0.1 0'/>{0}</body>"
+        "</worldbody></mujoco>"
+    )
+    Path("two.xml").write_text(two.format(""))
+    found = look_at("two.xml").robot
+    assert found.bore == pytest.approx(0.14, rel=0.01)
+    np.testing.assert_allclose(found.centre, [0, 0.05, 0], atol=1e-3)
+    assert found.length == pytest.approx(0.24)
+    sprung = (
+        "<body pos='0 0.05 0'><joint type='slide' axis='0 0 1' stiffness='50' damping='2' "
+        "springref='0.1'/><geom size='0.01' mass='0.01'/></body>"
+    )
+    Path("two.xml").write_text(two.format(sprung))
+    assert look_at("two.xml").robot.bore > 0.2
+
+
+def test_the_axis_of_a_robot_may_be_beside_its_chassis():
+    """The robot's middle is where ``centre`` is, in a start and in what is measured."""
+    Path("ball.xml").write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/>"
+        "<geom name='ball' size='0.03' pos='0 0.1 0.02'/></body></worldbody></mujoco>"
+    )
+    pipes = [{"kind": "straight", "length": 0.6, "inner_diameter": 0.1}]
+    robot = {"kind": "mjcf", "file": "ball.xml", "centre": [0.5, 0.1, 0.02], "forward": "x"}
+    start = {"distance": 0.3, "axis": [1, 0, 0]}
+    scenario = validate({"pipes": pipes, "robot": robot, "start": start})
+    place = ot.Simulation([scenario]).readings["position"][0]
+    np.testing.assert_allclose(place, [0.3, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(started(scenario).geom("ball").xpos, [0.3, 0, 0], atol=1e-12)
+    assert scenario.robot.nominal_bore == pytest.approx(0.06)
+
+
+def test_servos_of_position_hold_the_pose_of_the_file():
+    """At the start each is asked for where it is; others for nothing."""
+    Path("bent.xml").write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.03'/><body>"
+        "<joint name='hip' ref='40'/><geom size='0.01'/></body></body></worldbody>"
+        "<actuator><position joint='hip' kp='2'/><velocity joint='hip' kv='1'/>"
+        "<position joint='hip' kp='2' ctrlrange='-0.5 0.5'/>"
+        "<general joint='hip' gainprm='2' biastype='affine' biasprm='1 -4'/></actuator></mujoco>"
+    )
+    angle = np.radians(40)
+    expected = [angle, 0, 0.5, (4 * angle - 1) / 2]
+    np.testing.assert_allclose(ot.Mjcf(file="bent.xml").start_ctrl, expected)
+
+
+def test_physics_that_diverges_before_the_start_ends_the_run():
+    """With that outcome, and not as a robot that does not fit or that has slid back; a time step is
+    written at which it does not."""
+    spring = "stiffness='1e4' springref='60'"
+    Path("stiff.xml").write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.03'/><body>"
+        f"<joint name='hip' {spring}/><geom size='0.01' pos='0.02 0 0' mass='1e-3'/></body></body>"
+        "</worldbody></mujoco>"
+    )
+    pipes = [{"kind": "straight", "length": 0.6, "inner_diameter": 0.1}]
+    start = {"distance": 0.3, "axis": [1, 0, 0]}
+    robot = {"kind": "mjcf", "file": "stiff.xml"}
+    scenario = validate({"pipes": pipes, "robot": robot, "start": start})
+    assert ot.run(scenario).outcome is ot.Outcome.DIVERGED
+
+
+def test_neither_file_is_overwritten():
+    """Of the two that are written."""
+    for taken in ("mine.toml", "mine_control.py"):
+        Path(taken).write_text("mine")
+        with pytest.raises(ot.OutputError, match=f"{taken}: exists already"):
+            new(CART, "cart.urdf")
+        assert sorted(p.name for p in Path().iterdir()) == sorted(["cart.urdf", taken])
+        Path(taken).unlink()
+
+
+def test_all_keys_are_written_from_it_wherever_the_file_stands():
+    """`omnitrack new --from` leads to the model from another folder, and reads as the same run."""
+    new(CART, "cart.urdf")
+    Path("sub").mkdir()
+    CliRunner().invoke(app, ["new", "sub/all", "--from", "mine.toml"], catch_exceptions=False)
+    same = ot.load_scenario("sub/all.toml").model_dump(exclude={"name"})
+    assert same == ot.load_scenario("mine.toml").model_dump(exclude={"name"})
+    assert "../cart.urdf" in Path("sub/all.toml").read_text()
+
+
+def test_a_chassis_is_named_where_several_could_be_it():
+    """Without a name the file is refused with the choices."""
+    body = "<body name='{0}' pos='0 {1} 0'><freejoint/><geom size='0.03'/></body>"
+    text = f"<mujoco><worldbody>{body.format('one', 0)}{body.format('two', 1)}</worldbody></mujoco>"
+    with pytest.raises(ot.InputError, match="one, two; name the one that is"):
+        new(text, "twins.xml")
+    new(text, "twins.xml", "--body", "two")
+    assert ot.load_scenario("mine.toml").robot.chassis == "two"
+
+
+def test_the_survey_runs_models_of_a_folder_or_says_why_not():
+    """Of files of models, not of parts of them; a model that is refused has its sentence."""
+    Path("part.xml").write_text("<mujocoinclude><body/></mujocoinclude>")
+    Path("colours.xml").write_text("<mujoco><asset/></mujoco>")
+    Path("a.urdf").write_text(CART)
+    Path("b.xml").write_text(
+        "<mujoco><worldbody><body name='pole'><joint name='pin'/><geom size='0.1'/></body>"
+        "</worldbody><actuator><motor joint='pin'/></actuator></mujoco>"
+    )
+    files = [*strangers.models_in([Path()])]
+    assert [file.name for file in files] == ["a.urdf", "b.xml"]
+    cart, pole = (strangers.answer(file, 0.1) for file in files)
+    assert (cart.runs, cart.words, cart.inputs) == (True, "timed_out", 4)
+    assert not pole.runs
+    assert pole.words.startswith("'pole' hangs on the world by the joint 'pin'")
+    assert "given" not in pole.words
+
+
+def test_a_model_file_is_run_as_it_is():
+    """`omnitrack run` puts it into the pipe that would be written; options change that."""
+    Path("my_cart.urdf").write_text(CART)
+    arguments = ["run", "my_cart.urdf", "--no-video", "--json", "--set", "run.time_limit=0.1"]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    saved = ot.load_result("out/my_cart")
+    assert saved.scenario.control.kind == "periodic"
+    assert saved.duration_s == pytest.approx(0.1)
+    with pytest.raises(ot.InputError, match=r"^lost.urdf: cannot be read: no such file"):
+        CliRunner().invoke(app, ["run", "lost.urdf"], catch_exceptions=False)
