@@ -241,7 +241,7 @@ def rings(part: Part) -> list[Surface]:
     There is one on each half a bore of its axes, where there is a wall.
     """
     found, angle = [], np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    edge = part.fitting.ring(angle)
     for line, first, last in part.axes:
         bore = 2 * first
         stations = np.arange(MARK_APART * bore, line.length, MARK_APART * bore)
@@ -249,7 +249,7 @@ def rings(part: Part) -> list[Surface]:
             s = middle + MARK_WIDTH * bore * np.array([-0.5, 0.5])
             height = MARK_HEIGHT * bore
             radius = first + (last - first) * middle / line.length - height
-            ends = radius * np.einsum("sij,kj->ski", line.frame(s), circle)
+            ends = radius * np.einsum("sij,kj->ski", line.frame(s), edge)
             points = line.at(s)[0][:, None] + ends  # (2, k, 3)
             off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
             whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
