@@ -240,7 +240,7 @@ def rings(part: Part) -> list[Surface]:
 
     There is one on each half a bore of its axes, where there is a wall.
     """
-    found, angle = [], np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    found, angle = [], np.linspace(0.0, 2 * np.pi, 2 * _SECTIONS_INSIDE + 1)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     for line, first, last in part.axes:
         bore = 2 * first

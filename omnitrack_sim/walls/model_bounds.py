@@ -25,6 +25,7 @@ from omnitrack_sim.base.bounds import (
     MAX_MODEL_LEVELS,
     MAX_MODEL_MEMORY,
     MAX_MODEL_TEXT,
+    MAX_PICTURE_CELLS,
 )
 from omnitrack_sim.base.reading import read_bytes, size_of
 
@@ -112,8 +113,12 @@ class _Folder:
     def size(self, names: list[str]) -> int:
         """Return the size of the first of these files that is there; 0 where none is."""
         for name in names:
-            if (self._folder / name).exists():
-                return size_of(self._folder / name, MAX_MODEL_FILES)
+            file = self._folder / name
+            if file.exists():
+                size = size_of(file, MAX_MODEL_FILES)
+                with file.open("rb") as opened:
+                    _check_picture(opened.read(_PNG.size), name)
+                return size
         return 0  # said by MuJoCo
 
 
@@ -131,11 +136,25 @@ class _Archive:
 
     def size(self, names: list[str]) -> int:
         """Return 0, as all has been counted; a file must be there by its path or by its name."""
-        there = self._archive.namelist()
-        last = {PurePosixPath(name).name for name in there}
-        if not any(name in there or name in last for name in names):
+        there = {PurePosixPath(name).name: name for name in self._archive.namelist()}
+        there |= {name: name for name in there.values()}
+        found = next((there[name] for name in names if name in there), None)
+        if found is None:
             raise ValueError(f"names {names[-1]!r}, which is not in it")
+        with self._archive.open(found) as opened:
+            _check_picture(opened.read(_PNG.size), found)
         return 0
+
+
+_PNG = struct.Struct(">8s4s4sII")
+"""Beginning of a PNG: its mark, length and name of the first part, width and height."""
+
+
+def _check_picture(head: bytes, name: str) -> None:
+    """Raise a ``ValueError`` for a PNG that unpacks to too much."""
+    if len(head) == _PNG.size and head.startswith(b"\x89PNG"):
+        *_, width, height = _PNG.unpack(head)
+        _refuse(width * height, MAX_PICTURE_CELLS, f"pixels of {name}")
 
 
 class _Demands:
