@@ -15,6 +15,7 @@ from trimesh import Trimesh
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.base.table import Unit, marks_of
 from omnitrack_sim.pipes import Arcs, Assembly, Fitting, Part
@@ -310,7 +311,7 @@ def test_kinds_of_the_folder_are_found():
 )
 def test_a_kind_that_does_not_exist_is_told_with_the_choices(kind, told):
     """Words that are no kind, modules that are not there and classes that are no fittings."""
-    with pytest.raises(InputError) as caught:
+    with trusting(), pytest.raises(InputError) as caught:
         fitting_class(kind)
     assert told in str(caught.value)
     assert "straight" in caught.value.faults[0].choices

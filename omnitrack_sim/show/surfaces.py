@@ -240,7 +240,7 @@ def rings(part: Part) -> list[Surface]:
 
     There is one on each half a bore of its axes, where there is a wall.
     """
-    found, angle = [], np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    found, angle = [], np.linspace(0.0, 2 * np.pi, 2 * _SECTIONS_INSIDE + 1)
     edge = part.fitting.ring(angle)
     for line, first, last in part.axes:
         bore = 2 * first
@@ -254,7 +254,7 @@ def rings(part: Part) -> list[Surface]:
             off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
             whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
             if whole.any():
-                found.append(_band(points, -ends / radius, np.flatnonzero(whole)))
+                found.append(_band(points, -unit(ends), np.flatnonzero(whole)))
     return found
 
 

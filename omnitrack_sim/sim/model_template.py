@@ -100,7 +100,8 @@ def model_scenario(file: str, changes: Mapping[str, Any] | None = None) -> Scena
     Raises:
         InputError: it is no robot, or the changes are at fault.
     """
-    data = tomllib.loads(model_template(Path(file).stem, file).scenario)
+    body = str((changes or {}).get("robot.body", ""))
+    data = tomllib.loads(model_template(Path(file).stem, file, body=body).scenario)
     data["control"]["kind"] = "periodic"
     return validate(data, changes=changes)
 
