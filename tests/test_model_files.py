@@ -366,6 +366,18 @@ def test_meshes_of_packages_are_found_in_the_folders_above():
         in_a_pipe(str(lost))
 
 
+def test_a_height_field_of_the_robot_is_refused():
+    """It would pass through the walls."""
+    text = mjcf(
+        "<body><freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<geom name='relief' type='hfield' hfield='h'/></body>",
+        "<asset><hfield name='h' nrow='2' ncol='2' size='.1 .1 .1 .1' elevation='0 1 1 0'/>"
+        "</asset>",
+    )
+    with pytest.raises(ot.ScenarioError, match=r"robot.file: geom 'relief' is a height field"):
+        in_a_pipe(written(text))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "hint"),
     [
@@ -459,3 +471,35 @@ def test_joints_of_a_urdf_get_motors():
         assert data.actuator_force[0] == pytest.approx(force)
     with pytest.raises(ot.ScenarioError, match=r"robot.servos: joints.leg: fits no name.*axle"):
         in_a_pipe(file, servos=[{"joints": "leg"}])
+
+
+ACTUATORS = (
+    "<motor joint='hip'/>",
+    "<position joint='hip' kp='1' timeconst='0.05'/>",
+    "<velocity joint='hip' kv='0.01'/>",
+    "<intvelocity joint='hip' kp='1' actrange='-1 1'/>",
+    "<cylinder joint='hip' timeconst='0.1' area='0.01'/>",
+    "<muscle joint='hip' lengthrange='-1 1'/>",
+    "<adhesion body='leg' gain='1' ctrlrange='0 1'/>",
+    "<motor site='tip' gear='0 0 1 0 0 0'/>",
+    "<motor tendon='cord'/>",
+    "<general joint='hip' dyntype='filter' dynprm='0.1' gainprm='0.1'/>",
+)
+
+
+@pytest.mark.parametrize("actuator", ACTUATORS, ids=lambda text: text.split()[0].strip("<"))
+def test_actuators_of_any_type_are_driven(actuator):
+    """Each takes the input of the scenario, and the physics goes on."""
+    world = (
+        f"<body name='hull'><freejoint/>{BALL}<body name='leg'><joint name='hip' axis='0 1 0' "
+        "range='-60 60' damping='0.01'/><geom size='0.01' pos='0.02 0 0'/><site name='tip'/>"
+        "</body></body>"
+    )
+    cord = "<tendon><fixed name='cord'><joint joint='hip' coef='1'/></fixed></tendon>"
+    file = written(mjcf(world, f"{cord}<actuator>{actuator}</actuator>"))
+    control = {"kind": "periodic", "parameters": {"inputs": {"*": 0.5}, "ramp": 0.0}}
+    data = in_a_pipe(file).model_dump(mode="json") | {"control": control}
+    result = ot.run(validate(data))
+    assert result.outcome.value == "timed_out"
+    assert result.trajectory["ctrl"][-1] == pytest.approx([0.5])
+    assert np.abs(result.trajectory["actuator_force"]).max() > 1e-6

@@ -174,7 +174,10 @@ def test_a_sweep_varies_them_by_name_and_by_pattern(tmp_path):
     assert isinstance(robot, ot.Mjcf)
     assert robot.joint["front"]["stiffness"] == 2.0
     assert (robot.actuator["angle"]["kp"], robot.actuator["critical"]["kp"]) == (4.0, 4.0)
-    table = ot.run_trials(sweep).table
+    table = ot.run_trials(sweep, out="swept").table
+    with pytest.raises(ot.OutputError, match="trust=True"):
+        ot.plot_sweep("swept")
+    assert ot.plot_sweep("swept", trust=True).axes
     assert {*table["outcome"].to_pylist()} <= {"timed_out", "stuck"}
     field = table.schema.field("robot.joint.front.stiffness")
     assert field.metadata == {b"unit": b"N m/rad"}

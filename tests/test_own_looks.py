@@ -141,6 +141,7 @@ def test_pages_name_every_line(playback):
             if panel["told"]:
                 assert set(filter(None, panel["colours"])) == paints
     assert {arrow["kind"] for arrow in data["runs"][0]["arrows"]} == {"normal_force"}
+    assert all(part["marks"] for part in data["pipes"]["parts"])
 
 
 def badges(data) -> list:
@@ -208,6 +209,18 @@ def test_what_has_left_the_pipe_says_when(leaving):
     assert shown.heading["outcome"] == "left the pipes"
     least = next(row for row in shown.heading["figures"] if row["unit"] == "mm")
     assert 70 < least["value"] <= 80
+
+
+def test_a_camera_that_has_left_the_pipe_says_so(leaving):
+    """The panel of its film does, from the first sample on at which it looks out of the end."""
+    shown = RecordingPlayback(leaving)
+    with stage_of(shown, (1280, 720), "eye") as stage:
+        titles = [stage._panels[0]._status(row).title for row in range(len(shown.time))]
+    left = [title.startswith("camera has left the pipes, ") for title in titles]
+    eye = leaving.bodies[: len(left), shown.body, 2] + 0.072  # above the hull's middle
+    assert left == (eye > 0.3).tolist()
+    assert any(left)
+    assert not all(left)
 
 
 def test_tables_name_bodies_joints_and_actuators(leaving):

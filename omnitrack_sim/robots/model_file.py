@@ -147,6 +147,10 @@ def check_robot(model: mujoco.MjModel) -> None:
     if not touching.any():
         hint = "what does has contype='1' in MJCF, and a <collision> in URDF"
         raise ValueError(f"nothing of it can touch a wall: {hint}")
+    fields = np.flatnonzero(touching & (model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD))
+    if len(fields):
+        name = model.geom(fields[0]).name
+        raise ValueError(f"geom {name!r} is a height field, which meets no wall: take a mesh")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     places, reach = data.geom_xpos[touching], model.geom_rbound[touching, None]
@@ -250,7 +254,7 @@ def _root(spec: mujoco.MjSpec, body: str) -> mujoco.MjsBody:
     if len(roots) > 1:
         names = listed([root.name or "(without a name)" for root in roots], 200)
         problem = f"{len(roots)} bodies of the world could be the robot: {names}"
-        raise AmbiguousRootError(f"{problem}; name the one that is, as body")
+        raise AmbiguousRootError(f"{problem}; name the one that is, as robot.body")
     return roots[0]
 
 

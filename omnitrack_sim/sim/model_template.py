@@ -100,7 +100,8 @@ def model_scenario(file: str, changes: Mapping[str, Any] | None = None) -> Scena
     Raises:
         InputError: it is no robot, or the changes are at fault.
     """
-    data = tomllib.loads(model_template(Path(file).stem, file).scenario)
+    body = str((changes or {}).get("robot.body", ""))
+    data = tomllib.loads(model_template(Path(file).stem, file, body=body).scenario)
     data["control"]["kind"] = "periodic"
     return validate(data, changes=changes)
 
@@ -151,7 +152,7 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     for servo in robot.servos:
         yield from ("", "[[robot.servos]]  # the file has no actuators")
         data = servo.model_dump(mode="json", exclude_none=True)
-        yield from (f"{key} = {as_toml(value)}" for key, value in data.items())
+        yield from (f"{key} = {as_toml(value)}" for key, value in data.items() if value)
 
 
 def _pipe_length(look: ModelLook) -> float:
