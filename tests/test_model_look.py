@@ -120,6 +120,7 @@ def test_a_urdf_of_a_cart_drives_in_its_pipe():
     assert [servo["joints"] for servo in data["robot"]["servos"]] == ["axle_*"]
     assert len(set(data["control"]["parameters"]["inputs"].values())) == 1
     result = driven()
+    assert [str(event) for event in result.events if "stiffer" in str(event)] == []
     assert result.metrics["distance_m"] > 0.6 * result.scenario.robot.nominal_speed
     assert result.trajectory["tilt"].max() < 0.1
     top = started(result.scenario).body("hull").xmat.reshape(3, 3)[:, 2]

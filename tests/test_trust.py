@@ -230,7 +230,17 @@ def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
     assert other.scenario.hash == other.provenance["scenario_sha256"]
 
 
-@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "bomb", "other robot"])
+OUTSIDE = {
+    "above": ("", "../secret.obj"),
+    "elsewhere": ("", "/dev/zero"),
+    "of Windows": ("", "C:\\\\secret.obj"),
+    "by a folder": ("/tmp", "m.obj"),
+    "not there": ("", "n.obj"),
+}
+"""Meshes that are named from outside of an archive: folder, file."""
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "other robot", *OUTSIDE])
 def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
     """The numbers of the run are read without it."""
     folder = RUNS["robot"](tmp_path / "run")
@@ -247,13 +257,18 @@ def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
         file.write_bytes(b"no archive" + data[:100])
     else:
         body = "<body name='chassis'><freejoint/><geom size='1'/></body>"
-        mesh = "<asset><mesh name='m' file='../secret.obj'/></asset>" if kind == "bomb" else ""
+        mesh = ""
+        if kind in OUTSIDE:
+            place, name = OUTSIDE[kind]
+            mesh = f"<compiler meshdir='{place}'/><asset><mesh name='m' file='{name}'/></asset>"
         text = f"<mujoco>{mesh}<worldbody>{body}</worldbody></mujoco>"
         with zipfile.ZipFile(file, "w") as archive:
             archive.writestr("model.xml", text)
+            archive.writestr("m.obj", "v 0 0 0")
     run = ot.load_result(folder)
     assert run.metrics["distance_m"] > 0
-    with pytest.raises(ot.OutputError, match=r"robot\.mjz: "):
+    why = "which is not in it" if kind in OUTSIDE else ""
+    with pytest.raises(ot.OutputError, match=rf"robot\.mjz: .*{why}"):
         ot.render_replay(run, path=tmp_path / "page.html")
 
 

@@ -20,6 +20,7 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.mjcf import Axis, Mjcf, Servo, turn_to
 from omnitrack_sim.robots.model_file import robot_model
 from omnitrack_sim.robots.plant import SETTINGS, compiled, initial_state
+from omnitrack_sim.robots.servos import MAX_RATIO
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import TIMESTEP
 
@@ -358,8 +359,15 @@ def _servos(robot: Mjcf, rims: Mapping[str, float]) -> tuple[Servo, ...]:
             kind, gain = "position", min(force / gives, stiffest)
         own = model.jnt_actfrclimited[joint.id]  # the file's own
         limit = None if own else _short(force)
-        servos.append(Servo(joints=name, kind=kind, gain=_short(gain), limit=limit))
+        more = _short(_missing_inertia(model, name, gain)) if kind == "velocity" else 0.0
+        servos.append(Servo(joints=name, kind=kind, gain=_short(gain), limit=limit, armature=more))
     return tuple(servos)
+
+
+def _missing_inertia(model: mujoco.MjModel, joint: str, gain: float) -> float:
+    """Return the inertia, kg m², with which a wheel's servo of a gain does not make it slip."""
+    own = float(model.dof_M0[model.joint(joint).dofadr[0]])
+    return max(gain * TIMESTEP / (0.8 * MAX_RATIO) - own, 0.0)
 
 
 def _grouped(servos: tuple[Servo, ...]) -> tuple[Servo, ...]:

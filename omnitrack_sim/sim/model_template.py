@@ -152,7 +152,7 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     for servo in robot.servos:
         yield from ("", "[[robot.servos]]  # the file has no actuators")
         data = servo.model_dump(mode="json", exclude_none=True)
-        yield from (f"{key} = {as_toml(value)}" for key, value in data.items())
+        yield from (f"{key} = {as_toml(value)}" for key, value in data.items() if value)
 
 
 def _pipe_length(look: ModelLook) -> float:
