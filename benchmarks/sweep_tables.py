@@ -96,7 +96,7 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
 
 
 def is_random(result: ot.TrialsResult) -> bool:
-    """Return whether trials were drawn; those of grids and lists alone are no sample of anything."""
+    """Return whether trials were drawn; those of grids and lists alone are a sample of nothing."""
     return any(axis.kind not in ("grid", "list") for axis in result.plan.axes)
 
 
