@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib.abc
 import inspect
@@ -317,3 +318,21 @@ def test_every_command_that_looks_can_be_told_to_trust():
         take = functools.reduce(getattr, name.split("."), ot)
         assert "trust" in inspect.signature(take).parameters, name
     assert len(names) > 5
+
+
+def test_a_strangers_passport_says_where_his_robot_gets_to(watch, tmp_path):
+    """Its robot's sizes are in it, so that a map of its reach is that of its class."""
+    own = passport(trials=30)
+    own = dataclasses.replace(own, robot=Stranger(), changes={"robot.kind": Stranger.kind})
+    table = own.table()
+    about = table.schema.metadata[b"passport"].replace(Stranger.kind.encode(), THING.encode())
+    file = tmp_path / "passport.parquet"
+    pq.write_table(table.replace_schema_metadata({"passport": about}), file)
+    read = ot.load_passport(file)
+    assert read.robot.kind == "recorded"
+    for name in ("mass", "nominal_bore", "length", "bores"):
+        assert getattr(read.robot, name) == getattr(own.robot, name)
+    network = ot.load_network("tower")
+    maps = [ot.map_reach(network, one, ["foot"]) for one in (own, read)]
+    assert maps[0].parts == maps[1].parts
+    assert_nothing_ran(watch, tmp_path)
