@@ -100,6 +100,10 @@ class Plan(ABC):
     def data(self) -> dict[str, Any]:
         """Return the plan as plain data, for its record."""
 
+    def robots(self) -> dict[str, Any]:
+        """Return what is recorded of robots from outside the package, by base; see ``Recorded``."""
+        return {}
+
     @abstractmethod
     def rounds(self) -> Rounds:
         """Yield rounds of trials, receive the table of each, and return the conclusion.

@@ -29,8 +29,8 @@ def load_sweep_result(directory: str | Path, *, trust: bool = False) -> TrialsRe
 
     Args:
         directory: folder of the sweep, as ``run_trials`` or ``omnitrack sweep`` left it.
-        trust: import what its scenarios name, and read a robot's own file. Otherwise a sweep of
-            such a robot is refused, unless its module has been imported already.
+        trust: import what its scenarios name, and read a robot's own file. Otherwise such a robot
+            is known by what the sweep has recorded of it.
 
     Raises:
         OutputError: it holds no sweep, or its record or table is damaged; the message names the
@@ -81,7 +81,9 @@ def _sweep_in(folder: Path) -> Sweep:
         # Before anything is made of it.
         if hash_of(data) != record["sha256"]:
             raise ValueError("it is not the sweep of its hash")
-        bases = {name: read_back(base) for name, base in data["bases"].items()}
+        robots = record["robots"]
+        kept = {name: {"file": "", "values": robots[name]} for name in robots}
+        bases = {name: read_back(base, kept.get(name)) for name, base in data["bases"].items()}
         keys = {key: value for key, value in data.items() if key in SweepTable.model_fields}
         table = checked(SweepTable, keys, SweepError)
         fields = {key: getattr(table, key) for key in SweepTable.model_fields}
@@ -90,7 +92,8 @@ def _sweep_in(folder: Path) -> Sweep:
         raise OutputError(f"{folder / name}: {error}") from error
     except (ValueError, KeyError, TypeError, AttributeError, InputError) as error:
         cause = "; ".join(str(error).splitlines())
-        raise OutputError(f"{folder / name}: is damaged: {cause}") from error
+        problem = f"is damaged, or names what is not here: {cause}"
+        raise OutputError(f"{folder / name}: {problem}") from error
 
 
 def _whole_table(folder: Path, sweep: Sweep) -> pa.Table | None:

@@ -21,6 +21,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.robots.recorded import is_recorded, values_of
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.trials.axes import (
@@ -154,6 +155,11 @@ class Sweep(SweepTable, Plan):
     def hash(self) -> str:
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
         return hash_of(self.data())
+
+    def robots(self) -> dict[str, Any]:
+        """See ``Plan``."""
+        robots = {name: base.robot for name, base in self.bases.items()}
+        return {name: values_of(robot) for name, robot in robots.items() if is_recorded(robot)}
 
     def data(self) -> dict[str, Any]:
         """Return the sweep as plain data, with its bases in full."""
