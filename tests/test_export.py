@@ -158,6 +158,8 @@ def test_the_file_says_what_was_run(turn, messages):
         turn.scenario.model_dump_json()
     )
     assert json.loads(messages.attachments["result.json"])["outcome"] == turn.outcome.value
+    assert [m.message for _, m in messages.of["/events"]] == [str(e) for e in turn.events]
+    assert len(turn.events) > 0
     assert messages.schemas["/tf"] == "foxglove.FrameTransforms"
     assert messages.schemas["/scene"] == "foxglove.SceneUpdate"
 
@@ -211,7 +213,8 @@ def test_xarray_has_names_and_units(turn, snake):
         turn.trajectory["contact_position"][:, 2, 2],
     )
     assert dataset.normal_force.attrs["units"] == "N"
-    assert dataset.quaternion.dims == ("time", "quaternion_part")
+    w = dataset.quaternion.sel(quaternion_part="w")
+    np.testing.assert_array_equal(w, turn.trajectory["quaternion"][:, 0])
     np.testing.assert_array_equal(
         dataset.joint_position.sel(joint="slide_1"), turn.qpos[:, turn.joints["slide_1"].start]
     )
@@ -306,6 +309,8 @@ def test_a_recording_is_exported_as_a_run_is(rolling, tmp_path):
     assert at == np.bincount(contacts.sample, minlength=len(rolling)).tolist()
     told = [(one.fx, one.fy, one.fz) for _, m in read.of["/contacts"] for one in m.contacts]
     assert told == [tuple(force) for force in contacts.force.tolist()]
+    depths = [one.depth for _, m in read.of["/contacts"] for one in m.contacts]
+    assert depths == (-contacts.distance).tolist()
     assert max(force for _, force, _ in told) > 0.5  # the weight of the ball
     speeds = read.of["/channels/qvel"]
     assert speeds[-1][1].swing == rolling["qvel"][-1, 6]

@@ -119,7 +119,10 @@ def test_a_urdf_of_a_cart_drives_in_its_pipe():
     assert data["control"]["kind"] == "mine_control:Controller"
     assert [servo["joints"] for servo in data["robot"]["servos"]] == ["axle_*"]
     assert len(set(data["control"]["parameters"]["inputs"].values())) == 1
+    way, speed = data["pipes"][0]["length"], data["robot"]["bore"] / 5
+    assert data["run"]["time_limit"] == pytest.approx(1.5 * way / speed, rel=0.01)
     result = driven()
+    assert [str(event) for event in result.events if "stiffer" in str(event)] == []
     assert result.metrics["distance_m"] > 0.6 * result.scenario.robot.nominal_speed
     assert result.trajectory["tilt"].max() < 0.1
     top = started(result.scenario).body("hull").xmat.reshape(3, 3)[:, 2]
@@ -155,8 +158,8 @@ def test_legs_swing_about_where_they_are():
 
 
 def test_the_bore_is_that_of_the_narrowest_pipe():
-    """About the middle of the cross section, which need not be the chassis' own axis; at rest as
-    well, when springs have moved limbs out."""
+    """With 5 % of play, about the middle of the cross section, which need not be the chassis' own
+    axis; at rest as well, when springs have moved limbs out."""
     two = (
         "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.02'/>"
         "<geom size='0.02' pos='0.2 0.1 0'/><geom size='0.02' pos='0.1 0.1 0'/>{0}</body>"
@@ -164,7 +167,7 @@ def test_the_bore_is_that_of_the_narrowest_pipe():
     )
     Path("two.xml").write_text(two.format(""))
     found = look_at("two.xml").robot
-    assert found.bore == pytest.approx(0.14, rel=0.01)
+    assert found.bore == pytest.approx(1.05 * 0.14, rel=0.01)
     np.testing.assert_allclose(found.centre, [0, 0.05, 0], atol=1e-3)
     assert found.length == pytest.approx(0.24)
     sprung = (
@@ -245,6 +248,23 @@ def test_a_lever_is_no_wheel_and_a_cube_has_its_x_axis_forward():
     assert look.wheels == ()
     assert look.robot.forward == "x"
     assert look.robot.centre == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("height", "round_"), [(0.02, True), (0.0175, False)])
+def test_a_wheel_of_a_mesh_is_round(height, round_):
+    """An oval of the same width, which would hop, is none."""
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([0.02 * np.cos(angles), height * np.sin(angles)], axis=-1)
+    corners = [(*point, z) for z in (-0.005, 0.005) for point in ring.tolist()]
+    vertices = " ".join(map(str, np.ravel(corners)))
+    Path("tyre.xml").write_text(
+        f"<mujoco><asset><mesh name='tyre' vertex='{vertices}'/></asset>"
+        "<worldbody><body name='hull'><freejoint/><geom size='0.02'/><body pos='0 0 -0.02'>"
+        "<joint name='axle'/><geom type='mesh' mesh='tyre'/></body></body></worldbody></mujoco>"
+    )
+    wheels = look_at("tyre.xml").wheels
+    assert [wheel.joint for wheel in wheels] == ["axle"] * round_
+    assert all(wheel.radius == pytest.approx(0.02) for wheel in wheels)
 
 
 def test_servos_that_are_added_carry_the_robots_weight():

@@ -11,9 +11,11 @@ from own_crawler import HULL, MOTORS, WHEELS, crawl, crawler_xml
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import matrix_from_quaternion
 from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.show.film.overlay import _shortened, font
 from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
 from omnitrack_sim.show.film.render import stage_of
 from omnitrack_sim.show.legend import MAX_NAMED, Parts, colours, legends_of, merged, short_names
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.recording_playback import RecordingPlayback, shown_samples
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -70,7 +72,11 @@ def test_parts_that_share_a_body_have_colours_of_their_own():
     legends = legends_of([bodies, joints])
     assert len(set(legends["joint"].colours)) == 3
     many = tuple(f"link_{i}" for i in range(MAX_NAMED + 3))
-    legend = legends_of([Parts("body", many, tuple(range(1, 16)), (True,) * 15)])["body"]
+    legends = legends_of([Parts("body", many, tuple(range(1, 16)), (True,) * 15)])
+    legend = legends["body"]
+    playback = Playback()
+    playback.__dict__["legends"] = legends
+    assert playback.badges == (), "which numbers only a few bodies"
     assert [row[0] for row in legend.rows] == ["0", "to 14, 14 more"]
     assert len(set(legend.colours)) == len(many)
 
@@ -91,6 +97,7 @@ def test_arrows_are_the_recorded_forces(climb, playback):
         seen = total > 0
         assert seen[recorded > 1].mean() > 0.99
         assert total[seen] == pytest.approx(recorded[seen], rel=1e-9)
+    assert (sizes > 0).all()
     pushes = [arrow.force for arrow in playback.arrows]
     assert len(pushes) == len(WHEELS)
     straight = trajectory["distance"] < 0.3
@@ -336,3 +343,14 @@ def test_daylight_comes_through_an_open_end(watched):
         picture = stage.paint(0).astype(int)
     assert np.abs(picture[90, 160] - np.round(255 * np.array(DAYLIGHT))).max() <= 2
     assert picture[90, 5].sum() > picture[90, 110].sum()
+
+
+def test_labels_of_bars_keep_both_ends():
+    """Names of links that differ in their last letter stay apart where they are shortened."""
+    letters = font(15)
+    names = [f"articulated body link number {i}" for i in range(12)]
+    shown = [_shortened(name, letters, 120) for name in names]
+    assert len(set(shown)) == len(names)
+    assert all(letters.getlength(text) <= 120 for text in shown)
+    assert all(text.startswith("artic") for text in shown)
+    assert _shortened("front", letters, 120) == "front"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib.abc
 import inspect
@@ -230,7 +231,17 @@ def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
     assert other.scenario.hash == other.provenance["scenario_sha256"]
 
 
-@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "bomb", "other robot"])
+OUTSIDE = {
+    "above": ("", "../secret.obj"),
+    "elsewhere": ("", "/dev/zero"),
+    "of Windows": ("", "C:\\\\secret.obj"),
+    "by a folder": ("/tmp", "m.obj"),
+    "not there": ("", "n.obj"),
+}
+"""Meshes that are named from outside of an archive: folder, file."""
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "other robot", *OUTSIDE])
 def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
     """The numbers of the run are read without it."""
     folder = RUNS["robot"](tmp_path / "run")
@@ -247,13 +258,18 @@ def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
         file.write_bytes(b"no archive" + data[:100])
     else:
         body = "<body name='chassis'><freejoint/><geom size='1'/></body>"
-        mesh = "<asset><mesh name='m' file='../secret.obj'/></asset>" if kind == "bomb" else ""
+        mesh = ""
+        if kind in OUTSIDE:
+            place, name = OUTSIDE[kind]
+            mesh = f"<compiler meshdir='{place}'/><asset><mesh name='m' file='{name}'/></asset>"
         text = f"<mujoco>{mesh}<worldbody>{body}</worldbody></mujoco>"
         with zipfile.ZipFile(file, "w") as archive:
             archive.writestr("model.xml", text)
+            archive.writestr("m.obj", "v 0 0 0")
     run = ot.load_result(folder)
     assert run.metrics["distance_m"] > 0
-    with pytest.raises(ot.OutputError, match=r"robot\.mjz: "):
+    why = "which is not in it" if kind in OUTSIDE else ""
+    with pytest.raises(ot.OutputError, match=rf"robot\.mjz: .*{why}"):
         ot.render_replay(run, path=tmp_path / "page.html")
 
 
@@ -302,3 +318,21 @@ def test_every_command_that_looks_can_be_told_to_trust():
         take = functools.reduce(getattr, name.split("."), ot)
         assert "trust" in inspect.signature(take).parameters, name
     assert len(names) > 5
+
+
+def test_a_strangers_passport_says_where_his_robot_gets_to(watch, tmp_path):
+    """Its robot's sizes are in it, so that a map of its reach is that of its class."""
+    own = passport(trials=30)
+    own = dataclasses.replace(own, robot=Stranger(), changes={"robot.kind": Stranger.kind})
+    table = own.table()
+    about = table.schema.metadata[b"passport"].replace(Stranger.kind.encode(), THING.encode())
+    file = tmp_path / "passport.parquet"
+    pq.write_table(table.replace_schema_metadata({"passport": about}), file)
+    read = ot.load_passport(file)
+    assert read.robot.kind == "recorded"
+    for name in ("mass", "nominal_bore", "length", "bores"):
+        assert getattr(read.robot, name) == getattr(own.robot, name)
+    network = ot.load_network("tower")
+    maps = [ot.map_reach(network, one, ["foot"]) for one in (own, read)]
+    assert maps[0].parts == maps[1].parts
+    assert_nothing_ran(watch, tmp_path)

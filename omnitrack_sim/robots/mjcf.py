@@ -70,8 +70,16 @@ class Servo(QuantityModel):
         None, "", "unstated", "largest force, N, or torque, N m. Left out: that of the joint"
     )
 
+    armature: NotNegative = quantity(
+        0.0,
+        "",
+        "unstated",
+        "inertia of motor and gears at the joint, beside that of the file: of a hinge kg m²",
+    )
+
     def add_to(self, spec: mujoco.MjSpec, joint: str) -> None:
         """Add the motor of a joint to a model."""
+        spec.joint(joint).armature += self.armature
         motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         match self.kind:
             case "velocity":

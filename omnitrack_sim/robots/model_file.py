@@ -17,7 +17,7 @@ import numpy as np
 
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import listed
+from omnitrack_sim.base.text import clipped, listed
 from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.walls.geoms import set_numerics
 from omnitrack_sim.walls.model_bounds import read_spec
@@ -25,6 +25,8 @@ from omnitrack_sim.walls.model_bounds import read_spec
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
 wider than any that is built."""
+MAX_QUOTED = 160
+"""Letters of a line of the file that a message quotes."""
 READABLE_MESHES = (".obj", ".stl", ".msh")
 """Files of meshes that MuJoCo reads."""
 
@@ -166,10 +168,21 @@ def in_words(error: Exception, file: str) -> str:
     words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
     words = re.sub(r"'/[^']*/([^'/]+)'", r"'\1'", words)  # a mesh by its name, not all of its path
+    words = f"{'the ' if words[:2].isupper() else ''}{words}{_quoted(words, file)}"
     hints = [hint for part, hint in _HINTS if part in words]
     if _has_macros(file):
         hints = [_XACRO]
     return "; ".join([words, *hints[:1]])
+
+
+def _quoted(words: str, file: str) -> str:
+    """Return the line of a file that a message is about, to stand behind it; "" if it has none."""
+    place = re.search(r"Element '(\w+)', line (\d+)", words)
+    if place is None:
+        return ""
+    lines = Path(file).read_text(errors="replace").splitlines()[int(place[2]) - 1 :]
+    line = lines[0].strip() if lines else ""
+    return f": {clipped(line, MAX_QUOTED)}" if f"<{place[1]}" in line else ""
 
 
 def _has_macros(file: str) -> bool:
@@ -210,6 +223,8 @@ def _mesh_path(file: str, folder: Path) -> str:
     for place in (folder, *folder.parents):
         if (place / path).is_file():
             return str(place / path)
+    if colon:
+        raise ValueError(f"mesh {file!r} is in none of the folders above the model")
     return file
 
 

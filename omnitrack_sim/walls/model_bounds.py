@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import takewhile
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
@@ -135,15 +135,21 @@ class _Archive:
         return self._archive.read(name)
 
     def size(self, names: list[str]) -> int:
-        """Return 0, as all has been counted; a file must be there by its path or by its name."""
-        there = {PurePosixPath(name).name: name for name in self._archive.namelist()}
-        there |= {name: name for name in there.values()}
-        found = next((there[name] for name in names if name in there), None)
-        if found is None:
+        """Return 0, as all has been counted; a file must be in the archive."""
+        there = set(self._archive.namelist())
+        found = next((name for name in names if name in there), None)
+        # MuJoCo looks elsewhere for what is named from elsewhere, even if it is here, too.
+        if found is None or any(map(_is_outside, names)):
             raise ValueError(f"names {names[-1]!r}, which is not in it")
         with self._archive.open(found) as opened:
             _check_picture(opened.read(_PNG.size), found)
         return 0
+
+
+def _is_outside(name: str) -> bool:
+    """Return whether a path may lead out of the folder that it begins in, on any system."""
+    path = PureWindowsPath(name)  # which takes both kinds of slashes
+    return bool(path.anchor) or ".." in path.parts
 
 
 _PNG = struct.Struct(">8s4s4sII")
