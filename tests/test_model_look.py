@@ -250,6 +250,23 @@ def test_a_lever_is_no_wheel_and_a_cube_has_its_x_axis_forward():
     assert look.robot.centre == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(("height", "round_"), [(0.02, True), (0.0175, False)])
+def test_a_wheel_of_a_mesh_is_round(height, round_):
+    """An oval of the same width, which would hop, is none."""
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([0.02 * np.cos(angles), height * np.sin(angles)], axis=-1)
+    corners = [(*point, z) for z in (-0.005, 0.005) for point in ring.tolist()]
+    vertices = " ".join(map(str, np.ravel(corners)))
+    Path("tyre.xml").write_text(
+        f"<mujoco><asset><mesh name='tyre' vertex='{vertices}'/></asset>"
+        "<worldbody><body name='hull'><freejoint/><geom size='0.02'/><body pos='0 0 -0.02'>"
+        "<joint name='axle'/><geom type='mesh' mesh='tyre'/></body></body></worldbody></mujoco>"
+    )
+    wheels = look_at("tyre.xml").wheels
+    assert [wheel.joint for wheel in wheels] == ["axle"] * round_
+    assert all(wheel.radius == pytest.approx(0.02) for wheel in wheels)
+
+
 def test_servos_that_are_added_carry_the_robots_weight():
     """A wheel drives with the weight at its rim; a joint holds the weight at the wall, 0.2 rad off,
     but is no stiffer than its own inertia allows; limits of the file stay."""

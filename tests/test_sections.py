@@ -86,6 +86,8 @@ def test_the_distance_is_that_of_the_nearest_place(name):
     turn = fitting.direction
     # Along its axis of symmetry two places may be as near.
     points[:40, :2] = np.linspace(-reach, reach, 40)[:, None] * [math.cos(turn), math.sin(turn)]
+    # Close to it the nearest place is beside it, and hard to find.
+    points[40:80, :2] = points[:40, :2] + 10.0 ** np.linspace(-16, -4, 40)[:, None]
     points[0] = 0.0
     distance, gradient = fitting.signed_distance(points)
     away = cKDTree(edge).query(points[:, :2])[0]

@@ -29,9 +29,9 @@ CODE, COS, SIN, FIRST, SECOND = 0, 1, 2, 3, 4
 half axes, m, of an oval, or half of the width, m, of another one."""
 MAX_OVALITY = 0.5
 """Far beyond the 0.05 to 0.15 at which pipes are relined or replaced."""
-ELLIPSE_STEPS, ELLIPSE_ACCURACY = 40, 1e-15
-"""Of Newton's method for the foot on an ellipse: steps at most, and the relative one that ends it.
-Three to five do for ovals of pipes."""
+ELLIPSE_STEPS, ELLIPSE_ACCURACY = 40, 1e-8
+"""Of Newton's method for the foot on an ellipse: steps at most, and the relative one that is the
+last: what is left of it is about its square. Two or three do for ovals of pipes."""
 ROUNDING = 1e-12
 """Part of a half width by which a point may lie beyond an arc's sector."""
 
@@ -128,7 +128,7 @@ def _eccentric(u, v, a, b):
         step = (length - 1.0) * length * length / fall
         w += step
         cos, sin = a * u / (w + square), b * v / w
-        if step <= ELLIPSE_ACCURACY * (w + square):
+        if step <= ELLIPSE_ACCURACY * w:
             break
     length = math.sqrt(cos * cos + sin * sin)
     return cos / length, sin / length

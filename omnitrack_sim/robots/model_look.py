@@ -25,13 +25,13 @@ from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import TIMESTEP
 
 ROUND = 0.95
-"""Least over largest radius of a wheel, about its axle."""
+"""Least over largest radius of a wheel, about its axle: treads and coarse meshes are round."""
 SECTORS = 12
 """Of the circle about an axle, in each of which a wheel has a largest radius."""
 SWING = 0.2
-"""Part of its range that an input to try swings about its mean."""
+"""Part of its range that an input to try swings about its mean: seen, and far from the stops."""
 RATE = 0.5
-"""Of that swing, Hz."""
+"""Of that swing, Hz: slow enough for limbs that carry the robot."""
 PLAY = 0.05
 """Part of the bore that a robot without wheels round it has to spare: it would wedge."""
 BELOW = 0.1
@@ -46,7 +46,7 @@ STIFFEST = 125.0
 MAX_STEPS, MAX_HALVINGS = 3_000, 4
 """Physics steps in which a robot alone comes to rest, and times that a step is halved for that."""
 STEADY = 0.02
-"""Part of the bore by which the axis may be off the chassis' own for that to be taken."""
+"""Part of the bore that is gained at least where an axis beside the chassis' own is taken."""
 DIRECTIONS = 64
 """In which the points are looked for that lie farthest out."""
 PLAUSIBLE = 1.2
