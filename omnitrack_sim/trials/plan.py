@@ -100,8 +100,8 @@ class Plan(ABC):
     def data(self) -> dict[str, Any]:
         """Return the plan as plain data, for its record."""
 
-    def robots(self) -> dict[str, Any]:
-        """Return what is recorded of robots from outside the package, by base; see ``Recorded``."""
+    def kept(self) -> dict[str, Any]:
+        """Return what its record keeps beside, for who reads it without the code it names."""
         return {}
 
     @abstractmethod

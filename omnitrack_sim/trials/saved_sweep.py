@@ -29,8 +29,8 @@ def load_sweep_result(directory: str | Path, *, trust: bool = False) -> TrialsRe
 
     Args:
         directory: folder of the sweep, as ``run_trials`` or ``omnitrack sweep`` left it.
-        trust: import what its scenarios name, and read a robot's own file. Otherwise such a robot
-            is known by what the sweep has recorded of it.
+        trust: import what its scenarios name, and read a robot's own file, to run its trials
+            again. Without it a robot from outside the package is known by what the folder keeps.
 
     Raises:
         OutputError: it holds no sweep, or its record or table is damaged; the message names the
@@ -81,9 +81,11 @@ def _sweep_in(folder: Path) -> Sweep:
         # Before anything is made of it.
         if hash_of(data) != record["sha256"]:
             raise ValueError("it is not the sweep of its hash")
-        robots = record["robots"]
-        kept = {name: {"file": "", "values": robots[name]} for name in robots}
-        bases = {name: read_back(base, kept.get(name)) for name, base in data["bases"].items()}
+        robots = dict(record.get("robots", {}))
+        bases = {
+            name: read_back(base, {"file": "", "values": robots[name]} if name in robots else None)
+            for name, base in data["bases"].items()
+        }
         keys = {key: value for key, value in data.items() if key in SweepTable.model_fields}
         table = checked(SweepTable, keys, SweepError)
         fields = {key: getattr(table, key) for key in SweepTable.model_fields}

@@ -156,14 +156,15 @@ class Sweep(SweepTable, Plan):
         """SHA-256 of everything that the table depends on: all but name, groups and labels."""
         return hash_of(self.data())
 
-    def robots(self) -> dict[str, Any]:
-        """See ``Plan``."""
-        robots = {name: base.robot for name, base in self.bases.items()}
-        return {name: values_of(robot) for name, robot in robots.items() if is_recorded(robot)}
-
     def data(self) -> dict[str, Any]:
         """Return the sweep as plain data, with its bases in full."""
         return self.model_dump(mode="json")
+
+    def kept(self) -> dict[str, Any]:
+        """Return what is to be known of robots from outside the package, by their base."""
+        robots = {name: base.robot for name, base in self.bases.items()}
+        own = {name: values_of(one) for name, one in robots.items() if is_recorded(one)}
+        return {"robots": own} if own else {}
 
     def rounds(self) -> Rounds:
         """Ask for all trials at once, and count them.
