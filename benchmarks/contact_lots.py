@@ -43,6 +43,10 @@ from omnitrack_sim.pipes.native import (
 GEOM = mujoco.mjtGeom
 FITTINGS = {
     "straight": ot.Straight(0.4),
+    "oval": ot.Straight(0.4, section="oval", ovality=0.2, direction=0.5),
+    "egg": ot.Straight(0.4, section="egg", direction=1.0),
+    "mouth": ot.Straight(0.4, section="mouth", direction=2.0),
+    "arch": ot.Straight(0.4, section="arch", direction=3.0),
     "elbow": ot.Elbow(0.24),
     "tight elbow": ot.Elbow(0.09),
     "reducer": ot.Reducer(0.15, 0.12),

@@ -95,6 +95,11 @@ def rate(passed: NDArray[np.bool_], which: NDArray[np.bool_], interval: bool) ->
     return rate_text(count, total) if interval else f"{count} of {total}"
 
 
+def is_random(result: ot.TrialsResult) -> bool:
+    """Return whether trials were drawn; those of grids and lists alone are a sample of nothing."""
+    return any(axis.kind not in ("grid", "list") for axis in result.plan.axes)
+
+
 def ran(result: ot.TrialsResult) -> NDArray[np.bool_]:
     """Return the trials that came to an end of their own."""
     return np.array(
@@ -110,7 +115,7 @@ def rows_of(result: ot.TrialsResult, cuts: Sequence[Cut]) -> tuple[list[str], li
     rows = []
     for label, row in groups(result, cuts[0]).items():
         cells = [rate(passed, valid & row & column, False) for column in columns.values()]
-        rows.append([label, *cells, rate(passed, valid & row, True)])
+        rows.append([label, *cells, rate(passed, valid & row, is_random(result))])
     return heads, rows
 
 
@@ -123,7 +128,7 @@ def summary(result: ot.TrialsResult) -> list[str]:
     first = int((passed & (attempts == 1)).sum())
     others = sorted({one for one, good in zip(outcomes, passed, strict=True) if not good})
     ends = ", ".join(f"{outcomes.count(one)} `{one}`" for one in others) or "-"
-    return [rate(passed, ran(result), True), str(first), ends]
+    return [rate(passed, ran(result), is_random(result)), str(first), ends]
 
 
 def main() -> None:

@@ -185,11 +185,11 @@ STUDIES = {
     ),
     "motors": Study(
         {
-            "`simulation`, speeds prescribed": AGAIN,
-            "published line, up to stall (1.18 N m)": AGAIN | {"robot.motor": PUBLISHED},
+            "`simulation`": AGAIN,
+            "published motor, up to stall (1.18 N m)": AGAIN | {"robot.motor": PUBLISHED},
         }
         | {
-            f"published line, {name}": AGAIN
+            f"published motor, {name}": AGAIN
             | {"robot.motor": {"like": PUBLISHED, "torque_limit": limit}}
             for name, limit in LIMITS.items()
         },
@@ -199,7 +199,7 @@ STUDIES = {
         columns={
             **BY_PRELOAD,
             "time, s": lambda rows: figure_of(rows, "duration_s", 1),
-            "above 0.245 N m, s": lambda rows: figure_of(rows, "time_above_recommended_s", 1),
+            "shaft above 0.245 N m, s": lambda rows: figure_of(rows, "time_above_recommended_s", 1),
             "largest current, A": lambda rows: figure_of(rows, "motor_current_max_a", 2),
             "winding, °C": lambda rows: figure_of(rows, "winding_temperature_max_c", 0),
             "others": ends,

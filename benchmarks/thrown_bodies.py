@@ -11,6 +11,8 @@ nor 20 mm beside one.
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import mujoco.rollout
 import numpy as np
@@ -31,6 +33,10 @@ FITTINGS = {
     "mitre": {"kind": "mitre"},
     "sharp mitre": {"kind": "mitre", "angle_deg": 135, "leg_length": 0.35},
     "reducer": {"kind": "reducer", "length": 0.15, "end_diameter": 0.12},
+    "oval": {"kind": "straight", "length": 0.4, "section": "oval", "ovality": 0.1},
+    "egg": {"kind": "straight", "length": 0.4, "section": "egg"},
+    "mouth": {"kind": "straight", "length": 0.4, "section": "mouth"},
+    "arch": {"kind": "straight", "length": 0.4, "section": "arch"},
 }
 LIMB = {"kind": "straight", "length": 0.4}
 NETWORKS = {
@@ -71,8 +77,12 @@ def capped(network: ot.Network) -> ot.Network:
     fittings, joints = list(tables["fittings"]), list(tables["joints"])
     for k, end in enumerate(network.open_ends):
         index, port = network.port(end)
-        bore = 2 * network.pipes.parts[index].fitting.port_radius(port)
+        fitting = network.pipes.parts[index].fitting
+        edge, bore = fitting.edge(port), 2 * fitting.port_radius(port)
         cap = {"kind": "cap", "name": f"cap_{k}", "length": 0.06, "inner_diameter": bore}
+        if edge is not None:
+            cap |= {"section": edge.name, "inner_diameter": edge.size, "ovality": edge.ovality}
+            cap["direction_deg"] = math.degrees(edge.direction)
         fittings.append(cap)
         joints.append({"ports": (end, f"cap_{k}.start")})
     return ot.Network(fittings=fittings, joints=joints)

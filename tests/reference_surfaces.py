@@ -20,6 +20,8 @@ _CHUNK = 20000
 
 def signed_distance(fitting: Fitting, points: Array) -> tuple[Array, Array]:
     """Distance (...,) m of points (..., 3) m from the wall of a shipped kind, and its gradient."""
+    if isinstance(fitting, Straight) and not fitting.is_round:
+        return _section(fitting, points)
     if isinstance(fitting, Straight):
         return _bore(points * [1, 1, 0], fitting.radius)
     if isinstance(fitting, Elbow):
@@ -41,6 +43,28 @@ def _bore(from_axis: Array, radius: float) -> tuple[Array, Array]:
     """Distance and gradient of a round wall, for vectors (..., 3) m from the bore's axis."""
     away = np.linalg.norm(from_axis, axis=-1)
     return radius - away, -from_axis / np.where(away > 0, away, 1.0)[..., None]
+
+
+def _section(pipe: Straight, points: Array) -> tuple[Array, Array]:
+    """The nearest place of the section's edge by samples, refined by Newton's method.
+
+    An oval's edge is that of its eccentric angle, another section's that of its normals.
+    """
+    section, across = pipe.shape, points[:, :2]
+    assert section is not None
+    places = section.points(np.linspace(0.0, 2 * np.pi, 3601)[:-1])
+    near = np.array([np.linalg.norm(places - p, axis=1).argmin() for p in across])
+    angle = near * 2 * np.pi / 3600
+    for _ in range(30):
+        # The normal at the foot leads to the point: turn by what is left of it.
+        normal, place = section.outward(angle), section.points(angle)
+        way = across - place
+        aside = normal[:, 0] * way[:, 1] - normal[:, 1] * way[:, 0]
+        along = (way * normal).sum(axis=1)
+        angle = angle + aside / (section.curvature_radii(angle) + along)
+    normal = section.outward(angle)
+    distance = ((section.points(angle) - across) * normal).sum(axis=1)
+    return distance, np.column_stack([-normal, np.zeros(len(normal))])
 
 
 def _from_axis_circle(points: Array, mean_radius: float) -> Array:

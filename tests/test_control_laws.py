@@ -122,6 +122,26 @@ def test_belts_give_way_in_a_turn_that_grips(slip: float, droops: float) -> None
         assert a.belt_speed - b.belt_speed == pytest.approx(expected[None], abs=1e-9)
 
 
+@pytest.mark.parametrize(("slip", "leans"), [(0.0, False), (0.6, True)])
+def test_another_attempt_leans_where_the_turn_has_slipped(slip: float, leans: bool) -> None:
+    """And not where it gripped: leaning takes torque."""
+    commands = []
+    for lean_deg in (0.0, 40.0):
+        bench = Bench(scenario_of("tee_turn", **{"control.parameters.sway.lean_deg": lean_deg}))
+        controller, inside = bench.controller, float(bench.routes.start[0]) + 0.005
+        assert isinstance(controller, JacobianController)
+        plane = cross(bench.routes.ahead[0], bench.routes.directions[0])
+        normal = bench.observe(inside).rotation[0].T @ plane
+        belts = module_speeds(0.0, normal[0], normal[1], 0.08)
+        for part in (1.0 - slip, 1.0):
+            for _ in range(20):
+                command = bench.step(inside, wall_speed=belts, angular_velocity=part * normal)
+            controller.recovery.retries[:] = 1
+            bench.step(0.2)
+        commands.append(command.belt_speed)
+    assert np.array_equal(*commands) != leans
+
+
 @pytest.mark.parametrize("gain", [0.0, 1.0, 4.0])
 @pytest.mark.parametrize("name", WAYS)
 def test_each_fitting_has_its_own_damping(name: str, gain: float) -> None:
@@ -656,6 +676,20 @@ def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -
         command = bench.step(bench.inside(), aside=share * BORE / 2 * out)
         assert [type(event) for event in command.events] == [BackedOff] * off
         assert command.resting.tolist() == [off]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("part", "off"), [(0.6, True), (0.9, False)])
+def test_a_robot_that_has_nearly_turned_is_past_nothing(part: float, off: bool) -> None:
+    """As far beside the centreline as one that backs off, it goes on: its nose is in the branch."""
+    bench = Bench(scenario_of("tee_turn", **{"control.retry": True, "robot.preload": 25.0}))
+    seen, routes = bench.observe(bench.inside()).location, bench.routes
+    out, plane = -cross(seen.tangent, seen.normal)[0], cross(routes.ahead[0], routes.directions[0])
+    tilt = part * np.pi / 2 * plane
+    here = bench.observe(0.1).rotation  # as before the turn
+    rotation = rotation_about(tilt, np.linalg.norm(tilt)) @ here
+    assert routes.progress(seen.passage, rotation) == pytest.approx([part])
+    command = bench.step(bench.inside(), aside=0.7 * BORE / 2 * out, rotation=rotation[0])
+    assert [type(event) for event in command.events] == [BackedOff] * off
 
 
 @pytest.mark.parametrize(

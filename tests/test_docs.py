@@ -163,14 +163,11 @@ def test_networks_and_their_keys_are_documented():
 
 @pytest.mark.long
 def test_examples_of_the_network_page_run(capsys):
-    """The TOML of networks.md is a network, and its Python runs."""
+    """The TOML of networks.md are networks, and its Python runs."""
     text = page("networks")
-    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    assert validate_network(tomllib.loads(example)).open_ends == (
-        "riser.start",
-        "t1.run_end",
-        "bend.end",
-    )
+    examples = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    found = [validate_network(tomllib.loads(example)).open_ends for example in examples]
+    assert found == [("riser.start", "t1.run_end", "bend.end"), ("main.start", "end.end")]
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
     assert "bridge" not in capsys.readouterr().out

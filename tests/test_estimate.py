@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from commands import omnitrack
 from sweep_samples import small_sweep
@@ -67,8 +69,9 @@ def test_a_study_counts_all_its_generations(paced):
     """Its rounds come one by one."""
     study = ot.load_study("controller_gains")
     assert estimate(study).trials == study.max_trials
-    one = estimate(study.trials[0])
-    assert estimate(study).shortest > one.shortest
+    # The start is the first round, a candidate of so many.
+    each = sum(estimate(sweep).shortest for sweep in study.trials) / study.size
+    assert estimate(study).shortest == pytest.approx(each * study.max_trials)
 
 
 def test_a_bench_and_a_passport_say_how_long_they_take_and_run_nothing(paced, tmp_path):
@@ -85,3 +88,23 @@ def test_a_bench_and_a_passport_say_how_long_they_take_and_run_nothing(paced, tm
     assert "straight 8" in words
     assert "392 trials take" in words
     assert list(tmp_path.iterdir()) == []
+
+
+def test_more_processes_take_less_time(paced, tmp_path):
+    """In proportion."""
+    longest = []
+    for workers in ("1", "4"):
+        shown = omnitrack("sweep", "tee_lugs", "--list", "--workers", workers, cwd=tmp_path).stdout
+        *_, ends = re.findall(r"(\d+):(\d\d):(\d\d)", " ".join(shown.split()))
+        longest.append(int(ends[0]) * 3600 + int(ends[1]) * 60 + int(ends[2]))
+    assert longest[0] == pytest.approx(4 * longest[1], abs=4)
+    assert longest[1] > 60
+
+
+def test_columns_of_benches_and_passports_have_units():
+    """Those of what is varied."""
+    bench = ot.Bench.of("mobility", ["tee_into"], ["presser"], quick=True)
+    passport = ot.PassportPlan.of("presser", courses=["straight"], trials=2)
+    for plan in (bench, passport):
+        units = next(plan.rounds()).units
+        assert (units["world.gravity"], units["start.theta5_deg"]) == ("m/s²", "deg")

@@ -158,6 +158,8 @@ def test_the_file_says_what_was_run(turn, messages):
         turn.scenario.model_dump_json()
     )
     assert json.loads(messages.attachments["result.json"])["outcome"] == turn.outcome.value
+    assert [m.message for _, m in messages.of["/events"]] == [str(e) for e in turn.events]
+    assert len(turn.events) > 0
     assert messages.schemas["/tf"] == "foxglove.FrameTransforms"
     assert messages.schemas["/scene"] == "foxglove.SceneUpdate"
 
@@ -211,7 +213,8 @@ def test_xarray_has_names_and_units(turn, snake):
         turn.trajectory["contact_position"][:, 2, 2],
     )
     assert dataset.normal_force.attrs["units"] == "N"
-    assert dataset.quaternion.dims == ("time", "quaternion_part")
+    w = dataset.quaternion.sel(quaternion_part="w")
+    np.testing.assert_array_equal(w, turn.trajectory["quaternion"][:, 0])
     np.testing.assert_array_equal(
         dataset.joint_position.sel(joint="slide_1"), turn.qpos[:, turn.joints["slide_1"].start]
     )
@@ -268,3 +271,73 @@ def test_a_robot_of_a_file_is_exported_without_reading_the_file(tmp_path, monkey
     assert {one.child_frame_id for one in read.of["/tf"][0][1].transforms} == {"ball", "arm"}
     head = ot.export_result("run", "run.csv").read_text().partition("\n")[0]
     assert head.endswith("joint root_qz,joint swing [rad]")
+
+
+@pytest.fixture(scope="module")
+def rolling() -> ot.Recording:
+    """A ball with a hinged arm in a straight, recorded beside a loop of one's own."""
+    spec = mujoco.MjSpec()
+    ball = spec.worldbody.add_body(name="ball", pos=[0, 0, 0.2])
+    ball.add_freejoint()
+    ball.add_geom(size=[0.05, 0, 0])
+    arm = ball.add_body(name="arm")
+    arm.add_joint(name="swing", axis=[1, 0, 0], damping=[0.01, 0, 0])
+    arm.add_geom(size=[0.01, 0, 0], pos=[0, 0, 0.06])
+    straight = {"kind": "straight", "name": "pipe", "length": 0.5}
+    pipes = ot.add_pipes(spec, ot.Network(fittings=[straight]), friction=0.8)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    model.opt.gravity[:] = 0, -9.81, 0
+    recording = ot.Recording(model, pipes, period=0.02)
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        recording.append(data)
+    return recording
+
+
+def test_a_recording_is_exported_as_a_run_is(rolling, tmp_path):
+    """Frames, joints, contacts with the forces of the wall, and its quantities, by its file too."""
+    pytest.importorskip("mcap")
+    file = ot.export_result(rolling, tmp_path / "ball.mcap")
+    read = Messages(file)
+    poses = [m.pose.position for _, m in read.of["/pose"]]
+    body = rolling.model.body("ball").id
+    np.testing.assert_allclose([[p.x, p.y, p.z] for p in poses], rolling.bodies[:, body, :3])
+    joints = [one.position for _, m in read.of["/joints"] for one in m.joints]
+    assert joints == rolling.qpos[:, 7].tolist()
+    contacts, at = rolling.contacts, [len(m.contacts) for _, m in read.of["/contacts"]]
+    assert at == np.bincount(contacts.sample, minlength=len(rolling)).tolist()
+    told = [(one.fx, one.fy, one.fz) for _, m in read.of["/contacts"] for one in m.contacts]
+    assert told == [tuple(force) for force in contacts.force.tolist()]
+    depths = [one.depth for _, m in read.of["/contacts"] for one in m.contacts]
+    assert depths == (-contacts.distance).tolist()
+    assert max(force for _, force, _ in told) > 0.5  # the weight of the ball
+    speeds = read.of["/channels/qvel"]
+    assert speeds[-1][1].swing == rolling["qvel"][-1, 6]
+    saved = rolling.save(tmp_path / "ball.npz")
+    assert ot.export_result(saved, tmp_path / "b.mcap").read_bytes() == file.read_bytes()
+    head, first, *_ = ot.export_result(saved, tmp_path / "b.csv").read_text().splitlines()
+    assert next(csv.reader([head]))[1] == "qpos joint_0_x [m, rad]"
+    assert float(first.partition(",")[0]) == rolling.time[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("missions/fig14_onboard", "missions/fig14", "paper/tee_differential"),
+        *(f"robots/{kind}_elbow" for kind in ("climber", "helix", "inchworm", "pirate", "presser")),
+        *("robots/screw_elbow", "robots/snake_elbow"),
+    ],
+)
+def test_every_robot_and_mission_is_exported(name, tmp_path):
+    """Each number of the record, once."""
+    pytest.importorskip("mcap")
+    pytest.importorskip("xarray")
+    result = ot.run(ot.load_scenario(name, {"run.time_limit": 0.5}), no_load=False)
+    read = Messages(ot.export_result(result, tmp_path / "run.mcap"))
+    assert {f"/channels/{name}" for name in result.trajectory.schema} <= read.of.keys()
+    numbers = sum(len(channel.columns) for channel in result.trajectory.schema.values())
+    head = ot.export_result(result, tmp_path / "run.csv").read_text().partition("\n")[0]
+    assert len(next(csv.reader([head]))) == 1 + numbers + result.qpos.shape[1]
+    assert ot.to_xarray(result).sizes["joint"] == result.qpos.shape[1]

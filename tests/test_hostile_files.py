@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import socket
+import struct
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -151,6 +152,30 @@ def test_a_model_that_asks_for_too_much_is_refused(name, tmp_path):
     (tmp_path / "robot.xml").write_text(f"<mujoco>{MODELS[name]}</mujoco>")
     told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
     assert "robot.file" in told
+
+
+def test_a_picture_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    """Its size stands at its beginning."""
+    head = struct.pack(">8s4s4sII", b"\x89PNG\r\n\x1a\n", b"\0\0\0\r", b"IHDR", 90_000, 90_000)
+    (tmp_path / "big.png").write_bytes(head + bytes(100))
+    asset = '<asset><texture name="t" type="2d" file="big.png"/></asset>'
+    text = f"<mujoco>{asset}<worldbody>{BODY}</worldbody></mujoco>"
+    (tmp_path / "robot.xml").write_text(text)
+    told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
+    assert "8.1e+09 pixels of big.png" in told
+
+
+def test_a_page_that_no_browser_shows_is_not_made(monkeypatch):
+    """Before the poses of millions of samples are looked for."""
+    monkeypatch.setattr("omnitrack_sim.show.replay.document.MAX_PAGE_NUMBERS", 1000)
+    run = sample_result()
+    assert "page: of 201 samples is too large" in refused(lambda: ot.render_replay(run))
+
+
+def test_a_robot_whose_file_is_gone_is_told(tmp_path):
+    """With its place, whatever else of the robot depends on the file."""
+    told = refused(lambda: ot.load_scenario("straight", {"robot": str(tmp_path / "robot.xml")}))
+    assert told.startswith("robot.file: cannot be read: no such file")
 
 
 def test_entities_that_grow_are_not_read(tmp_path):

@@ -221,6 +221,32 @@ def test_a_sensor_with_the_name_of_a_channel_does_not_take_its_place():
     assert trajectory["sensor_tilt"].shape == (len(trajectory.time), 3)
 
 
+@pytest.mark.parametrize("free", ["<freejoint/>", "<joint type='slide'/>"])
+def test_a_robot_begins_in_a_keyframe_of_its_file(free):
+    """Joints and inputs are those that were saved, by their names, whatever else is in the world;
+    its size is that of this state."""
+    world = (
+        "<body name='ball'><freejoint/><geom size='0.1'/></body>"
+        f"<body name='hull'>{free}{BALL}<body><joint name='hip' axis='0 1 0' damping='1'/>"
+        "<geom size='0.01' pos='0.06 0 0'/></body></body>"
+    )
+    own = "0 0 0 1 0 0 0" if free == "<freejoint/>" else "0"
+    more = (
+        "<actuator><velocity name='turn' joint='hip' kv='0'/>"
+        "<position name='swing' joint='hip' kp='1'/></actuator><keyframe>"
+        f"<key name='up' qpos='0 0 0 1 0 0 0 {own} 1.5708' ctrl='0.2 1.5708'/></keyframe>"
+    )
+    file = written(mjcf(world, more))
+    straight, up = (in_a_pipe(file, bore=0.2, keyframe=name) for name in ("", "up"))
+    assert straight.robot.length == pytest.approx(0.11)
+    assert up.robot.length == pytest.approx(0.08)
+    result = ot.run(up)
+    assert result.qpos[0, result.joints["hip"]] == pytest.approx(1.5708, abs=0.01)
+    assert result.trajectory["ctrl"][0] == pytest.approx([0.2, 1.5708])
+    with pytest.raises(ot.ScenarioError, match=r"robot.keyframe: .*'down' \(choose from: up\)"):
+        in_a_pipe(file, keyframe="down")
+
+
 def test_lengths_of_fifty_metres_are_asked_about():
     """A robot in millimetres is wider than any pipe."""
     file = written(mjcf(f"{FLOOR}<body><freejoint/><geom size='25'/></body>"))
@@ -336,8 +362,20 @@ def test_meshes_of_packages_are_found_in_the_folders_above():
     file = written(mesh, folder / "cart.urdf")
     assert compiled(str(file)).nmesh == 1
     lost = written(mesh.replace("skin.obj", "lost.obj"), folder / "lost.urdf")
-    with pytest.raises(ot.ScenarioError, match=r"robot.file: .*lost.obj.*in the folders above it"):
+    with pytest.raises(ot.ScenarioError, match=r"robot.file: mesh 'package://cart/lost.obj' is"):
         in_a_pipe(str(lost))
+
+
+def test_a_height_field_of_the_robot_is_refused():
+    """It would pass through the walls."""
+    text = mjcf(
+        "<body><freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<geom name='relief' type='hfield' hfield='h'/></body>",
+        "<asset><hfield name='h' nrow='2' ncol='2' size='.1 .1 .1 .1' elevation='0 1 1 0'/>"
+        "</asset>",
+    )
+    with pytest.raises(ot.ScenarioError, match=r"robot.file: geom 'relief' is a height field"):
+        in_a_pipe(written(text))
 
 
 @pytest.mark.parametrize(
@@ -347,6 +385,8 @@ def test_meshes_of_packages_are_found_in_the_folders_above():
         ("odd.xml", "<scene/>", "MJCF begins with <mujoco>, URDF with <robot>"),
         ("odd.urdf", "<robot name='a'><link name='${x}'/><xacro:b/></robot>", "`xacro IN > OUT"),
         ("light.xml", mjcf("<body><joint/></body>"), "what moves needs a mass"),
+        ("lost.xml", mjcf("<body>\n<geom size='a b'/></body>"), "line 2: <geom size='a b'/>"),
+        ("lost.urdf", URDF.format(ixx=1).replace('child link="rim"', 'child link="rin"'), '"axle"'),
     ],
 )
 def test_what_cannot_be_read_is_told_with_what_to_do(name, text, hint):
@@ -433,3 +473,35 @@ def test_joints_of_a_urdf_get_motors():
         assert data.actuator_force[0] == pytest.approx(force)
     with pytest.raises(ot.ScenarioError, match=r"robot.servos: joints.leg: fits no name.*axle"):
         in_a_pipe(file, servos=[{"joints": "leg"}])
+
+
+ACTUATORS = (
+    "<motor joint='hip'/>",
+    "<position joint='hip' kp='1' timeconst='0.05'/>",
+    "<velocity joint='hip' kv='0.01'/>",
+    "<intvelocity joint='hip' kp='1' actrange='-1 1'/>",
+    "<cylinder joint='hip' timeconst='0.1' area='0.01'/>",
+    "<muscle joint='hip' lengthrange='-1 1'/>",
+    "<adhesion body='leg' gain='1' ctrlrange='0 1'/>",
+    "<motor site='tip' gear='0 0 1 0 0 0'/>",
+    "<motor tendon='cord'/>",
+    "<general joint='hip' dyntype='filter' dynprm='0.1' gainprm='0.1'/>",
+)
+
+
+@pytest.mark.parametrize("actuator", ACTUATORS, ids=lambda text: text.split()[0].strip("<"))
+def test_actuators_of_any_type_are_driven(actuator):
+    """Each takes the input of the scenario, and the physics goes on."""
+    world = (
+        f"<body name='hull'><freejoint/>{BALL}<body name='leg'><joint name='hip' axis='0 1 0' "
+        "range='-60 60' damping='0.01'/><geom size='0.01' pos='0.02 0 0'/><site name='tip'/>"
+        "</body></body>"
+    )
+    cord = "<tendon><fixed name='cord'><joint joint='hip' coef='1'/></fixed></tendon>"
+    file = written(mjcf(world, f"{cord}<actuator>{actuator}</actuator>"))
+    control = {"kind": "periodic", "parameters": {"inputs": {"*": 0.5}, "ramp": 0.0}}
+    data = in_a_pipe(file).model_dump(mode="json") | {"control": control}
+    result = ot.run(validate(data))
+    assert result.outcome.value == "timed_out"
+    assert result.trajectory["ctrl"][-1] == pytest.approx([0.5])
+    assert np.abs(result.trajectory["actuator_force"]).max() > 1e-6

@@ -15,6 +15,7 @@ from omnitrack_sim.base import naming
 from omnitrack_sim.cli import app
 from omnitrack_sim.robots.model_look import look_at
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.sim.model_template import model_scenario
 
 INERTIA = (
     '<inertial><mass value="{0}"/><inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/>'
@@ -118,7 +119,10 @@ def test_a_urdf_of_a_cart_drives_in_its_pipe():
     assert data["control"]["kind"] == "mine_control:Controller"
     assert [servo["joints"] for servo in data["robot"]["servos"]] == ["axle_*"]
     assert len(set(data["control"]["parameters"]["inputs"].values())) == 1
+    way, speed = data["pipes"][0]["length"], data["robot"]["bore"] / 5
+    assert data["run"]["time_limit"] == pytest.approx(1.5 * way / speed, rel=0.01)
     result = driven()
+    assert [str(event) for event in result.events if "stiffer" in str(event)] == []
     assert result.metrics["distance_m"] > 0.6 * result.scenario.robot.nominal_speed
     assert result.trajectory["tilt"].max() < 0.1
     top = started(result.scenario).body("hull").xmat.reshape(3, 3)[:, 2]
@@ -154,8 +158,8 @@ def test_legs_swing_about_where_they_are():
 
 
 def test_the_bore_is_that_of_the_narrowest_pipe():
-    """About the middle of the cross section, which need not be the chassis' own axis; at rest as
-    well, when springs have moved limbs out."""
+    """With 5 % of play, about the middle of the cross section, which need not be the chassis' own
+    axis; at rest as well, when springs have moved limbs out."""
     two = (
         "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.02'/>"
         "<geom size='0.02' pos='0.2 0.1 0'/><geom size='0.02' pos='0.1 0.1 0'/>{0}</body>"
@@ -163,7 +167,7 @@ def test_the_bore_is_that_of_the_narrowest_pipe():
     )
     Path("two.xml").write_text(two.format(""))
     found = look_at("two.xml").robot
-    assert found.bore == pytest.approx(0.14, rel=0.01)
+    assert found.bore == pytest.approx(1.05 * 0.14, rel=0.01)
     np.testing.assert_allclose(found.centre, [0, 0.05, 0], atol=1e-3)
     assert found.length == pytest.approx(0.24)
     sprung = (
@@ -205,19 +209,86 @@ def test_servos_of_position_hold_the_pose_of_the_file():
 
 
 def test_physics_that_diverges_before_the_start_ends_the_run():
-    """With that outcome, and not as a robot that does not fit or that has slid back; a time step is
-    written at which it does not."""
-    spring = "stiffness='1e4' springref='60'"
+    """With that outcome, and not as a robot that does not fit or that has slid back; the time step
+    that is written is one at which it does not."""
     Path("stiff.xml").write_text(
         "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.03'/><body>"
-        f"<joint name='hip' {spring}/><geom size='0.01' pos='0.02 0 0' mass='1e-3'/></body></body>"
-        "</worldbody></mujoco>"
+        "<joint name='hip' stiffness='1' springref='60'/>"
+        "<geom size='0.001' pos='0.02 0 0' mass='1e-3'/></body></body></worldbody></mujoco>"
     )
-    pipes = [{"kind": "straight", "length": 0.6, "inner_diameter": 0.1}]
-    start = {"distance": 0.3, "axis": [1, 0, 0]}
-    robot = {"kind": "mjcf", "file": "stiff.xml"}
-    scenario = validate({"pipes": pipes, "robot": robot, "start": start})
-    assert ot.run(scenario).outcome is ot.Outcome.DIVERGED
+    scenario = model_scenario("stiff.xml", {"run.time_limit": 0.1})
+    assert scenario.physics.timestep == 0.001
+    assert ot.run(scenario).outcome is ot.Outcome.TIMED_OUT
+    coarse = ot.override(scenario, {"physics.timestep": 0.002})
+    assert ot.run(coarse).outcome is ot.Outcome.DIVERGED
+
+
+def test_a_coarser_time_step_than_the_files_own_is_told_of():
+    """From one and a half times on."""
+    Path("fine.xml").write_text(
+        "<mujoco><option timestep='0.001'/><worldbody><body name='hull'><freejoint/>"
+        "<geom size='0.03'/></body></worldbody></mujoco>"
+    )
+    scenario = model_scenario("fine.xml", {"run.time_limit": 0.02})
+    for step, told in ((0.001, False), (0.002, True)):
+        events = ot.run(ot.override(scenario, {"physics.timestep": step})).events
+        assert any("time step of 0.001 s" in str(event) for event in events) == told
+
+
+def test_a_lever_is_no_wheel_and_a_cube_has_its_x_axis_forward():
+    """What turns without end is a wheel if it is round about its axle; an axis that is hardly
+    longer than another is not the forward one, and a centre that is hardly off is the chassis'."""
+    Path("cube.xml").write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/>"
+        "<geom type='box' size='0.05 0.05 0.054' pos='0 0 0.0005'/><body><joint name='crank'/>"
+        "<geom type='capsule' size='0.01' fromto='-0.02 0 0 0.02 0 0'/></body></body></worldbody>"
+        "</mujoco>"
+    )
+    look = look_at("cube.xml")
+    assert look.wheels == ()
+    assert look.robot.forward == "x"
+    assert look.robot.centre == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("height", "round_"), [(0.02, True), (0.0175, False)])
+def test_a_wheel_of_a_mesh_is_round(height, round_):
+    """An oval of the same width, which would hop, is none."""
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = np.stack([0.02 * np.cos(angles), height * np.sin(angles)], axis=-1)
+    corners = [(*point, z) for z in (-0.005, 0.005) for point in ring.tolist()]
+    vertices = " ".join(map(str, np.ravel(corners)))
+    Path("tyre.xml").write_text(
+        f"<mujoco><asset><mesh name='tyre' vertex='{vertices}'/></asset>"
+        "<worldbody><body name='hull'><freejoint/><geom size='0.02'/><body pos='0 0 -0.02'>"
+        "<joint name='axle'/><geom type='mesh' mesh='tyre'/></body></body></worldbody></mujoco>"
+    )
+    wheels = look_at("tyre.xml").wheels
+    assert [wheel.joint for wheel in wheels] == ["axle"] * round_
+    assert all(wheel.radius == pytest.approx(0.02) for wheel in wheels)
+
+
+def test_servos_that_are_added_carry_the_robots_weight():
+    """A wheel drives with the weight at its rim; a joint holds the weight at the wall, 0.2 rad off,
+    but is no stiffer than its own inertia allows; limits of the file stay."""
+    finger = (
+        '<link name="tip">{0}<collision><geometry><sphere radius="0.005"/></geometry></collision>'
+        '</link><joint name="bend" type="revolute"><limit lower="-1" upper="1" effort="{1}" '
+        'velocity="1"/><parent link="hull"/><child link="tip"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    weight = 9.81 * 0.7
+    for inertia, effort, gain in ((1e-2, 7, 1.0), (1e-5, 0.5, None)):
+        text = CART.replace("</robot>", finger.format(INERTIA.format(1e-9, inertia), effort))
+        Path("cart.urdf").write_text(text)
+        robot = look_at("cart.urdf").robot
+        servos = {servo.joints: servo for servo in robot.servos}
+        wheel, bend = servos["axle_*"], servos["bend"]
+        assert wheel.limit == pytest.approx(weight * 0.02, rel=0.01)
+        slow = 0.2 * robot.nominal_speed / 0.02
+        assert wheel.gain * slow == pytest.approx(wheel.limit, rel=0.01)
+        assert bend.limit is None
+        carried = weight * robot.bore / 2 / 0.2
+        stiffest = inertia * 125**2
+        assert bend.gain == pytest.approx(carried if gain else stiffest, rel=0.02)
 
 
 def test_neither_file_is_overwritten():
@@ -248,6 +319,7 @@ def test_a_chassis_is_named_where_several_could_be_it():
         new(text, "twins.xml")
     new(text, "twins.xml", "--body", "two")
     assert ot.load_scenario("mine.toml").robot.chassis == "two"
+    assert model_scenario("twins.xml", {"robot.body": "one"}).robot.chassis == "one"
 
 
 def test_the_survey_runs_models_of_a_folder_or_says_why_not():

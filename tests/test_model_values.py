@@ -174,7 +174,10 @@ def test_a_sweep_varies_them_by_name_and_by_pattern(tmp_path):
     assert isinstance(robot, ot.Mjcf)
     assert robot.joint["front"]["stiffness"] == 2.0
     assert (robot.actuator["angle"]["kp"], robot.actuator["critical"]["kp"]) == (4.0, 4.0)
-    table = ot.run_trials(sweep).table
+    table = ot.run_trials(sweep, out="swept").table
+    with pytest.raises(ot.OutputError, match="trust=True"):
+        ot.plot_sweep("swept")
+    assert ot.plot_sweep("swept", trust=True).axes
     assert {*table["outcome"].to_pylist()} <= {"timed_out", "stuck"}
     field = table.schema.field("robot.joint.front.stiffness")
     assert field.metadata == {b"unit": b"N m/rad"}
@@ -268,3 +271,16 @@ def test_a_pattern_stands_for_the_keys_of_a_table_that_it_fits():
     scenario = Document(ot.Scenario, {"robot": {"kind": "mjcf", "file": "arms.xml"}})
     assert scenario.set("robot.joint.wheel_*.damping", 1.0) is None
     assert scenario.data["robot"]["joint"] == {"wheel_*": {"damping": 1.0}}
+
+
+def test_a_capsule_between_two_points_has_one_size(place):
+    """Its length is that between the points."""
+    (place / "rod.xml").write_text(
+        "<mujoco><worldbody><body name='rod'><freejoint/>"
+        "<geom name='rod' type='capsule' fromto='0 0 0 0 0 .1' size='.02'/></body></worldbody>"
+        "</mujoco>"
+    )
+    robot = ot.Mjcf(file="rod.xml")
+    assert robot.geom == {"rod": {"size": (0.02,), "density": 1000.0}}
+    thick = ot.Mjcf(file="rod.xml", geom={"rod": {"size": [0.03]}})
+    np.testing.assert_allclose(compiled(thick).geom_size[0], [0.03, 0.05, 0])

@@ -11,9 +11,11 @@ from own_crawler import HULL, MOTORS, WHEELS, crawl, crawler_xml
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import matrix_from_quaternion
 from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.show.film.overlay import _shortened, font
 from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
 from omnitrack_sim.show.film.render import stage_of
 from omnitrack_sim.show.legend import MAX_NAMED, Parts, colours, legends_of, merged, short_names
+from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.recording_playback import RecordingPlayback, shown_samples
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -70,7 +72,11 @@ def test_parts_that_share_a_body_have_colours_of_their_own():
     legends = legends_of([bodies, joints])
     assert len(set(legends["joint"].colours)) == 3
     many = tuple(f"link_{i}" for i in range(MAX_NAMED + 3))
-    legend = legends_of([Parts("body", many, tuple(range(1, 16)), (True,) * 15)])["body"]
+    legends = legends_of([Parts("body", many, tuple(range(1, 16)), (True,) * 15)])
+    legend = legends["body"]
+    playback = Playback()
+    playback.__dict__["legends"] = legends
+    assert playback.badges == (), "which numbers only a few bodies"
     assert [row[0] for row in legend.rows] == ["0", "to 14, 14 more"]
     assert len(set(legend.colours)) == len(many)
 
@@ -91,6 +97,7 @@ def test_arrows_are_the_recorded_forces(climb, playback):
         seen = total > 0
         assert seen[recorded > 1].mean() > 0.99
         assert total[seen] == pytest.approx(recorded[seen], rel=1e-9)
+    assert (sizes > 0).all()
     pushes = [arrow.force for arrow in playback.arrows]
     assert len(pushes) == len(WHEELS)
     straight = trajectory["distance"] < 0.3
@@ -141,6 +148,7 @@ def test_pages_name_every_line(playback):
             if panel["told"]:
                 assert set(filter(None, panel["colours"])) == paints
     assert {arrow["kind"] for arrow in data["runs"][0]["arrows"]} == {"normal_force"}
+    assert all(part["marks"] for part in data["pipes"]["parts"])
 
 
 def badges(data) -> list:
@@ -208,6 +216,18 @@ def test_what_has_left_the_pipe_says_when(leaving):
     assert shown.heading["outcome"] == "left the pipes"
     least = next(row for row in shown.heading["figures"] if row["unit"] == "mm")
     assert 70 < least["value"] <= 80
+
+
+def test_a_camera_that_has_left_the_pipe_says_so(leaving):
+    """The panel of its film does, from the first sample on at which it looks out of the end."""
+    shown = RecordingPlayback(leaving)
+    with stage_of(shown, (1280, 720), "eye") as stage:
+        titles = [stage._panels[0]._status(row).title for row in range(len(shown.time))]
+    left = [title.startswith("camera has left the pipes, ") for title in titles]
+    eye = leaving.bodies[: len(left), shown.body, 2] + 0.072  # above the hull's middle
+    assert left == (eye > 0.3).tolist()
+    assert any(left)
+    assert not all(left)
 
 
 def test_tables_name_bodies_joints_and_actuators(leaving):
@@ -323,3 +343,14 @@ def test_daylight_comes_through_an_open_end(watched):
         picture = stage.paint(0).astype(int)
     assert np.abs(picture[90, 160] - np.round(255 * np.array(DAYLIGHT))).max() <= 2
     assert picture[90, 5].sum() > picture[90, 110].sum()
+
+
+def test_labels_of_bars_keep_both_ends():
+    """Names of links that differ in their last letter stay apart where they are shortened."""
+    letters = font(15)
+    names = [f"articulated body link number {i}" for i in range(12)]
+    shown = [_shortened(name, letters, 120) for name in names]
+    assert len(set(shown)) == len(names)
+    assert all(letters.getlength(text) <= 120 for text in shown)
+    assert all(text.startswith("artic") for text in shown)
+    assert _shortened("front", letters, 120) == "front"

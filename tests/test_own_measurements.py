@@ -14,6 +14,7 @@ from runs import same_record, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.cli.runs import print_result
 from omnitrack_sim.record.channels import Vector
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS
 from omnitrack_sim.robots.sensor import State
@@ -218,13 +219,18 @@ def gauges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     del sys.modules["gauges"]
 
 
-def test_what_a_scenario_names_is_there_in_its_run(gauges) -> None:
-    """Sensors and metrics of ``[record]`` give the same as those that are handed over."""
+def test_what_a_scenario_names_is_there_in_its_run(gauges, tmp_path, capsys) -> None:
+    """Sensors and metrics of ``[record]`` give the same as those that are handed over, and the
+    table of ``run`` has the metrics."""
     named = ot.run(straight(**NAMED))
     handed_over = ot.run(straight(), sensors=[gauges.CELSIUS], metrics=[gauges.WARMTH, gauges.COLD])
     assert same_record(named, handed_over)
     assert named.metrics == handed_over.metrics
     assert named.scenario.record.sensors == ("gauges:CELSIUS",)
+    print_result(named, tmp_path)
+    rows = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines() if line}
+    assert rows["warmth_max_k"][1:] == ["K", *(f"{v:.4g}" for v in named.metrics["warmth_max_k"])]
+    assert rows["cold_k"][1:] == ["K", f"{named.metrics['cold_k']:.4g}"]
     assert named.metrics["cold_k"] == named.trajectory["temperature"].min()
 
 

@@ -626,3 +626,16 @@ def test_a_saved_model_of_a_scenario_is_refused_without_the_package(name, tmp_pa
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode != 0
     assert "plugin omnitrack_sim.walls not found" in done.stderr
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ROBOTS if kind != "mjcf"])
+def test_every_joint_has_columns_of_its_own(kind):
+    """One after the other, all that there are: also beside a joint without a name."""
+    from omnitrack_sim.robots.plant import compiled
+
+    robot = robot_class(kind)()
+    columns = list(robot.joints.values())
+    assert len(columns) == compiled(robot).njnt
+    ends = [0, *(own.stop for own in columns)]
+    assert [own.start for own in columns] == ends[:-1]
+    assert ends[-1] == compiled(robot).nq == robot.joint_count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 from collections.abc import Callable, Iterator
 
@@ -13,7 +14,6 @@ from samples import sample_result
 import omnitrack_sim as ot
 from omnitrack_sim.base.text import csv_text
 from omnitrack_sim.pipes.network import Network
-from omnitrack_sim.results.dataset import to_csv as run_csv
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.trials.table import to_csv
@@ -47,6 +47,13 @@ def timeline(tmp_path, name: str) -> str:
     return (named_run(name).save(tmp_path / "run") / "timeline.csv").read_text()
 
 
+def samples(tmp_path, name: str) -> str:
+    run = named_run(name)
+    phases = (name, *run.trajectory.phases[1:])
+    run = dataclasses.replace(run, trajectory=dataclasses.replace(run.trajectory, phases=phases))
+    return ot.export_result(run, tmp_path / "run.csv").read_text()
+
+
 def centrelines(_, name: str) -> str:
     fitting = {"kind": "straight", "length": 0.5, "name": name.replace("\t", "").replace(" ", "")}
     return centreline_table(Network(fittings=[fitting]).pipes)
@@ -55,7 +62,7 @@ def centrelines(_, name: str) -> str:
 WRITERS: dict[str, Callable[..., str]] = {
     "rows": lambda _, name: csv_text([[name, 1.0], [None, name]]),
     "timeline": timeline,
-    "samples": lambda _, name: run_csv(named_run(name)).decode(),
+    "samples": samples,
     "centrelines": centrelines,
     "trials": lambda _, name: to_csv(pa.table({name: [1.0], "entry": [name]})).decode(),
 }

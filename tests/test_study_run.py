@@ -65,6 +65,7 @@ def test_the_folder_holds_its_files(calm):
     assert table["trials"].to_pylist() == [2] * 19
     units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
     assert (units["control.cruise_speed"], units["torque_rms_nm"]) == (b"m/s", b"N m")
+    assert units["robot.preload"] == b"N"
     assert len((calm / "history.csv").read_text().splitlines()) == 20
     summary = json.loads((calm / "summary.json").read_text())
     assert (summary["candidates"], summary["trials_each"]) == (19, 2)

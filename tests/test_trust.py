@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import importlib.abc
+import inspect
 import json
 import os
 import pickle
+import re
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
@@ -16,6 +20,8 @@ import mujoco
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from commands import omnitrack
+from documents import page
 from policy_samples import driver
 from samples import sample_result
 from town_samples import passport
@@ -23,6 +29,7 @@ from town_samples import passport
 import omnitrack_sim as ot
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.base.writing import npz_of
+from omnitrack_sim.cli import app
 from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.scenario import validate
@@ -224,7 +231,17 @@ def test_a_run_that_was_only_looked_at_is_not_run(watch, tmp_path):
     assert other.scenario.hash == other.provenance["scenario_sha256"]
 
 
-@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "bomb", "other robot"])
+OUTSIDE = {
+    "above": ("", "../secret.obj"),
+    "elsewhere": ("", "/dev/zero"),
+    "of Windows": ("", "C:\\\\secret.obj"),
+    "by a folder": ("/tmp", "m.obj"),
+    "not there": ("", "n.obj"),
+}
+"""Meshes that are named from outside of an archive: folder, file."""
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "folder", "text", "other robot", *OUTSIDE])
 def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
     """The numbers of the run are read without it."""
     folder = RUNS["robot"](tmp_path / "run")
@@ -241,13 +258,18 @@ def test_a_damaged_model_for_pictures_is_told(kind, watch, tmp_path):
         file.write_bytes(b"no archive" + data[:100])
     else:
         body = "<body name='chassis'><freejoint/><geom size='1'/></body>"
-        mesh = "<asset><mesh name='m' file='../secret.obj'/></asset>" if kind == "bomb" else ""
+        mesh = ""
+        if kind in OUTSIDE:
+            place, name = OUTSIDE[kind]
+            mesh = f"<compiler meshdir='{place}'/><asset><mesh name='m' file='{name}'/></asset>"
         text = f"<mujoco>{mesh}<worldbody>{body}</worldbody></mujoco>"
         with zipfile.ZipFile(file, "w") as archive:
             archive.writestr("model.xml", text)
+            archive.writestr("m.obj", "v 0 0 0")
     run = ot.load_result(folder)
     assert run.metrics["distance_m"] > 0
-    with pytest.raises(ot.OutputError, match=r"robot\.mjz: "):
+    why = "which is not in it" if kind in OUTSIDE else ""
+    with pytest.raises(ot.OutputError, match=rf"robot\.mjz: .*{why}"):
         ot.render_replay(run, path=tmp_path / "page.html")
 
 
@@ -262,4 +284,55 @@ def test_painting_processes_import_nothing(watch, tmp_path):
         ot.render_video(
             run, path=tmp_path / f"{number}.mp4", width=160, height=96, fps=10, processes=2
         )
+    assert_nothing_ran(watch, tmp_path)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_commands_end_with_a_page_or_one_line(name, watch, tmp_path):
+    """Status 0 where a run can be shown without what it names, else 2 and one line."""
+    folder = str(RUNS[name](tmp_path / "run"))
+    file = str(tmp_path / "a.html")
+    for words in (["replay", folder, "--out", file], ["compare", folder, folder]):
+        done = omnitrack(*words)
+        if done.returncode == 0:
+            continue
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert THING in line
+    assert_nothing_ran(watch, tmp_path)
+
+
+def test_every_command_that_looks_can_be_told_to_trust():
+    """Those that the page says look, but for imports, whose files name no code."""
+    can = {
+        command.name or command.callback.__name__
+        for command in app.registered_commands
+        if command.callback and "trust" in inspect.signature(command.callback).parameters
+    }
+    (row,) = (line for line in page("trust").splitlines() if line.startswith("| look |"))
+    looks = {words.split()[0] for words in re.findall(r"`([^`]+)`", row.split("|")[2])}
+    assert can == looks - {"import"}
+    names = {name for name in re.findall(r"`([^`]+)`", row.split("|")[3]) if "load" in name}
+    for name in {*names, "compare"}:
+        take = functools.reduce(getattr, name.split("."), ot)
+        assert "trust" in inspect.signature(take).parameters, name
+    assert len(names) > 5
+
+
+def test_a_strangers_passport_says_where_his_robot_gets_to(watch, tmp_path):
+    """Its robot's sizes are in it, so that a map of its reach is that of its class."""
+    own = passport(trials=30)
+    own = dataclasses.replace(own, robot=Stranger(), changes={"robot.kind": Stranger.kind})
+    table = own.table()
+    about = table.schema.metadata[b"passport"].replace(Stranger.kind.encode(), THING.encode())
+    file = tmp_path / "passport.parquet"
+    pq.write_table(table.replace_schema_metadata({"passport": about}), file)
+    read = ot.load_passport(file)
+    assert read.robot.kind == "recorded"
+    for name in ("mass", "nominal_bore", "length", "bores"):
+        assert getattr(read.robot, name) == getattr(own.robot, name)
+    network = ot.load_network("tower")
+    maps = [ot.map_reach(network, one, ["foot"]) for one in (own, read)]
+    assert maps[0].parts == maps[1].parts
     assert_nothing_ran(watch, tmp_path)

@@ -75,6 +75,11 @@ MAX_COORDINATE = 1e5
 MAX_RUN_BYTES = 64_000_000
 """Size of ``scenario.json`` or ``result.json`` of a run: a long exploration tells of events and
 legs in some megabytes."""
+MAX_PAGE_NUMBERS = 100_000_000
+"""Numbers of a replay page, seven a body and sample: a file of 300 MB, made in a minute or two; ten
+hours of the paper's robot."""
+MAX_PICTURE_CELLS = 100_000_000
+"""Pixels of a picture that a model names: MuJoCo unpacks it."""
 MAX_RECORDING_BYTES = 4_000_000_000
 """Size of a recording, packed and unpacked: an hour of a robot of 50 joints at 50 samples a second
 has 1 GB."""

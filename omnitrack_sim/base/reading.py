@@ -327,7 +327,10 @@ def _unknown(name: str, kind: Kind) -> Fault:
 
 
 def _is_another(actual: Kind, wanted: Kind, name: str) -> str:
-    return f"is a {actual.noun}, not a {wanted.noun}; `omnitrack {actual.command} {name}` takes it"
+    told = f"is a {actual.noun}, not a {wanted.noun}; `omnitrack {actual.command} {name}` takes it"
+    if actual is SWEEP and wanted is SCENARIO:
+        told += f", `omnitrack run {name} --trial 0` one of its trials"
+    return told
 
 
 def _refuse_other_kinds(

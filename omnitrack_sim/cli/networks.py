@@ -303,6 +303,9 @@ def _sizes(part: NetworkFitting) -> str:
     # Twice the radius in mm; equal bores are named once.
     bores = list(dict.fromkeys(2e3 * fitting.port_radius(port) for port in fitting.port_names))
     sizes = [f"D {' to '.join(f'{bore:.4g}' for bore in bores)} mm"]
+    section = fitting.edge(fitting.port_names[-1])
+    if section is not None:
+        sizes = [f"{section.name} D {1e3 * section.size:.4g} mm"]
     table = fitting.to_table()
     for key, unit in marks_of(fitting.Table, Unit).items():
         if unit.short is not None:

@@ -312,10 +312,11 @@ LEDGER_REMARK = (
 )
 DRIVES_REMARK = (
     "What the robot's reach was inferred from is calibrated. Claims of Section V have a motor "
-    "whose speeds are prescribed, and walls of primitives, on which tracks are rows of lugs, as in "
-    "the paper's simulation; those of Section VI have the motor that it names, and exact walls, on "
-    "which tracks are smooth lines. Where two numbers are compared, friction, preload, walls and "
-    "some degrees of orientation are drawn by lot, and the interval of the difference decides."
+    "that holds the belts at their speeds, and walls of primitives, on which tracks are rows of "
+    "lugs, as in the paper's simulation; those of Section VI have the motor that it names, and "
+    "exact walls, on which tracks are smooth lines. Where two numbers are compared, friction, "
+    "preload, walls and some degrees of orientation are drawn by lot, and the interval of the "
+    "difference decides."
 )
 QUICK_REMARK = (
     "Quick form: fewer orientations and trials than the full reproduction; intervals are wide, "

@@ -213,7 +213,7 @@ class Part:
             # Rings stay 5 % off the wall, so that bores that merely touch do not count as
             # overlapping.
             around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-            ring = np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
+            ring = self.fitting.ring(around)
             rings = 0.95 * radius[:, None, None] * np.einsum("sij,kj->ski", frame, ring)
             samples += [point, (point[:, None] + rings).reshape(-1, 3)]
         return np.concatenate(samples)
@@ -242,6 +242,8 @@ class Part:
         capsules = []
         for axis in self.fitting.axes:
             widest = max(axis.start_radius, axis.end_radius)
+            if not self.fitting.is_round:
+                widest = self.fitting.max_radius
             for segment in self.segments(axis.curve):
                 s, k, point = segment.length, segment.curvature, segment.point
                 t, n = segment.tangent, segment.normal
@@ -377,6 +379,15 @@ class Assembly:
                 part, port = min(shut)
                 problem = f"joins {a.name!r} to {b.name!r} at {port!r} of {self.parts[part].name!r}"
                 faults.append(Fault(f"pipes.{j}", f"{problem}, which is closed"))
+            if not (a.fitting.is_round and b.fitting.is_round):
+                if _apart(a, port_i, b, port_j) > JOINED:
+                    words = [f"{part.name!r} ({port})" for part, port in ((a, port_i), (b, port_j))]
+                    problem = (
+                        f"joins {words[0]} to {words[1]} with a bore of another section; joined "
+                        "sections have one shape and size, and stand the same way"
+                    )
+                    faults.append(Fault(f"pipes.{j}", problem))
+                continue
             bore_a, bore_b = 2 * a.fitting.port_radius(port_i), 2 * b.fitting.port_radius(port_j)
             if abs(bore_a - bore_b) > BORE_TOLERANCE + JOINED:
                 problem = (
@@ -465,6 +476,16 @@ class Assembly:
             f"pipes.{i}) does, and is not joined to it"
         )
         return Fault(f"pipes.{j}", problem)
+
+
+def _apart(a: Part, port: str, b: Part, other: str) -> float:
+    """Return by how much, m, the edges of two joined bores differ across the joint."""
+    angles = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
+    mine, theirs = a.port(port).rotation, b.port(other).rotation
+    across = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ mine[:, :2].T
+    x, y = across @ theirs[:, 0], across @ theirs[:, 1]
+    edges = a.fitting.outline(port, angles), b.fitting.outline(other, np.arctan2(y, x))
+    return float(np.abs(edges[0] - edges[1]).max())
 
 
 def attached(port: Pose, fitting: Fitting, enter: str, turn: float) -> Pose:

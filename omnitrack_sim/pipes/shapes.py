@@ -50,6 +50,10 @@ class Kit(Protocol):
         """Make a cylinder along +z from the origin, or centred there; a cone for two radii."""
         ...
 
+    def prism(self, length: float, outline: Array) -> Solid:
+        """Make a prism along +z from the origin over an outline (n, 2) m, anticlockwise."""
+        ...
+
     def revolved(self, outline: Array) -> Solid:
         """Revolve the closed outline (n, 2), radius and z, m, about the z axis."""
         ...

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,30 +131,57 @@ def labels_of(channel: Channel) -> list[str]:
     return [column.removeprefix(channel.name).removeprefix("_") for column in channel.columns]
 
 
-def to_csv(result: Result) -> bytes:
-    """Return the record of a run as CSV: a row a sample, units in brackets in the header.
+class Series(NamedTuple):
+    """Numbers over time that belong together, such as those of a channel.
 
-    The phase is told by its name; joint positions stand behind the channels.
+    Attributes:
+        name: of them all.
+        labels: of each; "" of one alone.
+        units: of each; empty or "1" without one.
+        values: (T, n).
+        meaning, frame: in words; empty where nothing is said.
+        whole: they are whole numbers.
+        words: what a code stands for, in each sample; None of what is no code.
     """
+
+    name: str
+    labels: Sequence[str]
+    units: Sequence[str]
+    values: NDArray
+    meaning: str = ""
+    frame: str = ""
+    whole: bool = False
+    words: Sequence[str] | None = None
+
+
+def series_of(result: Result) -> list[Series]:
+    """Return the channels of a run; joint positions are not among them."""
     trajectory = result.trajectory
-    columns: dict[str, NDArray | list[str]] = {"time [s]": trajectory.time}
+    series = []
     for name, channel in trajectory.schema.items():
         values = trajectory[name].reshape(len(trajectory.time), -1)
-        for label, own in zip(labels_of(channel), values.T, strict=True):
-            head = f"{name} {label}".strip()
-            columns[_headed(head, channel.unit)] = own
-    columns[PHASE] = [trajectory.phases[int(code)] for code in columns.pop(f"{PHASE} [code]")]
-    joints = joint_columns(result.scenario.robot)
-    for (name, unit), own in zip(joints, trajectory.qpos.T, strict=True):
-        columns[_headed(f"joint {name}", unit)] = own
-    return _csv(columns)
+        labels, phases = labels_of(channel), trajectory.phases
+        words = [phases[int(code)] for code in values[:, 0]] if name == PHASE else None
+        about = (channel.meaning, channel.frame, channel.whole, words)
+        series.append(Series(name, labels, [channel.unit] * len(labels), values, *about))
+    return series
 
 
-def _headed(name: str, unit: str) -> str:
-    return name if unit in ("", "1") else f"{name} [{unit}]"
+def joint_series(result: Result) -> Series:
+    """Return the joint positions of a run."""
+    names, units = zip(*joint_columns(result.scenario.robot), strict=True)
+    return Series("joint", names, units, result.qpos)
 
 
-def _csv(columns: Mapping[str, NDArray | list[str]]) -> bytes:
-    """Return columns as CSV; numbers read back exactly."""
-    values = [own if isinstance(own, list) else own.tolist() for own in columns.values()]
-    return csv_text(chain([list(columns)], zip(*values, strict=True))).encode()
+def to_csv(time: NDArray, series: Iterable[Series]) -> bytes:
+    """Return series as CSV: a row a sample, units in brackets in the header, codes in words."""
+    columns: dict[str, NDArray | Sequence[str]] = {"time [s]": time}
+    for one in series:
+        if one.words is not None:
+            columns[one.name] = one.words
+            continue
+        for label, unit, values in zip(one.labels, one.units, one.values.T, strict=True):
+            head = f"{one.name} {label}".strip()
+            columns[head if unit in ("", "1") else f"{head} [{unit}]"] = values
+    cells = [own.tolist() if isinstance(own, np.ndarray) else own for own in columns.values()]
+    return csv_text(chain([list(columns)], zip(*cells, strict=True))).encode()

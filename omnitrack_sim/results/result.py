@@ -234,10 +234,10 @@ class Result:
         parts, angle = self.pipes.parts, np.linspace(0.0, 2 * np.pi, 25)
         circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(25)], axis=-1)
         discs = [
-            (parts[i].port(port), parts[i].fitting.port_radius(port))
+            (parts[i].port(port), parts[i].fitting.outline(port, angle)[:, None])
             for i, port in self.scenario.plates
         ]
-        return np.array([pose.apply(radius * circle) for pose, radius in discs]).reshape(-1, 25, 3)
+        return np.array([pose.apply(edge * circle) for pose, edge in discs]).reshape(-1, 25, 3)
 
     def timeline(self) -> list[PassageRecord]:
         """The run fitting by fitting, in order of time; see ``timeline.timeline``."""

@@ -18,11 +18,13 @@ from omnitrack_sim.base.naming import by_pattern
 from omnitrack_sim.base.reading import below, exists, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import FileName, NotNegative, Positive
+from omnitrack_sim.base.text import listed
 from omnitrack_sim.robots.model_file import (
     AmbiguousRootError,
     RobotModel,
     check_robot,
     in_words,
+    keyframe,
     robot_model,
 )
 from omnitrack_sim.robots.model_values import (
@@ -33,7 +35,7 @@ from omnitrack_sim.robots.model_values import (
     values_of,
     with_changes,
 )
-from omnitrack_sim.robots.plant import Plant, Start, initial_state
+from omnitrack_sim.robots.plant import Plant, Start, compiled, initial_state
 from omnitrack_sim.robots.quantity import Parameter, QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
 
@@ -68,8 +70,16 @@ class Servo(QuantityModel):
         None, "", "unstated", "largest force, N, or torque, N m. Left out: that of the joint"
     )
 
+    armature: NotNegative = quantity(
+        0.0,
+        "",
+        "unstated",
+        "inertia of motor and gears at the joint, beside that of the file: of a hinge kg m²",
+    )
+
     def add_to(self, spec: mujoco.MjSpec, joint: str) -> None:
         """Add the motor of a joint to a model."""
+        spec.joint(joint).armature += self.armature
         motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         match self.kind:
             case "velocity":
@@ -126,6 +136,13 @@ class Mjcf(Robot):
         "chassis: the body whose pose is the robot's. Left out: the one of the world that carries "
         "actuators, a free joint or joints",
         validate_default=True,
+    )
+    keyframe: str = quantity(
+        "",
+        "",
+        "unstated",
+        "state that the file has saved, in which the robot begins: joints and inputs. Left out: "
+        "the pose of its bodies",
     )
     forward: Axis = quantity(
         "z", "", "unstated", "axis of the chassis that points to the robot's nose"
@@ -206,10 +223,20 @@ class Mjcf(Robot):
             raise ValueError(in_words(error, info.data["file"])) from None
         return body
 
+    @field_validator("keyframe")
+    @classmethod
+    def _is_saved(cls, keyframe: str, info: ValidationInfo) -> str:
+        if keyframe and {"file", "body"} <= info.data.keys():
+            names = _loaded(info.data["file"], info.data["body"]).keyframes
+            if keyframe not in names:
+                choices = f" (choose from: {listed(names)})" if names else ", and no other"
+                raise ValueError(f"the file has no keyframe {keyframe!r}{choices}")
+        return keyframe
+
     @field_validator("servos")
     @classmethod
     def _have_joints(cls, servos: tuple[Servo, ...], info: ValidationInfo) -> tuple[Servo, ...]:
-        if "body" in info.data:
+        if {"file", "body"} <= info.data.keys():
             names = _loaded(info.data["file"], info.data["body"]).drivable
             try:
                 by_pattern({servo.joints: servo for servo in servos}, names, "joints")
@@ -299,6 +326,11 @@ class Mjcf(Robot):
             )
 
     @property
+    def keyframes(self) -> tuple[str, ...]:
+        """Names of the states that the file has saved."""
+        return _loaded(self.file, self.body).keyframes
+
+    @property
     def chassis(self) -> str:
         """See ``Robot``."""
         return self.body or _loaded(self.file, "").root
@@ -336,8 +368,22 @@ class Mjcf(Robot):
 
     @property
     def start_ctrl(self) -> Array:
-        """See ``Robot``: servos of position are asked for where they are, others for nothing."""
-        return np.array(self._held_inputs)
+        """See ``Robot``: those of the keyframe.
+
+        Without one, servos of position are asked for where they are, others for nothing.
+        """
+        return np.array(self._saved[1] if self.keyframe else self._held_inputs)
+
+    @property
+    def start_qpos(self) -> Array | None:
+        """See ``Robot``: those of the keyframe."""
+        return np.array(self._saved[0]) if self.keyframe else None
+
+    @cached_property
+    def _saved(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Joint positions and inputs of the keyframe."""
+        qpos, ctrl = keyframe(self.file, self.keyframe, compiled(self))
+        return tuple(qpos.tolist()), tuple(ctrl.tolist())
 
     @cached_property
     def _held_inputs(self) -> tuple[float, ...]:

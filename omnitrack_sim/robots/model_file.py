@@ -17,13 +17,16 @@ import numpy as np
 
 from omnitrack_sim.base.reading import is_file
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.base.text import listed
+from omnitrack_sim.base.text import clipped, listed
+from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.walls.geoms import set_numerics
 from omnitrack_sim.walls.model_bounds import read_spec
 
 MAX_EXTENT = 20.0
 """Longest side of a robot, m, beyond which its lengths are taken for millimetres: its pipe would be
 wider than any that is built."""
+MAX_QUOTED = 160
+"""Letters of a line of the file that a message quotes."""
 READABLE_MESHES = (".obj", ".stl", ".msh")
 """Files of meshes that MuJoCo reads."""
 
@@ -60,11 +63,13 @@ class RobotModel:
         spec: the model.
         root: name of the body that carries the others, with a free joint.
         changes: what was left out or changed, in words; none where the file is a robot alone.
+        keyframes: names of the states that the file has saved, see ``keyframe``.
     """
 
     spec: mujoco.MjSpec
     root: str
     changes: tuple[str, ...]
+    keyframes: tuple[str, ...]
 
     @property
     def drivable(self) -> tuple[str, ...]:
@@ -91,6 +96,7 @@ def robot_model(file: str, body: str = "") -> RobotModel:
     """
     changes: list[str] = []
     spec = _read(file, changes)
+    keyframes = tuple(key.name for key in spec.keys if key.name)
     root = _root(spec, body)
     root.name = root.name or _unique("chassis", spec.bodies)
     changes += _leave_out_world(spec, root)
@@ -101,7 +107,33 @@ def robot_model(file: str, body: str = "") -> RobotModel:
         spec.fuse_static()
     if body and spec.body(body) is None:
         raise ValueError(f"{body!r} is fixed to another body, of which it becomes a part")
-    return RobotModel(spec, root.name, tuple(changes))
+    return RobotModel(spec, root.name, tuple(changes), keyframes)
+
+
+def keyframe(file: str, name: str, model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Return joint positions (nq,) and control inputs (nu,) of a state that a file has saved.
+
+    The joint that carries the robot stays where it is in the model.
+
+    Args:
+        file: MJCF.
+        name: of the keyframe.
+        model: of the robot alone.
+    """
+    whole = read_spec(Path(file)).compile()
+    key, qpos, ctrl = whole.key(name), model.qpos0.copy(), np.zeros(model.nu)
+    for i in range(whole.njnt):
+        joint = whole.joint(i)
+        own = mujoco.mj_name2id(model, _Kind.mjOBJ_JOINT, joint.name) if joint.name else -1
+        if own >= 0 and joint.type[0] != mujoco.mjtJoint.mjJNT_FREE:
+            model_joint = model.joint(own)
+            size = len(model_joint.qpos0)
+            first = model_joint.qposadr[0]
+            qpos[first : first + size] = key.qpos[joint.qposadr[0] :][:size]
+    names = actuator_names(whole)
+    for i, actuator in enumerate(actuator_names(model)):
+        ctrl[i] = key.ctrl[names.index(actuator)] if actuator in names else 0.0
+    return qpos, ctrl
 
 
 def check_robot(model: mujoco.MjModel) -> None:
@@ -117,6 +149,10 @@ def check_robot(model: mujoco.MjModel) -> None:
     if not touching.any():
         hint = "what does has contype='1' in MJCF, and a <collision> in URDF"
         raise ValueError(f"nothing of it can touch a wall: {hint}")
+    fields = np.flatnonzero(touching & (model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD))
+    if len(fields):
+        name = model.geom(fields[0]).name
+        raise ValueError(f"geom {name!r} is a height field, which meets no wall: take a mesh")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     places, reach = data.geom_xpos[touching], model.geom_rbound[touching, None]
@@ -132,10 +168,21 @@ def in_words(error: Exception, file: str) -> str:
     words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
     words = re.sub(r"'/[^']*/([^'/]+)'", r"'\1'", words)  # a mesh by its name, not all of its path
+    words = f"{'the ' if words[:2].isupper() else ''}{words}{_quoted(words, file)}"
     hints = [hint for part, hint in _HINTS if part in words]
     if _has_macros(file):
         hints = [_XACRO]
     return "; ".join([words, *hints[:1]])
+
+
+def _quoted(words: str, file: str) -> str:
+    """Return the line of a file that a message is about, to stand behind it; "" if it has none."""
+    place = re.search(r"Element '(\w+)', line (\d+)", words)
+    if place is None:
+        return ""
+    lines = Path(file).read_text(errors="replace").splitlines()[int(place[2]) - 1 :]
+    line = lines[0].strip() if lines else ""
+    return f": {clipped(line, MAX_QUOTED)}" if f"<{place[1]}" in line else ""
 
 
 def _has_macros(file: str) -> bool:
@@ -176,6 +223,8 @@ def _mesh_path(file: str, folder: Path) -> str:
     for place in (folder, *folder.parents):
         if (place / path).is_file():
             return str(place / path)
+    if colon:
+        raise ValueError(f"mesh {file!r} is in none of the folders above the model")
     return file
 
 
@@ -220,7 +269,7 @@ def _root(spec: mujoco.MjSpec, body: str) -> mujoco.MjsBody:
     if len(roots) > 1:
         names = listed([root.name or "(without a name)" for root in roots], 200)
         problem = f"{len(roots)} bodies of the world could be the robot: {names}"
-        raise AmbiguousRootError(f"{problem}; name the one that is, as body")
+        raise AmbiguousRootError(f"{problem}; name the one that is, as robot.body")
     return roots[0]
 
 

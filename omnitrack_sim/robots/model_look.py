@@ -20,17 +20,20 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.mjcf import Axis, Mjcf, Servo, turn_to
 from omnitrack_sim.robots.model_file import robot_model
 from omnitrack_sim.robots.plant import SETTINGS, compiled, initial_state
+from omnitrack_sim.robots.servos import MAX_RATIO
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import TIMESTEP
 
 ROUND = 0.95
-"""Least over largest radius of a wheel, about its axle."""
+"""Least over largest radius of a wheel, about its axle: treads and coarse meshes are round."""
 SECTORS = 12
 """Of the circle about an axle, in each of which a wheel has a largest radius."""
 SWING = 0.2
-"""Part of its range that an input to try swings about its mean."""
+"""Part of its range that an input to try swings about its mean: seen, and far from the stops."""
 RATE = 0.5
-"""Of that swing, Hz."""
+"""Of that swing, Hz: slow enough for limbs that carry the robot."""
+PLAY = 0.05
+"""Part of the bore that a robot without wheels round it has to spare: it would wedge."""
 BELOW = 0.1
 """Radii by which a wheel is to be below the middle of a cart, or off the axis of a robot."""
 CROSSING = 0.3
@@ -43,7 +46,7 @@ STIFFEST = 125.0
 MAX_STEPS, MAX_HALVINGS = 3_000, 4
 """Physics steps in which a robot alone comes to rest, and times that a step is halved for that."""
 STEADY = 0.02
-"""Part of the bore by which the axis may be off the chassis' own for that to be taken."""
+"""Part of the bore that is gained at least where an axis beside the chassis' own is taken."""
 DIRECTIONS = 64
 """In which the points are looked for that lie farthest out."""
 PLAUSIBLE = 1.2
@@ -127,6 +130,8 @@ def look_at(file: str, body: str = "") -> ModelLook:
     settled = _Chassis.of(at_rest, robot.chassis)
     aside, _ = _circle(*chassis.section(turn))
     width = 2 * max(_reach(*each.section(turn), aside) for each in (chassis, settled))
+    # Wheels round it hold a robot by pressing on the wall; another one has to have its play.
+    width *= 1.0 if wheels and not _is_cart(chassis, wheels) else 1 + PLAY
     size = {"centre": _rounded(turn @ [*aside, 0.0]), "bore": _upward(width)}
     robot = Mjcf(**given, forward=forward, **size)
     turning = {wheel.joint: wheel.rate(robot, chassis.rotation[2]) for wheel in wheels}
@@ -261,6 +266,14 @@ def _reach(points: Array, radii: Array, centre: Array) -> float:
     return float((np.linalg.norm(points - centre, axis=1) + radii).max())
 
 
+def _is_cart(chassis: _Chassis, wheels: list[Wheel]) -> bool:
+    """Return whether all wheels of a robot are below its middle."""
+    (points, radii), up = chassis.balls(), chassis.rotation[2]
+    heights = points @ up
+    middle = ((heights + radii).max() + (heights - radii).min()) / 2
+    return bool(wheels) and all(w.middle @ up < middle - BELOW * w.radius for w in wheels)
+
+
 def _forward(chassis: _Chassis, wheels: list[Wheel]) -> Axis:
     """Return the likely forward axis: the most slender one, across the axles of wheels.
 
@@ -268,9 +281,7 @@ def _forward(chassis: _Chassis, wheels: list[Wheel]) -> Axis:
     """
     points, radii = chassis.balls()
     across = [np.zeros(3), *(wheel.axle for wheel in wheels)]
-    heights = points @ chassis.rotation[2]
-    middle = ((heights + radii).max() + (heights - radii).min()) / 2
-    if wheels and all(w.middle @ chassis.rotation[2] < middle - BELOW * w.radius for w in wheels):
+    if _is_cart(chassis, wheels):
         across.append(chassis.rotation[2])
     crossing = np.abs(across).max(axis=0)
     best, slender = AXES[0], 0.0
@@ -358,8 +369,15 @@ def _servos(robot: Mjcf, rims: Mapping[str, float]) -> tuple[Servo, ...]:
             kind, gain = "position", min(force / gives, stiffest)
         own = model.jnt_actfrclimited[joint.id]  # the file's own
         limit = None if own else _short(force)
-        servos.append(Servo(joints=name, kind=kind, gain=_short(gain), limit=limit))
+        more = _short(_missing_inertia(model, name, gain)) if kind == "velocity" else 0.0
+        servos.append(Servo(joints=name, kind=kind, gain=_short(gain), limit=limit, armature=more))
     return tuple(servos)
+
+
+def _missing_inertia(model: mujoco.MjModel, joint: str, gain: float) -> float:
+    """Return the inertia, kg m², with which a wheel's servo of a gain does not make it slip."""
+    own = float(model.dof_M0[model.joint(joint).dofadr[0]])
+    return max(gain * TIMESTEP / (0.8 * MAX_RATIO) - own, 0.0)
 
 
 def _grouped(servos: tuple[Servo, ...]) -> tuple[Servo, ...]:

@@ -10,6 +10,7 @@ import math
 import operator
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -153,6 +154,8 @@ def _compiled(robot: Robot) -> mujoco.MjModel:
 def initial_state(robot: Robot) -> mujoco.MjData:
     """Return data of the model of a robot alone, in its initial state."""
     data = mujoco.MjData(compiled(robot))
+    if robot.start_qpos is not None:
+        data.qpos[:] = robot.start_qpos
     mujoco.mj_kinematics(data.model, data)
     return data
 
@@ -272,6 +275,8 @@ class Plant:
     def reset(self, rows: NDArray[np.intp], start: Start) -> None:
         """Put robots ``rows`` (k,) to new starts (k rows); the others stay as they are."""
         self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self.robot.start_qpos is not None:
+            self.qpos[rows] = self.robot.start_qpos
         set_rows(self, rows, diverged=False)
         self._set_start(rows, start)
         self._warnings[rows] = self._count_warnings()[rows]
@@ -374,6 +379,10 @@ class Plant:
     def effort(self, readings: Mapping[str, Array]) -> Array:
         """Return the force or torque (n, m) of each motor."""
         return readings["actuator_force"]
+
+    def touches(self, readings: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """Return the robots (n,) of which anything touches a wall."""
+        return np.count_nonzero(readings["wall_force"], axis=1) > 0
 
     def slip_speed(self, readings: Mapping[str, Array]) -> Array:
         """Return the speed (n,) m/s over the wall of what touches it, mean of the bodies."""
@@ -742,10 +751,21 @@ def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Se
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
 
 
+class Motion(StrEnum):
+    """How a robot moves over the walls."""
+
+    FALLING = "fell"
+    """Nothing of it touches a wall."""
+    SLIDING = "slid"
+    """What touches slides."""
+    DRIVING = "moved"
+    """What touches rolls, steps or sticks."""
+
+
 class Diagnosis:
     """Finds the cause for which each of n robots makes no headway.
 
-    A robot whose causes need more than its tilt keeps averages of its readings.
+    A robot whose causes need more than its tilt and its contacts keeps averages of its readings.
 
     Args:
         robot: parameters.
@@ -776,14 +796,48 @@ class Diagnosis:
             due: (n,) robots of which a sample is taken.
         """
 
-    def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
-        """Return the cause for which a robot makes no headway."""
-        return Outcome.WEDGED if self.lies_across(robot, location) else Outcome.STUCK
+    def cause(
+        self, robot: int, location: Location, routes: RouteMap, retreat: Motion | None
+    ) -> Outcome:
+        """Return the cause for which a robot makes no headway.
+
+        Args:
+            robot: its number.
+            location: of all robots.
+            routes: of theirs.
+            retreat: how it moved back by ``monitor.slide_back``; None if it did not.
+        """
+        if self.lies_across(robot, location):
+            return Outcome.WEDGED
+        lost_hold = retreat in (Motion.FALLING, Motion.SLIDING)
+        return Outcome.SLIPPING if lost_hold else Outcome.STUCK
+
+    def motion(self, robot: int, readings: Mapping[str, Array], speed: float) -> Motion:
+        """Return how a robot moves that is asked for a ``speed``, m/s."""
+        if not readings["wall_force"][robot].any():
+            return Motion.FALLING
+        slides = _slip(robot, readings) > self.limits.slipping_ratio * speed
+        return Motion.SLIDING if slides else Motion.DRIVING
 
     def lies_across(self, robot: int, location: Location) -> bool:
         """Return whether a robot lies across its pipe."""
         return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
 
-    def words(self, robot: int, time: float) -> str:
-        """Return measurements at the end of a run of ``time`` s, in words; "" for none."""
-        return ""
+    def words(self, robot: int, readings: Mapping[str, Array], speed: float) -> str:
+        """Return measurements at the end of a run, in words; "" for none.
+
+        Args:
+            robot: its number.
+            readings: of the sensors at the end.
+            speed: that it is asked for, m/s.
+        """
+        if self.motion(robot, readings, speed) is not Motion.SLIDING:
+            return ""
+        slip = _slip(robot, readings)
+        return f", sliding over the wall at {slip:.2g} m/s; it is asked for {speed:.2g} m/s"
+
+
+def _slip(robot: int, readings: Mapping[str, Array]) -> float:
+    """Speed of what touches over the wall, m/s, mean by force."""
+    force = readings["wall_force"][robot]
+    return float(force @ readings["contact_speed"][robot]) / float(force.sum())

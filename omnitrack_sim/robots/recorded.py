@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn, Self
 
@@ -83,6 +83,9 @@ class RecordedValues(Table):
     advice: dict[str, str]
     bores: tuple[float, float | None]
     looks: RecordedLooks | None
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())  # models are kept by their robots
 
     @model_validator(mode="after")
     def _names_are_there(self) -> Self:
@@ -278,6 +281,14 @@ class Recorded(Robot):
         if model.nq != wanted or self.chassis not in bodies or not there:
             raise OutputError(f"{place}: is the model of another robot")
         return spec
+
+    def notes(self, bores: Iterable[float], timestep: float) -> NoReturn:  # noqa: ARG002 - protocol
+        """Refuse to be run.
+
+        Raises:
+            InputError: always.
+        """
+        self._refuse()
 
     def scene(self, network: Assembly, options: SceneOptions) -> NoReturn:  # noqa: ARG002
         """Refuse to be run.

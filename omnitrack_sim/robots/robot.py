@@ -230,13 +230,19 @@ class Robot(Sized, ABC):
 
     @property
     def joints(self) -> Mapping[str, slice]:
-        """Columns of joint positions by the names of the joints."""
+        """Columns of joint positions by the names of the joints; one without goes by its number."""
         from omnitrack_sim.robots.plant import compiled
 
         model = compiled(self)
         starts = [*model.jnt_qposadr.tolist(), model.nq]
-        names = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
-        return {name: slice(*starts[i : i + 2]) for i, name in enumerate(names)}
+        given = [model.joint(i).name for i in range(model.njnt)]
+        columns: dict[str, slice] = {}
+        for i, name in enumerate(given):
+            own = name or f"joint_{i}"
+            while not name and own in given:  # another joint is called so
+                own += "_"
+            columns[own] = slice(*starts[i : i + 2])
+        return columns
 
     @property
     def joint_count(self) -> int:
@@ -282,6 +288,14 @@ class Robot(Sized, ABC):
         from omnitrack_sim.robots.plant import Plant
 
         return Plant(model, self, start, *more)
+
+    @property
+    def start_qpos(self) -> Array | None:
+        """Joint positions (nq,) of the initial state; None: those of the model (``qpos0``).
+
+        A start sets the position of the free joint that carries the robot.
+        """
+        return None
 
     @property
     def start_ctrl(self) -> Array | None:

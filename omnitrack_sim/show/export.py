@@ -9,8 +9,10 @@ from pathlib import Path
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import installing
 from omnitrack_sim.base.writing import check_file, format_of, write_file
-from omnitrack_sim.results.dataset import to_csv
+from omnitrack_sim.results.dataset import joint_series, series_of, to_csv
 from omnitrack_sim.results.result import Result, as_result
+from omnitrack_sim.show.recording import Recording
+from omnitrack_sim.show.sources import is_recording
 
 EXPORTS = ("mcap", "csv")
 """Formats, by the endings of their files."""
@@ -30,16 +32,17 @@ def check_export(format: str) -> None:
 
 
 def export_result(
-    result: Result | str | os.PathLike[str], path: str | Path, *, trust: bool = False
+    result: Result | Recording | str | os.PathLike[str], path: str | Path, *, trust: bool = False
 ) -> Path:
-    """Export a run as a file for other tools, by its ending.
+    """Export a run or a recording as a file for other tools, by its ending.
 
     ``.mcap`` has poses of all bodies, joints, contacts, channels, events, shapes of robot and
     pipes, for Foxglove and Rerun; it needs the extra ``mcap``. ``.csv`` has a row a sample: time,
-    channels, and joint positions, with units in the header.
+    channels, and joint positions, with units in the header. The channels of a recording are the
+    columns of its ``to_pandas``.
 
     Args:
-        result: the run, or the folder of a saved one.
+        result: the run, or the folder of a saved one; a recording of any model, or its file.
         path: file to write.
         trust: of a folder, see ``load_result``; without it, a robot from outside the package has
             no contacts in MCAP.
@@ -60,12 +63,26 @@ def export_result(
     format = format_of(path, None, "export", EXPORTS)
     check_export(format)
     check_file(path)
-    run = as_result(result, trust)
+    source = _read(result, trust)
     if format == "csv":
-        data = to_csv(run)
+        data = _csv_of(source)
     else:
         from omnitrack_sim.show.mcap import to_mcap
 
-        data = to_mcap(run)
+        data = to_mcap(source)
     write_file(path, data)
     return Path(path)
+
+
+def _read(source: Result | Recording | str | os.PathLike[str], trust: bool) -> Result | Recording:
+    if is_recording(source):
+        return Recording.load(source, trust=trust)  # type: ignore[arg-type]
+    return source if isinstance(source, Recording) else as_result(source, trust)
+
+
+def _csv_of(source: Result | Recording) -> bytes:
+    from omnitrack_sim.show.recording_tables import recorded_series
+
+    if isinstance(source, Recording):
+        return to_csv(source.time, recorded_series(source))
+    return to_csv(source.trajectory.time, [*series_of(source), joint_series(source)])

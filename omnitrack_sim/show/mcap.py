@@ -1,4 +1,4 @@
-"""A run as MCAP, which Foxglove and Rerun open: poses, joints, contacts, channels, shapes.
+"""A run or recording as MCAP, for Foxglove and Rerun: poses, joints, contacts, channels, shapes.
 
 Messages are those of Foxglove's schemas, and for channels and contacts plain ones of this package,
 all in protobuf, whose descriptions stand in the file.
@@ -10,6 +10,7 @@ import io
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -17,13 +18,15 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import strict_json
-from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Note
-from omnitrack_sim.results.dataset import PHASE, labels_of
+from omnitrack_sim.results.dataset import Series, series_of
 from omnitrack_sim.results.result import Result
 from omnitrack_sim.robots.plant import PIPES
 from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.show.playback import Playback
+from omnitrack_sim.show.recording import Recording
+from omnitrack_sim.show.recording_playback import RecordingPlayback
+from omnitrack_sim.show.recording_tables import recorded_series
 from omnitrack_sim.show.sources import playback_of
 from omnitrack_sim.show.surfaces import Surface, geoms_surface, pipe_inside
 
@@ -34,27 +37,28 @@ PIPE_ALPHA = 0.25
 _NAME = re.compile(r"\W")
 
 
-def to_mcap(result: Result) -> bytes:
-    """Return a run as the bytes of an MCAP file; equal runs give equal bytes.
+def to_mcap(source: Result | Recording) -> bytes:
+    """Return a run or a recording as the bytes of an MCAP file; equal ones give equal bytes.
 
     A run that was read without trust, whose robot is only known by its pictures, has no contacts.
 
     Raises:
         ImportError: the extra ``mcap`` is not installed.
+        InputError: a recording has no samples.
         RenderError: the run has no pose that can be shown.
     """
-    file = _File()
-    playback = playback_of(result, coarse=False)
-    times = [round(1e9 * time) for time in result.trajectory.time.tolist()]  # ns
+    file, playback = _File(), playback_of(source, coarse=False)
+    shown = playback.recording if isinstance(playback, RecordingPlayback) else source
+    times = [round(1e9 * time) for time in playback.time.tolist()]  # ns
     _add_shapes(file, playback, times[0])
-    _add_poses(file, playback, result, times)
-    _add_joints(file, result, times)
-    if not isinstance(result.scenario.robot, Recorded):
-        _add_contacts(file, result, times)
-    for name, channel in result.trajectory.schema.items():
-        _add_channel(file, result, name, channel, times)
-    _add_events(file, result)
-    return file.finished(result)
+    _add_poses(file, playback, _robot_poses(shown, playback), times)
+    _add_joints(file, playback.model, shown.qpos, times)
+    _add_contacts(file, shown, times)
+    for series in series_of(shown) if isinstance(shown, Result) else recorded_series(shown):
+        _add_series(file, series, times)
+    for time, name, text, is_note in _events(shown, playback):
+        _add_event(file, time, name, text, is_note)
+    return file.finished(*_about(shown, playback))
 
 
 def _add_shapes(file: _File, playback: Playback, time: int) -> None:
@@ -93,25 +97,30 @@ def _add_triangles(entity: Any, surface: Surface, alpha: float) -> None:
         triangles.indices.extend(indices.ravel().tolist())
 
 
-def _add_poses(file: _File, playback: Playback, result: Result, times: Sequence[int]) -> None:
-    """Add the frame of each body, and that of the robot, at each sample."""
+def _add_poses(file: _File, playback: Playback, robot: Array, times: Sequence[int]) -> None:
+    """Add the frame of each body, and that of the robot (T, 7), at each sample."""
     model = playback.model
     bodies = range(1, model.nbody)
     names = [_body(model, body) for body in bodies]
-    for time, row in zip(times, playback.body_poses(bodies), strict=True):
+    for time, row, own in zip(times, playback.body_poses(bodies), robot, strict=True):
         frames = file.foxglove("FrameTransforms")
         for name, pose in zip(names, row, strict=True):
             frame = frames.transforms.add(parent_frame_id=WORLD, child_frame_id=name)
             frame.timestamp.FromNanoseconds(time)
             _put_pose(frame.translation, frame.rotation, pose)
         file.add("/tf", frames, time)
-    poses = np.hstack([result.trajectory["position"], result.trajectory["quaternion"]])
-    for time, own in zip(times, poses, strict=True):
-        pose = file.foxglove("PoseInFrame")
-        pose.frame_id = WORLD
-        pose.timestamp.FromNanoseconds(time)
-        _put_pose(pose.pose.position, pose.pose.orientation, own)
-        file.add("/pose", pose, time)
+        place = file.foxglove("PoseInFrame")
+        place.frame_id = WORLD
+        place.timestamp.FromNanoseconds(time)
+        _put_pose(place.pose.position, place.pose.orientation, own)
+        file.add("/pose", place, time)
+
+
+def _robot_poses(source: Result | Recording, playback: Playback) -> Array:
+    """Positions, m, and quaternions (T, 7) of the robot's frame; of a recording its body's."""
+    if isinstance(source, Result):
+        return np.hstack([source.trajectory["position"], source.trajectory["quaternion"]])
+    return source.bodies[:, playback.body]
 
 
 def _put_pose(position: Any, orientation: Any, pose: Array) -> None:
@@ -120,36 +129,71 @@ def _put_pose(position: Any, orientation: Any, pose: Array) -> None:
     orientation.w, orientation.x, orientation.y, orientation.z = w, x, y, z
 
 
-def _add_joints(file: _File, result: Result, times: Sequence[int]) -> None:
+def _add_joints(file: _File, model: mujoco.MjModel, qpos: Array, times: Sequence[int]) -> None:
     """Add the positions of slides and hinges, m and rad; other joints are in the poses."""
-    joints = result.joints.items()
-    own = [(columns.start, name) for name, columns in joints if columns.stop - columns.start == 1]
-    for time, row in zip(times, result.qpos.tolist(), strict=True):
+    kinds = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    joints = np.flatnonzero(np.isin(model.jnt_type, kinds))
+    names = [model.joint(i).name or f"joint_{i}" for i in joints]
+    for time, row in zip(times, qpos[:, model.jnt_qposadr[joints]].tolist(), strict=True):
         states = file.foxglove("JointStates")
         states.timestamp.FromNanoseconds(time)
-        for i, name in own:
-            states.joints.add(name=name, position=row[i])
+        for name, position in zip(names, row, strict=True):
+            states.joints.add(name=name, position=position)
         file.add("/joints", states, time)
 
 
-def _add_contacts(file: _File, result: Result, times: Sequence[int]) -> None:
-    """Add the contacts of bodies with the pipes, found anew from the joint positions."""
-    model = result.scenario.to_spec().compile()
-    data = mujoco.MjData(model)
-    keys = ("body", "x", "y", "z", "nx", "ny", "nz", "depth")
+def _add_contacts(file: _File, source: Result | Recording, times: Sequence[int]) -> None:
+    """Add the contacts of bodies with the pipes at each sample, where they can be known."""
+    found = _known_contacts(source)
+    if found is None:
+        return
+    keys, samples = found
     contact = file.message("Contact", dict.fromkeys(keys, "double") | {"body": "string"})
     contacts = file.message("Contacts", {"contacts": contact})
-    about = {
-        "meaning": "contacts of bodies with the pipes: point x, y, z, unit normal into the bore "
-        "nx, ny, nz, world frame, and depth in the wall",
-        "unit": "m",
-    }
-    for time, qpos in zip(times, result.qpos, strict=True):
+    about = {"meaning": _CONTACTS, "unit": "m, N"}
+    for time, each in zip(times, samples, strict=True):
         made = contacts()
-        if np.isfinite(qpos).all():
-            for values in _contacts(model, data, qpos):
-                made.contacts.add(**dict(zip(keys, values, strict=True)))
+        for values in each:
+            made.contacts.add(**dict(zip(keys, values, strict=True)))
         file.add("/contacts", made, time, about)
+
+
+_KEYS = ("body", "x", "y", "z", "nx", "ny", "nz", "depth")
+_CONTACTS = (
+    "contacts of bodies with the pipes: point x, y, z, unit normal into the bore nx, ny, nz, world "
+    "frame, depth in the wall; of a recording the force of the wall fx, fy, fz as well"
+)
+
+
+def _known_contacts(
+    source: Result | Recording,
+) -> tuple[tuple[str, ...], Iterator[list[tuple]]] | None:
+    """Return the names of the figures of a contact, and the contacts of each sample.
+
+    Those of a run are found anew from its joint positions; a recording has them.
+    """
+    if isinstance(source, Recording):
+        return (*_KEYS, "fx", "fy", "fz"), _recorded_contacts(source)
+    if isinstance(source.scenario.robot, Recorded):
+        return None
+    model = source.scenario.to_spec().compile()
+    data = mujoco.MjData(model)
+    found = (
+        list(_contacts(model, data, qpos)) if np.isfinite(qpos).all() else []
+        for qpos in source.qpos
+    )
+    return _KEYS, found
+
+
+def _recorded_contacts(recording: Recording) -> Iterator[list[tuple]]:
+    """Yield the contacts of each sample of a recording."""
+    contacts, model = recording.contacts, recording.model
+    bodies = [_body(model, int(model.geom_bodyid[geom])) for geom in contacts.geom]
+    depth = -contacts.distance[:, None]
+    rows = np.hstack([contacts.position, contacts.normal, depth, contacts.force]).tolist()
+    ends = np.searchsorted(contacts.sample, np.arange(len(recording) + 1))
+    for first, last in pairwise(ends.tolist()):
+        yield [(bodies[i], *rows[i]) for i in range(first, last)]
 
 
 def _contacts(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array) -> Iterator[tuple]:
@@ -173,23 +217,23 @@ def _is_wall(model: mujoco.MjModel, geom: int) -> bool:
     return bool(model.geom_bodyid[geom] == 0) and model.geom(geom).name.startswith(PIPES)
 
 
-def _add_channel(
-    file: _File, result: Result, name: str, channel: Channel, times: Sequence[int]
-) -> None:
-    """Add a channel as a topic of its own, with a field for each of its numbers."""
-    labels = _identifiers(label or "value" for label in labels_of(channel))
-    fields = dict.fromkeys(labels, "int32" if channel.whole else "double")
-    if name == PHASE:
+def _add_series(file: _File, series: Series, times: Sequence[int]) -> None:
+    """Add a series as a topic of its own, with a field for each of its numbers."""
+    if not series.labels:
+        return
+    labels = _identifiers(label or "value" for label in series.labels)
+    fields = dict.fromkeys(labels, "int32" if series.whole else "double")
+    words = [{} for _ in times] if series.words is None else [{"name": w} for w in series.words]
+    if series.words is not None:
         fields["name"] = "string"
+    (name,) = _identifiers([series.name])
     make = file.message(name.title().replace("_", ""), fields)
-    about = {"unit": channel.unit, "meaning": channel.meaning, "frame": channel.frame}
-    about["fields"] = ", ".join(labels_of(channel))
-    values = result.trajectory[name].reshape(len(times), -1)
-    for time, row in zip(times, values.tolist(), strict=True):
-        numbers = [int(value) for value in row] if channel.whole else row
-        texts = {"name": result.trajectory.phases[int(row[0])]} if name == PHASE else {}
-        made = make(**dict(zip(labels, numbers, strict=True)), **texts)
-        file.add(f"/channels/{name}", made, time, about)
+    about = {"unit": ", ".join(dict.fromkeys(series.units)), "fields": ", ".join(series.labels)}
+    about |= {"meaning": series.meaning, "frame": series.frame}
+    for time, row, text in zip(times, series.values.tolist(), words, strict=True):
+        numbers = [int(value) for value in row] if series.whole else row
+        made = make(**dict(zip(labels, numbers, strict=True)), **text)
+        file.add(f"/channels/{series.name}", made, time, about)
 
 
 def _identifiers(names: Iterable[str]) -> list[str]:
@@ -205,15 +249,35 @@ def _identifiers(names: Iterable[str]) -> list[str]:
     return made
 
 
-def _add_events(file: _File, result: Result) -> None:
-    """Add what happened, as lines of a log."""
-    for event in sorted(result.events, key=lambda one: one.time):
-        line = file.foxglove("Log")
-        time = round(1e9 * max(0.0, event.time)) if np.isfinite(event.time) else 0
-        line.timestamp.FromNanoseconds(time)
-        line.level = line.WARNING if isinstance(event, Note) else line.INFO
-        line.name, line.message = type(event).__name__, str(event)
-        file.add("/events", line, time)
+def _events(
+    source: Result | Recording, playback: Playback
+) -> Iterator[tuple[float, str, str, bool]]:
+    """Yield time, s, kind and words of what happened, and whether it is a remark."""
+    if isinstance(source, Recording):
+        yield from ((time, "Recording", text, False) for time, text in playback.events)
+        return
+    for event in sorted(source.events, key=lambda one: one.time):
+        yield event.time, type(event).__name__, str(event), isinstance(event, Note)
+
+
+def _add_event(file: _File, time: float, name: str, text: str, is_note: bool) -> None:
+    """Add what happened as a line of a log."""
+    line = file.foxglove("Log")
+    at = round(1e9 * max(0.0, time)) if np.isfinite(time) else 0
+    line.timestamp.FromNanoseconds(at)
+    line.level, line.name, line.message = line.WARNING if is_note else line.INFO, name, text
+    file.add("/events", line, at)
+
+
+def _about(source: Result | Recording, playback: Playback) -> tuple[dict[str, str], dict[str, Any]]:
+    """Texts of the attachments of a file by their names, and what its metadata say."""
+    if isinstance(source, Recording):
+        return {}, {"name": playback.name}
+    texts = {
+        "scenario.json": source.scenario.model_dump_json(indent=2),
+        "result.json": strict_json(source.summary()),
+    }
+    return texts, {"outcome": source.outcome.value, **source.provenance}
 
 
 def _body(model: mujoco.MjModel, body: int) -> str:
@@ -232,6 +296,7 @@ class _File:
         from mcap.writer import Writer
 
         self._pool = DescriptorPool()
+        self._names: set[str] = set()
         self._schemas: dict[str, int] = {}
         self._topics: dict[str, int] = {}
         self._messages: list[tuple[int, int, bytes]] = []
@@ -249,11 +314,14 @@ class _File:
         """Return a class of messages of this package.
 
         Args:
-            name: of the schema, below ``omnitrack_sim``.
+            name: of the schema, below ``omnitrack_sim``; one that is taken gets a tail.
             fields: their types by name: a key of ``_TYPES``, or the class of many messages.
         """
         from google.protobuf import descriptor_pb2, message_factory
 
+        while name in self._names:
+            name += "_"
+        self._names.add(name)
         proto = descriptor_pb2.FileDescriptorProto(
             name=f"omnitrack_sim/{name}.proto", package="omnitrack_sim", syntax="proto3"
         )
@@ -294,26 +362,17 @@ class _File:
             self._schemas[name] = self._writer.register_schema(name, "protobuf", data)
         return self._schemas[name]
 
-    def finished(self, result: Result) -> bytes:
-        """Return the bytes of the file, with scenario, result and versions as attachments."""
+    def finished(self, texts: Mapping[str, str], about: Mapping[str, Any]) -> bytes:
+        """Return the bytes of the file, with JSON as attachments, and metadata."""
         # In order of time, as players read it.
         for time, topic, data in sorted(self._messages, key=lambda one: one[0]):
             self._writer.add_message(topic, time, data, time)
-        texts = {
-            "scenario.json": result.scenario.model_dump_json(indent=2),
-            "result.json": strict_json(result.summary()),
-        }
         for name, text in texts.items():
             self._writer.add_attachment(0, 0, name, "application/json", text.encode())
-        versions = {k: v if isinstance(v, str) else json.dumps(v) for k, v in _made_by(result)}
-        self._writer.add_metadata("omnitrack_sim", versions)
+        words = {k: v if isinstance(v, str) else json.dumps(v) for k, v in about.items()}
+        self._writer.add_metadata("omnitrack_sim", words)
         self._writer.finish()
         return self._bytes.getvalue()
-
-
-def _made_by(result: Result) -> Iterator[tuple[str, Any]]:
-    yield "outcome", result.outcome.value
-    yield from result.provenance.items()
 
 
 def _collect(file: Any, files: dict[str, Any]) -> None:

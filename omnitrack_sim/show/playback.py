@@ -253,7 +253,7 @@ class Playback:
     def badges(self) -> Sequence[Badge]:
         """Bodies with numbers on them, on pages: those of the legend, if it names them all."""
         bodies = self.legends.get("body")
-        if bodies is None or len(bodies.rows) > MAX_NAMED:
+        if bodies is None or len(bodies.colours) - bodies.colours.count(None) > MAX_NAMED:
             return ()
         return [Badge(name, str(i + 1), paint) for i, (_, name, paint) in enumerate(bodies.rows)]
 

@@ -160,10 +160,11 @@ def _stations(line: Centreline, straight: float) -> Array:
 
 def bore_faces(pipes: Assembly) -> Array:
     """Corners (n, 4, 3) m of the faces of all bores, world frame."""
-    circle, faces = _circle(np.linspace(0, 2 * np.pi, CORNERS + 1)), []
-    for line, first, last in (axis for part in pipes.parts for axis in part.axes):
+    angles, faces = np.linspace(0, 2 * np.pi, CORNERS + 1), []
+    axes = ((part.fitting.ring(angles), *axis) for part in pipes.parts for axis in part.axes)
+    for edge, line, first, last in axes:
         s = _stations(line, np.inf)
-        ring = np.einsum("sij,kj->ski", line.frame(s), circle)  # (n, CORNERS + 1, 3)
+        ring = np.einsum("sij,kj->ski", line.frame(s), edge)  # (n, CORNERS + 1, 3)
         ring = line.at(s)[0][:, None] + np.linspace(first, last, len(s))[:, None, None] * ring
         corners = np.stack([ring[:-1, :-1], ring[1:, :-1], ring[1:, 1:], ring[:-1, 1:]], axis=-2)
         faces.append(corners.reshape(-1, 4, 3))
@@ -175,13 +176,10 @@ def port_discs(pipes: Assembly) -> list[Array]:
 
     Seen along its axis a pipe is one of them.
     """
-    disc = _circle(np.linspace(0, 2 * np.pi, CORNERS, endpoint=False))
+    angles = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    disc = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
     return [
-        part.port(port).apply(part.fitting.port_radius(port) * disc)
+        part.port(port).apply(part.fitting.outline(port, angles)[:, None] * disc)
         for part in pipes.parts
         for port in part.fitting.port_names
     ]
-
-
-def _circle(angle: Array) -> Array:
-    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)

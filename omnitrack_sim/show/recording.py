@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import os
+import sys
 import zipfile
+from collections.abc import Collection
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.arguments import check_is, check_time
 from omnitrack_sim.base.bounds import MAX_RECORDING_BYTES
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.naming import trusting
 from omnitrack_sim.base.reading import parsed, read_bytes
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.base.writing import check_file, format_of, npz_of, write_file
@@ -342,7 +345,7 @@ class Recording:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickled model names its walls, which another process has to know before.
-        return _of_file, (self._file(),)
+        return _of_file, (self._file(), tuple(sys.modules))
 
     def _file(self) -> bytes:
         """Return model, pipes and samples as the bytes of a file."""
@@ -370,13 +373,18 @@ class Recording:
         return npz_of(arrays)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
         """Read a saved recording, whose model and pipes are ready for use again.
+
+        Args:
+            path: of the file.
+            trust: import modules of fittings of somebody's own, ``module:Class``. Otherwise a file
+                that names one is refused, unless the module has been imported already.
 
         Raises:
             OutputError: the file is missing or damaged, or another release of MuJoCo wrote it.
         """
-        with reading(Path(path)) as file:
+        with trusting(None if trust else ()), reading(Path(path)) as file:
             return cls._read(read_bytes(file, MAX_RECORDING_BYTES))
 
     @classmethod
@@ -418,9 +426,10 @@ class Recording:
             self._contacts.append(WallContacts(*(column[begin:end] for column in every)))
 
 
-def _of_file(file: bytes) -> Recording:
-    """Return the recording that another process has sent."""
-    return Recording._read(file)
+def _of_file(file: bytes, modules: Collection[str]) -> Recording:
+    """Return the recording that another process has sent, which has imported ``modules``."""
+    with trusting(modules):
+        return Recording._read(file)
 
 
 def _assembly(head: dict[str, Any], positions: Array, rotations: Array) -> Assembly:

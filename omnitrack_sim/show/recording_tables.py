@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.results.dataset import Series
 from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.show.recording import FIELDS, Recording
 from omnitrack_sim.show.wall_forces import body_forces
@@ -42,10 +43,9 @@ def samples_table(recording: Recording) -> pandas.DataFrame:
     """Return the table of ``Recording.to_pandas``."""
     frame, units = _frame(), {"time": "s"}
     columns: dict[str, Any] = {"time": recording.time}
-    for name, unit, labels, values in _blocks(recording):
-        flat = values.reshape(len(recording), len(labels))
-        for label, column in zip(labels, flat.T, strict=True):
-            key = "_".join(filter(None, (name, label)))
+    for one in recorded_series(recording):
+        for label, unit, column in zip(one.labels, one.units, one.values.T, strict=True):
+            key = "_".join(filter(None, (one.name, label)))
             columns[key], units[key] = column, unit
     part = recording.places.part
     names = np.array([*(p.name for p in recording.pipes.assembly.parts), ""], object)
@@ -53,6 +53,14 @@ def samples_table(recording: Recording) -> pandas.DataFrame:
     table = frame(columns)
     table.attrs["units"] = units
     return table
+
+
+def recorded_series(recording: Recording) -> list[Series]:
+    """Return all quantities of a recording over time."""
+    return [
+        Series(name, labels, [unit] * len(labels), values.reshape(len(recording), len(labels)))
+        for name, unit, labels, values in _blocks(recording)
+    ]
 
 
 def _blocks(recording: Recording) -> Iterator[tuple[str, str, list[str], Array]]:

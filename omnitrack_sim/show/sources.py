@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any, TypeGuard
 
 from omnitrack_sim.results.result import Result, as_result
 from omnitrack_sim.show.playback import Playback
@@ -17,12 +18,12 @@ Source = Playback | Result | Recording | str | os.PathLike[str]
 
 def cameras_of(source: Source) -> tuple[str, ...]:
     """Return the names of a source's cameras; a run is not read for them."""
-    if isinstance(source, Playback | Recording) or _is_recording(source):
+    if isinstance(source, Playback | Recording) or is_recording(source):
         return playback_of(source).cameras
     return CAMERAS
 
 
-def _is_recording(source: Source) -> bool:
+def is_recording(source: Any) -> TypeGuard[str | os.PathLike[str]]:
     """Return whether a source is the path of a saved recording."""
     return isinstance(source, str | os.PathLike) and Path(source).suffix == ".npz"
 
@@ -41,7 +42,7 @@ def playback_of(source: Source, *, coarse: bool = True) -> Playback:
     """
     if isinstance(source, Playback):
         return source
-    if _is_recording(source):
+    if is_recording(source):
         source = Recording.load(source)  # type: ignore[arg-type]
     if isinstance(source, Recording):
         return RecordingPlayback(source)

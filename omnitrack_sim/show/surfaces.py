@@ -240,8 +240,8 @@ def rings(part: Part) -> list[Surface]:
 
     There is one on each half a bore of its axes, where there is a wall.
     """
-    found, angle = [], np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    found, angle = [], np.linspace(0.0, 2 * np.pi, 2 * _SECTIONS_INSIDE + 1)
+    edge = part.fitting.ring(angle)
     for line, first, last in part.axes:
         bore = 2 * first
         stations = np.arange(MARK_APART * bore, line.length, MARK_APART * bore)
@@ -249,12 +249,12 @@ def rings(part: Part) -> list[Surface]:
             s = middle + MARK_WIDTH * bore * np.array([-0.5, 0.5])
             height = MARK_HEIGHT * bore
             radius = first + (last - first) * middle / line.length - height
-            ends = radius * np.einsum("sij,kj->ski", line.frame(s), circle)
+            ends = radius * np.einsum("sij,kj->ski", line.frame(s), edge)
             points = line.at(s)[0][:, None] + ends  # (2, k, 3)
             off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
             whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
             if whole.any():
-                found.append(_band(points, -ends / radius, np.flatnonzero(whole)))
+                found.append(_band(points, -unit(ends), np.flatnonzero(whole)))
     return found
 
 
@@ -291,16 +291,25 @@ def _wall(fitting: Fitting, mesh: TriangleMesh, cut: Array) -> Surface:
     return _painted(position, normal, index.reshape(-1, 3), colours)
 
 
-def seam(port: Pose, radius: float, away: Array) -> Surface:
-    """Return the weld at a port, a low ridge in the bore of ``radius`` m, world frame.
+SEAM_ANGLES = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+"""Angles, rad, of the points of a seam about a port's z axis, from its x axis."""
+
+
+def seam(port: Pose, radius: float | Array, away: Array) -> Surface:
+    """Return the weld at a port, a low ridge in the bore, world frame.
 
     It lacks the faces on the side ``away`` (3,), where pipes are cut away.
+
+    Args:
+        port: its frame.
+        radius: of the bore, m; or at each of ``SEAM_ANGLES``.
+        away: likewise.
     """
-    angle = np.linspace(0.0, 2 * np.pi, _SECTIONS_INSIDE + 1)
+    angle = SEAM_ANGLES
     out = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None]
     along = np.array([-0.5, 0.0, 0.5])[:, None] * [[0.0, 0.0, SEAM_WIDTH]]
     height = np.array([0.3, 1.0, 0.3])[:, None] * SEAM_HEIGHT
-    position = (radius - height) * out + along
+    position = (np.reshape(radius, (-1, 1, 1)) - height) * out + along
     tilt = np.array([-0.7, 0.0, 0.7])[:, None] * [[0.0, 0.0, 1.0]]
     normal = unit((tilt - out).reshape(-1, 3))
     index = np.arange(position[..., 0].size).reshape(position.shape[:2])

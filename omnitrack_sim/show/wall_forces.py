@@ -63,7 +63,8 @@ def _pressed(
     first = of_world[rows, 0]  # the robot's geom is the second one
     geom = np.where(first, contact.geom[rows, 1], contact.geom[rows, 0])
     place = np.array([column.get(body, -1) for body in model.geom_bodyid[geom].tolist()], np.intp)
-    known = place >= 0
+    # A contact may just have closed, and press from the next step on.
+    known = (place >= 0) & (forces[place] > 0)
     rows, first, geom, place = rows[known], first[known], geom[known], place[known]
     # Forces are of the step before, after which a contact may just have opened.
     weight = np.maximum(-contact.dist[rows], 0.0) + MIN_DEPTH

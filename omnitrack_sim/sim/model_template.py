@@ -27,7 +27,7 @@ PERIOD = 0.01
 WIDTH, INDENT = 100, "    "
 """Longest line of a comment, characters, and what stands before it in a class."""
 SECONDS = 10.0
-"""Time limit of the run, s."""
+"""Least time limit of the run, s; a longer one is half as long again as the way takes."""
 _CONTROLLER = '''"""Controller of {name}.toml, to fill in: it gives the inputs of the scenario."""
 
 import omnitrack_sim as ot
@@ -100,7 +100,8 @@ def model_scenario(file: str, changes: Mapping[str, Any] | None = None) -> Scena
     Raises:
         InputError: it is no robot, or the changes are at fault.
     """
-    data = tomllib.loads(model_template(Path(file).stem, file).scenario)
+    body = str((changes or {}).get("robot.body", ""))
+    data = tomllib.loads(model_template(Path(file).stem, file, body=body).scenario)
     data["control"]["kind"] = "periodic"
     return validate(data, changes=changes)
 
@@ -122,7 +123,8 @@ def _lines(name: str, module: str, look: ModelLook, file: str, folder: Path) -> 
     yield from ("", "[start]", "axis = [1, 0, 0]  # of the pipe: level")
     yield f"distance = {_short(0.75 * robot.length)}  # m, of the robot's middle"
     yield f"theta5_deg = {_upright(look, pipe)}  # about the pipe's axis: its top is up"
-    yield from ("", "[run]", f"time_limit = {SECONDS}  # s")
+    seconds = _short(max(SECONDS, 1.5 * pipe["length"] / robot.nominal_speed))
+    yield from ("", "[run]", f"time_limit = {seconds}  # s")
     yield from ("", "[physics]", f"timestep = {_timestep(look)}  # s; 2 ms, or what it needs")
     yield from ("", "[[pipes]]", *(f"{key} = {as_toml(value)}" for key, value in pipe.items()))
 
@@ -140,15 +142,18 @@ def _robot(look: ModelLook, file: str) -> Iterator[str]:
     yield from textwrap.wrap(
         f"# Wheels: {', '.join(found) or 'none were found'}.", WIDTH, subsequent_indent="# "
     )
+    if robot.keyframes:
+        others = ", ".join(robot.keyframes)
+        yield f"#keyframe = {as_toml(robot.keyframes[0])}  # begin in a saved state: {others}"
     why = "across the wheels' axles" if wheels else "along its longer side"
     yield f'forward = "{robot.forward}"  # to the nose: {why}; "-{robot.forward}" if it is the tail'
     if any(robot.centre):
         yield f"centre = {as_toml(robot.centre)}  # m, of its cross section, from the chassis"
-    yield f"bore = {robot.bore}  # m, of the narrowest pipe round it"
+    yield f"bore = {robot.bore}  # m, of a pipe round it, with 5 % play if no wheels press on it"
     for servo in robot.servos:
         yield from ("", "[[robot.servos]]  # the file has no actuators")
         data = servo.model_dump(mode="json", exclude_none=True)
-        yield from (f"{key} = {as_toml(value)}" for key, value in data.items())
+        yield from (f"{key} = {as_toml(value)}" for key, value in data.items() if value)
 
 
 def _pipe_length(look: ModelLook) -> float:

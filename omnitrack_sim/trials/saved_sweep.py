@@ -55,14 +55,16 @@ def load_sweep_result(directory: str | Path, *, trust: bool = False) -> TrialsRe
     return TrialsResult(sweep, {TRIALS: table}, summary, status, folder)
 
 
-def as_sweep_result(result: TrialsResult | str | os.PathLike[str]) -> TrialsResult:
+def as_sweep_result(
+    result: TrialsResult | str | os.PathLike[str], trust: bool = False
+) -> TrialsResult:
     """Return the result of a sweep itself, or load the one in a sweep's folder.
 
     Raises:
         OutputError: the folder holds no sweep. TypeError: it is neither result nor folder.
     """
     if isinstance(result, str | os.PathLike):
-        return load_sweep_result(Path(result))
+        return load_sweep_result(Path(result), trust=trust)
     return check_is(TrialsResult, "result", result)
 
 

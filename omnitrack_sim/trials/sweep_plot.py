@@ -30,6 +30,7 @@ def plot_sweep(
     over: str | Sequence[str] | None = None,
     ax: Axes | None = None,
     format: str | None = None,
+    trust: bool = False,
 ) -> Figure:
     """Plot success over the axes of a sweep.
 
@@ -40,6 +41,7 @@ def plot_sweep(
             are numbers for a map; none: as in a sweep's folder (docs/how-to/sweeps.md).
         ax: where to draw one chart; none: in a figure of its own.
         format: ``png``, ``pdf`` or ``svg``; none: from the ending of ``path``.
+        trust: of a folder, see ``load_sweep_result``.
 
     Returns:
         The figure, or that of ``ax``.
@@ -53,7 +55,7 @@ def plot_sweep(
         >>> result = ot.run_trials(ot.load_sweep("elbow_orientation", {"run.time_limit": 0.01}))
         >>> figure = ot.plot_sweep(result)
     """
-    result = as_sweep_result(result)
+    result = as_sweep_result(result, trust)
     sweep = check_is(Sweep, "result.plan", result.plan)
     if result.table.num_rows != sweep.size:
         problem = f"has {result.table.num_rows} of {counted(sweep.size, 'trial')} of {sweep.name!r}"

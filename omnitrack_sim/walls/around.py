@@ -266,7 +266,7 @@ def end_depth(network: Assembly, end: Port, depths: Sequence[float]) -> float:
     part, port = network.parts[end[0]], network.parts[end[0]].port(end[1])
     whole = DEPTH_IN_BORE * part.fitting.max_radius
     across, inverse, far = (
-        part.fitting.port_radius(end[1]) + depths[end[0]],
+        part.fitting.port_reach(end[1]) + depths[end[0]],
         port.inverse(),
         4 * whole,
     )

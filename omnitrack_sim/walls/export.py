@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,16 +76,19 @@ def network_geojson(pipes: Assembly) -> str:
     """GeoJSON of the axes of every fitting, m, world frame.
 
     Straight lines by their ends, arcs by points at most 5 degrees apart; with name, kind and bore,
-    m.
+    m, and the name of a section that is no circle.
     """
     features = []
     for part in pipes.parts:
         for points, axis in zip(part.polylines(), part.fitting.axes, strict=True):
-            properties = {
+            properties: dict[str, Any] = {
                 "name": part.name,
                 "kind": part.fitting.kind,
                 "bore_m": [round(2 * radius, 9) for radius in axis[1:]],
             }
+            section = part.fitting.edge(part.fitting.port_names[-1])
+            if section is not None:
+                properties |= {"section": section.name, "bore_m": [round(section.size, 9)] * 2}
             geometry = {"type": "LineString", "coordinates": (points.round(6) + 0.0).tolist()}
             features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"

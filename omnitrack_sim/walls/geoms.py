@@ -20,7 +20,7 @@ from omnitrack_sim.walls.record import (
     plate_record,
     wall_record,
 )
-from omnitrack_sim.walls.rims import OPEN, rim_record
+from omnitrack_sim.walls.rims import OPEN, rim_record, section_rim_record
 
 TIMESTEP = 0.002
 """Default physics step, s."""
@@ -192,8 +192,12 @@ def add_rims(
                 continue
         # A joint at which the wall does not turn away from the bore has no edge.
         if behind + beyond > SHARP:
+            own = rim_record(radius, behind, beyond, depths[index])
+            edge = part.fitting.edge(port)
+            if edge is not None:
+                own, radius = section_rim_record(edge, depths[index]), edge.max_radius
             half = np.array([radius, radius, RIM_ROOM * radius])
-            record = np.append(before, rim_record(radius, behind, beyond, depths[index]))
+            record = np.append(before, own)
             name = f"rim_{part.name}_{port}"
             _add_field(spec, body, name, half, part.port(port), record, attributes)
 
@@ -252,7 +256,7 @@ def add_ends(
     before = np.zeros(spec.nuser_geom - RECORD_SIZE)
     for (index, port), depth in ends.items():
         part, names = network.parts[index], [geom.name for geom in (body or spec.worldbody).geoms]
-        radius, pose = part.fitting.port_radius(port), part.port(port)
+        radius, pose = part.fitting.port_reach(port), part.port(port)
         record = plate_record(radius, depth, len(names) - names.index(f"wall_{part.name}"))
         aside = radius + DEPTH_IN_BORE * radius
         # Its z axis leads into the bore.
@@ -279,24 +283,30 @@ def add_plates(
 ) -> None:
     """Close ports (part index, port name) by plates that collide with lugs.
 
-    With ``looks``, for pictures, they are as round as the bore; otherwise square, which collides
-    faster and reaches into the wall, by ``overlap`` m more than the bore. ``thickness`` is in m;
-    ``body`` and ``attributes`` are those of ``add_exact_walls``.
+    With ``looks``, for pictures, they have the shape of the bore; otherwise they are square, which
+    collides faster and reaches into the wall, by ``overlap`` m more than the bore. ``thickness`` is
+    in m; ``body`` and ``attributes`` are those of ``add_exact_walls``.
     """
     for index, port in plates:
         part = network.parts[index]
-        pose, radius = part.port(port), part.fitting.port_radius(port)
+        pose, radius = part.port(port), part.fitting.port_reach(port)
         # Between two pipes a plate lies in the plane of their joint; that of a cap begins there.
         beyond = thickness / 2 if port in part.fitting.closed_ports else 0.0
         half = radius + overlap
-        size = [radius, thickness / 2, 0.0] if looks else [half, half, thickness / 2]
-        shape = {"size": size, "pos": pose.apply([0.0, 0.0, beyond]), "quat": pose.quaternion}
-        _add_geom(
-            body or spec.worldbody,
-            f"plate_{part.name}_{port}",
-            mujoco.mjtGeom.mjGEOM_CYLINDER if looks else mujoco.mjtGeom.mjGEOM_BOX,
-            **shape | {"group": PLATE_GROUP, "rgba": PLATE_COLOUR} | attributes,
-        )
+        shape: dict[str, Any] = {"pos": pose.apply([0.0, 0.0, beyond]), "quat": pose.quaternion}
+        name, edge = f"plate_{part.name}_{port}", part.fitting.edge(port)
+        kind, shape["size"] = mujoco.mjtGeom.mjGEOM_BOX, [half, half, thickness / 2]
+        if looks and edge is None:
+            kind, shape["size"] = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, thickness / 2, 0.0]
+        elif looks and edge is not None:
+            from omnitrack_sim.walls.meshes import section_plate
+            from omnitrack_sim.walls.pipe_looks import add_mesh
+
+            add_mesh(spec, name, section_plate(edge, thickness))
+            kind, shape["meshname"] = mujoco.mjtGeom.mjGEOM_MESH, name
+            del shape["size"]
+        whole = shape | {"group": PLATE_GROUP, "rgba": PLATE_COLOUR} | attributes
+        _add_geom(body or spec.worldbody, name, kind, **whole)
 
 
 def _add_geom(body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, **attributes: Any) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Fitting, Part
+from omnitrack_sim.pipes.sections import Section
 
 THICKNESS = 0.004
 """Wall thickness of every fitting, m: a 168 mm pipe with a 160 mm bore; assumed."""
@@ -94,7 +95,8 @@ def network_mesh(network: Assembly) -> TriangleMesh:
     for i, port in network.openings:
         place, radius = network.parts[i].port(port), network.parts[i].fitting.port_radius(port)
         matrix = np.column_stack([place.rotation, place.position])
-        disc = Manifold.cylinder(2 * OVERCUT, radius, circular_segments=SECTIONS, center=True)
+        edge = network.parts[i].fitting.edge(port)
+        disc = _disc(OVERCUT, radius, edge, 0.0, SECTIONS)
         bores.append(disc.transform(matrix))
     return triangles_of(
         Manifold.batch_boolean(outer, OpType.Add) - Manifold.batch_boolean(bores, OpType.Add)
@@ -191,6 +193,10 @@ class ManifoldKit:
         sections = self.sections
         return Manifold.cylinder(length, radius, end, circular_segments=sections, center=centred)
 
+    def prism(self, length: float, outline: Array) -> Manifold:
+        """See ``Kit``."""
+        return Manifold.extrude(CrossSection([outline]), length)
+
     def revolved(self, outline: Array) -> Manifold:
         """See ``Kit``."""
         return Manifold.revolve(CrossSection([outline]), circular_segments=self.sections)
@@ -236,19 +242,31 @@ def _joint_disc(a: tuple[Part, str], b: tuple[Part, str], more: float, sections:
 
     In the frame of the first port.
     """
+    edge = a[0].fitting.edge(a[1])
     radii = [part.fitting.port_radius(port) for part, port in (a, b)]
     radius = min(radii) if more == 0 else max(radii)
     behind, ahead = (radius + JOINT_DISC * part.fitting.flare(port) for part, port in (a, b))
     # Without a cone or a step the disc is a plain cylinder, which the kernel makes exactly.
     if behind == ahead == radius:
-        return Manifold.cylinder(
-            2 * JOINT_DISC, radius + more, circular_segments=sections, center=True
-        )
+        return _disc(JOINT_DISC, radius, edge, more, sections)
     across = [0.0, behind + more, radius + more, ahead + more, 0.0]
     along = JOINT_DISC * np.array([-1.0, -1.0, 0.0, 1.0, 1.0])
     return Manifold.revolve(
         CrossSection([np.column_stack([across, along])]), circular_segments=sections
     )
+
+
+def section_plate(edge: Section, thickness: float) -> TriangleMesh:
+    """Return a plate in the shape of a bore, ``thickness`` m, about the plane z = 0."""
+    return triangles_of(_disc(thickness / 2, edge.size / 2, edge, 0.0, SECTIONS))
+
+
+def _disc(half: float, radius: float, edge: Section | None, more: float, sections: int) -> Manifold:
+    """Return a disc of a bore and ``more`` m around it, ``half`` m to both sides of z = 0."""
+    if edge is None:
+        return Manifold.cylinder(2 * half, radius + more, circular_segments=sections, center=True)
+    outline = CrossSection([edge.polygon(sections, more)])
+    return Manifold.extrude(outline, 2 * half).translate((0.0, 0.0, -half))
 
 
 def loft(rings: Array, hub: int | None) -> tuple[Array, np.ndarray]:

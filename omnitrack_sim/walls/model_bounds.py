@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import takewhile
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
@@ -25,6 +25,7 @@ from omnitrack_sim.base.bounds import (
     MAX_MODEL_LEVELS,
     MAX_MODEL_MEMORY,
     MAX_MODEL_TEXT,
+    MAX_PICTURE_CELLS,
 )
 from omnitrack_sim.base.reading import read_bytes, size_of
 
@@ -112,8 +113,12 @@ class _Folder:
     def size(self, names: list[str]) -> int:
         """Return the size of the first of these files that is there; 0 where none is."""
         for name in names:
-            if (self._folder / name).exists():
-                return size_of(self._folder / name, MAX_MODEL_FILES)
+            file = self._folder / name
+            if file.exists():
+                size = size_of(file, MAX_MODEL_FILES)
+                with file.open("rb") as opened:
+                    _check_picture(opened.read(_PNG.size), name)
+                return size
         return 0  # said by MuJoCo
 
 
@@ -130,12 +135,32 @@ class _Archive:
         return self._archive.read(name)
 
     def size(self, names: list[str]) -> int:
-        """Return 0, as all has been counted; a file must be there by its path or by its name."""
-        there = self._archive.namelist()
-        last = {PurePosixPath(name).name for name in there}
-        if not any(name in there or name in last for name in names):
+        """Return 0, as all has been counted; a file must be in the archive."""
+        there = set(self._archive.namelist())
+        found = next((name for name in names if name in there), None)
+        # MuJoCo looks elsewhere for what is named from elsewhere, even if it is here, too.
+        if found is None or any(map(_is_outside, names)):
             raise ValueError(f"names {names[-1]!r}, which is not in it")
+        with self._archive.open(found) as opened:
+            _check_picture(opened.read(_PNG.size), found)
         return 0
+
+
+def _is_outside(name: str) -> bool:
+    """Return whether a path may lead out of the folder that it begins in, on any system."""
+    path = PureWindowsPath(name)  # which takes both kinds of slashes
+    return bool(path.anchor) or ".." in path.parts
+
+
+_PNG = struct.Struct(">8s4s4sII")
+"""Beginning of a PNG: its mark, length and name of the first part, width and height."""
+
+
+def _check_picture(head: bytes, name: str) -> None:
+    """Raise a ``ValueError`` for a PNG that unpacks to too much."""
+    if len(head) == _PNG.size and head.startswith(b"\x89PNG"):
+        *_, width, height = _PNG.unpack(head)
+        _refuse(width * height, MAX_PICTURE_CELLS, f"pixels of {name}")
 
 
 class _Demands:

@@ -1,11 +1,11 @@
 """Contacts of a geom with the sharp edge of a wall: the narrow end of a reducer, an open end.
 
 There the side of a wheel or of an ellipsoid may touch with a point that neither wall beside the
-edge is nearest to. So the edge is a geom of its own, a circle about the z axis of its frame, and is
-searched for the places that are nearest to the body or lie deepest in it. Beside a body its nearest
-point gives the normal, and a contact belongs to the edge if that lies between the normals of the
-walls on both sides; otherwise it is theirs. Within a body the normal is the one, of those between,
-along which the body has the least way out.
+edge is nearest to. So the edge is a geom of its own, a circle or another section about the z axis
+of its frame, and is searched for the places that are nearest to the body or lie deepest in it.
+Beside a body its nearest point gives the normal, and a contact belongs to the edge if that lies
+between the normals of the walls on both sides; otherwise it is theirs. Within a body the normal is
+the one, of those between, along which the body has the least way out.
 """
 
 from __future__ import annotations
@@ -17,14 +17,19 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.native import at
+from omnitrack_sim.pipes.sections import Section
+from omnitrack_sim.pipes.sections import distance as from_section
+from omnitrack_sim.pipes.sections import leaving as out_of_section
 from omnitrack_sim.walls.contacts import CONTACT_SIZE
 from omnitrack_sim.walls.record import DEPTH, KIND, MARK, RECORD_SIZE, SIZE, SIZES
 
 RIM = 1.0
 """Number of the kind, less than that of any fitting."""
-RADIUS, BEHIND, BEYOND = 0, 1, 2
+RADIUS, BEHIND, BEYOND, TURN, SECTION = 0, 1, 2, 3, 4
 """Indices in its sizes: radius, m, and growth of the bore's radius, m/m, away from it towards -z
-and towards +z."""
+and towards +z; and of a section that is no circle, the largest turn of the edge, rad, for a radian
+about the axis, and the section's numbers. Its radius is the longest way along the edge for one."""
 OPEN = 1e9
 """Growth of the radius beyond an open end."""
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = (
@@ -57,6 +62,15 @@ def rim_record(radius: float, behind: float, beyond: float, depth: float) -> Arr
     record = np.zeros(RECORD_SIZE)
     record[0], record[KIND], record[SIZE], record[DEPTH] = MARK, RIM, radius, depth
     record[SIZES : SIZES + 3] = radius, behind, beyond
+    return record
+
+
+def section_rim_record(edge: Section, depth: float) -> Array:
+    """Return the record (RECORD_SIZE,) of an open end's edge that is no circle."""
+    way, turn = edge.rim_numbers()
+    record = rim_record(way, 0.0, OPEN, depth)
+    numbers = (turn, *edge.numbers)
+    record[SIZES + TURN : SIZES + TURN + len(numbers)] = numbers
     return record
 
 
@@ -204,12 +218,20 @@ def _at(angle, frame, body, out):
     """Return the distance of the edge's point at an angle from the body, and its derivative.
 
     The derivative is by arc length. ``out`` gets the point from 4 and the gradient from 7 on, in
-    the edge's frame.
+    the edge's frame, and from 10 on the bore's normal outward, as long as the radius.
     """
-    kind, sizes, hull, normals, radius = body
+    kind, sizes, hull, normals, radius, section = body
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     cos, sin = math.cos(angle), math.sin(angle)
-    dx, dy, dz = radius * cos - px, radius * sin - py, -pz
+    ex, ey = radius * cos, radius * sin
+    nx, ny = ex, ey
+    if section[0] != 0.0:
+        away = out_of_section(section, 0.0, 0.0, cos, sin, out)
+        ex, ey = away * cos, away * sin
+        from_section(section, ex, ey, out)
+        cos, sin = -out[0], -out[1]
+        nx, ny = radius * cos, radius * sin
+    dx, dy, dz = ex - px, ey - py, -pz
     x, y, z = (
         xx * dx + yx * dy + zx * dz,
         xy * dx + yy * dy + zy * dz,
@@ -219,8 +241,9 @@ def _at(angle, frame, body, out):
     gx = xx * out[0] + xy * out[1] + xz * out[2]
     gy = yx * out[0] + yy * out[1] + yz * out[2]
     gz = zx * out[0] + zy * out[1] + zz * out[2]
-    out[4], out[5], out[6] = radius * cos, radius * sin, 0.0
+    out[4], out[5], out[6] = ex, ey, 0.0
     out[7], out[8], out[9] = gx, gy, gz
+    out[10], out[11] = nx, ny
     return d, cos * gy - sin * gx
 
 
@@ -228,13 +251,13 @@ def _at(angle, frame, body, out):
 def _way_out(slant, frame, body, out):
     """Return the distance, m, of the body from the edge's point along a normal.
 
-    The normal is at an angle from the bore's radius towards the axis. Below 0 the body has to go
+    The normal is at an angle from the bore's normal towards the axis. Below 0 the body has to go
     there.
     """
-    kind, sizes, hull, _, radius = body
+    kind, sizes, hull, _, radius, _ = body
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     cos = math.cos(slant) / radius
-    x, y, z = -out[4] * cos, -out[5] * cos, math.sin(slant)
+    x, y, z = -out[10] * cos, -out[11] * cos, math.sin(slant)
     # The body reaches farthest towards the edge against the normal.
     u, v, w = -xx * x - yx * y - zx * z, -xy * x - yy * y - zy * z, -xz * x - yz * y - zz * z
     centre = x * (px - out[4]) + y * (py - out[5]) + z * pz
@@ -270,8 +293,9 @@ def _add(con, n, d, slant, depth, margin, out):
     if d >= margin or d <= -depth:
         return n
     k, ex, ey = n * CONTACT_SIZE, out[4], out[5]
-    inward = math.cos(slant) / math.sqrt(ex * ex + ey * ey)
-    nx, ny, nz = -inward * ex, -inward * ey, math.sin(slant)
+    ux, uy = out[10], out[11]
+    inward = math.cos(slant) / math.sqrt(ux * ux + uy * uy)
+    nx, ny, nz = -inward * ux, -inward * uy, math.sin(slant)
     con[k] = d
     # Half way between the edge and the body's surface.
     con[k + 1], con[k + 2], con[k + 3] = ex + 0.5 * d * nx, ey + 0.5 * d * ny, 0.5 * d * nz
@@ -281,17 +305,17 @@ def _add(con, n, d, slant, depth, margin, out):
 
 
 @compiled
-def _may_hide(d_a, slope_a, d_b, slope_b, step, radius, margin):
+def _may_hide(d_a, slope_a, d_b, slope_b, step, turn, radius, margin):
     """Tell whether a minimum and a maximum may lie between places ``step`` rad apart.
 
     The distance from a convex body is convex along a line. Along a circle its slope may also fall,
-    by the angle at most.
+    by the angle at most: that by which it turns.
     """
     if step * radius < SEPARATE or 0.5 * (d_a + d_b - radius * step) >= margin:
         return False
     if slope_a < 0.0 <= slope_b:
         return False
-    return slope_a < step and slope_b > -step
+    return slope_a < turn * step and slope_b > -turn * step
 
 
 @compiled
@@ -306,7 +330,7 @@ def _minimum(con, n, low, high, frame, body, slants, depth, margin, out):
     radius, (first, last) = body[4], slants
     room = BETWEEN + BETWEEN_BY_DEPTH * max(-d, 0.0) / radius
     first, last = first - room, last + room
-    slant = math.atan2(-out[9], (out[7] * out[4] + out[8] * out[5]) / radius)
+    slant = math.atan2(-out[9], (out[7] * out[10] + out[8] * out[11]) / radius)
     if d <= 0.0:
         slant, way = _min_way_out(first, last, frame, body, out)
         if way < DEEPEST * d - MAX_DEPTH_IN_BORE * radius:
@@ -340,11 +364,16 @@ def rim_contacts(con, records, w, kind, sizes, bound, hull, normals, frame, marg
     # The distance to a cone knows its edge, as far as the middle of a ball is not in the wall.
     if beyond < OPEN and kind in (SPHERE, CAPSULE):
         return 0
+    section, turn = at(records, w + SIZES + SECTION), 1.0
     # Most geoms near the box around an edge are not near the edge.
-    across = math.sqrt(frame[0] * frame[0] + frame[1] * frame[1]) - radius
+    if section[0] == 0.0:
+        across = math.sqrt(frame[0] * frame[0] + frame[1] * frame[1]) - radius
+    else:
+        across, turn = from_section(section, frame[0], frame[1], out), records[w + SIZES + TURN]
     if across * across + frame[2] * frame[2] >= (bound + margin) * (bound + margin):
         return 0
-    body, slants = (kind, sizes, hull, normals, radius), (-math.atan(behind), math.atan(beyond))
+    body = kind, sizes, hull, normals, radius, section
+    slants = -math.atan(behind), math.atan(beyond)
     depth, n, a, end = records[w + DEPTH], 0, 0.0, 2.0 * math.pi
     first = _at(0.0, frame, body, out)
     d_a, slope_a = first
@@ -354,7 +383,7 @@ def rim_contacts(con, records, w, kind, sizes, bound, hull, normals, frame, marg
         b = min(a + min(stride, end / MIN_SAMPLES), end)
         # Where it closes rounding must not hide a minimum.
         d_b, slope_b = _at(b, frame, body, out) if b < end else first
-        while _may_hide(d_a, slope_a, d_b, slope_b, b - a, radius, margin):
+        while _may_hide(d_a, slope_a, d_b, slope_b, b - a, turn, radius, margin):
             b = 0.5 * (a + b)
             d_b, slope_b = _at(b, frame, body, out)
         if slope_a < 0.0 <= slope_b and min(d_a, d_b) - radius * (b - a) < margin:

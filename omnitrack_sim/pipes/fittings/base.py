@@ -25,6 +25,7 @@ from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
+from omnitrack_sim.pipes.sections import Section
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid, stave_count
 
 BORE = 0.16
@@ -209,12 +210,47 @@ class Fitting(ABC):
         return self.inner_diameter / 2
 
     def port_radius(self, port: str) -> float:
-        """Bore radius at a port, m."""
+        """Bore radius at a port, m; where the bore is no circle, that of the largest one in it."""
         return self.radius
 
     @property
+    def is_round(self) -> bool:
+        """True if the bore is a circle at every port."""
+        return all(self.edge(port) is None for port in self.port_names)
+
+    def port_reach(self, port: str) -> float:
+        """Greatest distance of the bore's edge at a port from the port's z axis, m."""
+        edge = self.edge(port)
+        return self.port_radius(port) if edge is None else edge.max_radius
+
+    def outline(self, port: str, angles: Array) -> Array:
+        """Return the distances (...) m of the bore's edge at a port from the port's z axis.
+
+        ``angles``: (...) rad about that axis, from the port's x axis.
+        """
+        edge = self.edge(port)
+        if edge is not None:
+            return edge.radii(angles)
+        return np.full(np.shape(angles), self.port_radius(port))
+
+    def ring(self, angles: Array) -> Array:
+        """Return vectors (k, 3) of the bore's edge, in radii of the largest circle in it.
+
+        ``angles``: (k,) rad about an axis of the fitting, from the axis curve's normal.
+        """
+        ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
+        if self.is_round:
+            return ring
+        end = self.port_names[-1]
+        return ring * (self.outline(end, angles) / self.port_radius(end))[:, None]
+
+    def edge(self, port: str) -> Section | None:
+        """Return the section of the bore at a port, in the port's frame; None for a circle."""
+        return None
+
+    @property
     def max_radius(self) -> float:
-        """Bore radius at the widest port, m."""
+        """Bore radius at the widest port, m; of a bore that is no circle, the greatest."""
         return max(self.port_radius(port) for port in self.port_names)
 
     @property
@@ -253,7 +289,10 @@ class Fitting(ABC):
 
     @property
     def is_axial(self) -> bool:
-        """True if the fitting is symmetric under any rotation about its one straight axis."""
+        """True if the fitting lies about one straight axis.
+
+        A bore that is a circle is then symmetric under any rotation about it.
+        """
         curvatures = [k for axis in self.axes for _, k in axis.curve.segments]
         return len(self.axes) == 1 and not any(curvatures)
 

@@ -137,7 +137,7 @@ class StatusPanel(Panel):
     def _bar(self, draw: ImageDraw.ImageDraw, left: int, top: int, bar: Bar) -> None:
         """Label, bar from the middle or from the left (positive to the right) and figure."""
         px, colour = self._px, _on_dark(bar.colour)
-        label = _cut(bar.label, self._letters, px(self._label))
+        label = _shortened(bar.label, self._letters, px(self._label))
         draw.text((left, top), label, font=self._letters, fill=colour)
         right = px(max(228, self._label + 80))
         box = (left + px(self._label + 16), top + px(4), left + right, top + px(18))
@@ -392,6 +392,19 @@ def _cut(text: str, letters: Letters, width: int) -> str:
     while text and letters.getlength(text + "\N{HORIZONTAL ELLIPSIS}") > width:
         text = text[:-1]
     return text + "\N{HORIZONTAL ELLIPSIS}"
+
+
+def _shortened(text: str, letters: Letters, width: int) -> str:
+    """The text, without a part of its middle if it is longer than ``width`` pixels.
+
+    Names of alike parts differ at their ends.
+    """
+    text, kept = text.replace("\n", " "), len(text)
+    shown = text
+    while kept > 2 and letters.getlength(shown) > width:
+        kept -= 1
+        shown = f"{text[: kept - kept // 2]}\N{HORIZONTAL ELLIPSIS}{text[len(text) - kept // 2 :]}"
+    return shown
 
 
 def _disc(draw: ImageDraw.ImageDraw, centre: Array, radius: float, **look) -> None:

@@ -117,14 +117,16 @@ def stage_of(
 
 
 def _status_of(playback: Playback, camera: str) -> Callable[[int], StatusText]:
-    """Return the status by sample; it says where a camera of the model is outside the pipes."""
-    mount = None if camera in STANDARD else playback.mounts[camera]
-    if mount is None or not is_outside(playback, mount):
+    """Return the status by sample; it says when a carried camera is outside the pipes."""
+    if camera in STANDARD:
         return playback.status
+    mount = playback.mounts[camera]
+    words = "seen from outside" if is_outside(playback, mount) else "camera has left the pipes"
 
     def status(row: int) -> StatusText:
         own = playback.status(row)
-        return own._replace(title=f"seen from outside, {own.title}")
+        outside = is_outside(playback, mount, row)
+        return own._replace(title=f"{words}, {own.title}") if outside else own
 
     return status
 

@@ -428,10 +428,10 @@ class OutsideCamera(CarriedCameraShots):
         return Framing(eye, sun, tuple(self._visible(eye)))
 
 
-def is_outside(playback: Playback, mount: CarriedCamera) -> bool:
-    """Return whether a camera is outside the pipes at the first sample."""
+def is_outside(playback: Playback, mount: CarriedCamera, row: int = 0) -> bool:
+    """Return whether a camera is outside the pipes at a sample."""
     data = mujoco.MjData(playback.model)
-    playback.place(data, 0)
+    playback.place(data, row)
     body = playback.model.body(mount.body).id
     place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ np.array(mount.position)
     return float(playback.network.signed_distance(place)[0]) < 0.0

@@ -26,6 +26,7 @@ from omnitrack_sim.show.film.shots import (
 )
 from omnitrack_sim.show.playback import STANDARD, Playback
 from omnitrack_sim.show.surfaces import (
+    SEAM_ANGLES,
     Surface,
     body_spheres,
     cut_pipe,
@@ -147,7 +148,10 @@ class Stage:
         self._joined = []
         for (i, port), (j, other) in network.joints:
             a, b = network.parts[i], network.parts[j]
+            radius: float | Array
             radius = min(a.fitting.port_radius(port), b.fitting.port_radius(other))
+            if a.fitting.edge(port) is not None:
+                radius = a.fitting.outline(port, SEAM_ANGLES)
             pipes.append(seam(a.port(port), radius, cut))
             self._joined.append((i, j))
         pipes += [geoms_surface(self.model, [plate]) for plate in self._plates]

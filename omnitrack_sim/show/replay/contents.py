@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.pipes import Part
 from omnitrack_sim.record.display import FORCES, Colour, ForceArrow
 from omnitrack_sim.results.pictures import Pictures
 from omnitrack_sim.show.film.overlay import BESIDE, levels, palette
@@ -27,7 +28,7 @@ from omnitrack_sim.show.legend import merged
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import shade_of
 from omnitrack_sim.show.projection import clearest
-from omnitrack_sim.show.surfaces import Surface, geoms_surface, opened_pipe
+from omnitrack_sim.show.surfaces import MARK, Surface, geoms_surface, opened_pipe, rings
 from omnitrack_sim.walls.meshes import THICKNESS, cut_normal
 from omnitrack_sim.walls.pipe_looks import (
     FIELD_OF_VIEW,
@@ -389,7 +390,7 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
     """Return the pipes, the plates, and the directions of the camera that sees all.
 
     Of each part there are the half that stays when it is cut open towards the film's viewer, the
-    half cut away, its inside, and where it lies.
+    half cut away, its inside, the rings that a camera within sees, and where it lies.
     """
     network, model = playback.network, playback.model
     towards = view_direction(network)
@@ -397,6 +398,11 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
     def piece(surface: Surface, pose: Pose) -> dict[str, Any]:
         place = {"position": rounded(pose.position, 6), "turn": rounded(pose.quaternion, 7)}
         return {"shape": shapes.add(surface)} | place
+
+    def marks_of(part: Part) -> dict[str, Any] | None:
+        """Return the rings that a camera within sees; None of a part that is too short."""
+        own = rings(Part(part.name, part.fitting, Pose()))
+        return piece(Surface.joined(own), part.pose) if own else None
 
     parts = []
     for part in network.parts:
@@ -409,6 +415,7 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
             "kept": kept,
             "front": front,
             "inside": inside,
+            "marks": marks_of(part),
             "cut": rounded(rotation @ cut_normal(fitting, local), 6),
             "low": rounded(samples.min(axis=0) - THICKNESS, 4),
             "high": rounded(samples.max(axis=0) + THICKNESS, 4),
@@ -419,6 +426,7 @@ def pipes_table(playback: Playback, shapes: Shapes) -> dict[str, Any]:
         "parts": parts,
         "plates": [piece(p, Pose()) | {"colour": rounded(p.colour[0, :3], 4)} for p in plates],
         "pipe": rounded(PIPE_LOOK[0], 4),
+        "mark": rounded(MARK, 4),
         "towards": rounded(towards, 6),
         "back": rounded(follow_direction(network), 6),
         "fov": FIELD_OF_VIEW,

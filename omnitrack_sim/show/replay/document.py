@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from omnitrack_sim.base.bounds import MAX_PAGE_NUMBERS
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, counted, printable
 from omnitrack_sim.base.writing import check_file, format_of, write_file
@@ -108,10 +109,21 @@ def render_replay(
         if problem := pipes_mismatch(*playbacks):
             hint = "ot.compare(a, b) compares figures and scenarios of any two runs"
             raise InputError(Fault("compare", f"{problem}; {hint}"))
+    _refuse_large(playbacks)
     page = ReplayPage(_document(replay_data(*playbacks)))
     if path is not None:
         write_file(Path(path), page.html.encode("utf-8"))
     return page
+
+
+def _refuse_large(playbacks: Sequence[Playback]) -> None:
+    """Raise an ``InputError`` for runs of which a page would be too large for a browser."""
+    numbers = sum(7 * len(one.time) * one.model.nbody for one in playbacks)
+    if numbers > MAX_PAGE_NUMBERS:
+        samples = " and ".join(str(len(one.time)) for one in playbacks)
+        problem = f"of {samples} samples is too large: {numbers:.3g} numbers of poses"
+        hint = f"at most {MAX_PAGE_NUMBERS:.3g}; a longer record.period makes fewer samples"
+        raise InputError(Fault("page", f"{problem}, {hint}"))
 
 
 def pipes_mismatch(one: Playback, other: Playback) -> str:
@@ -127,10 +139,16 @@ def _part_mismatch(first: Sequence[Part], second: Sequence[Part]) -> str:
     if len(first) != len(second):
         return f"it has {counted(len(second), 'fitting')}, and the first run {len(first)}"
     for a, b in zip(first, second, strict=True):
+        if a.fitting != b.fitting:
+            one, other = (part.fitting.to_table() for part in (a, b))
+            keys = [key for key in {**one, **other} if one.get(key) != other.get(key)]
+            differ = (f"{key} is {other.get(key)}, not {one.get(key)}" for key in keys)
+            return f"of {clipped(b.name, 60)} {'; '.join(differ) or 'the shape is another'}"
         moved = np.abs(a.pose.position - b.pose.position).max() > SAME_POSE
         turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_POSE
-        if a.fitting != b.fitting or moved or turned:
-            return f"{clipped(b.name, 60)} is not {clipped(a.name, 60)} of the first run"
+        if moved or turned:
+            place = "lies elsewhere" if moved else "lies in another direction"
+            return f"{clipped(b.name, 60)} {place} (start.axis, start.turn_deg, place, joints)"
     return ""
 
 

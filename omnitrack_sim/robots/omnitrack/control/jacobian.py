@@ -108,7 +108,7 @@ class JacobianController:
 
     A robot that makes no headway in a turn rolls its tracks to the wall, backs off to where the
     turn began, aligns anew and tries again. One whose inner module slips in a turn into a branch
-    sways, and so does one that tries again; where it slips much, the turn is begun again, sooner,
+    sways, and once more when it tries again; where it slips much, the turn is begun again, sooner,
     before the robot slides past.
     """
 
@@ -223,7 +223,10 @@ class JacobianController:
         speed = cruise_speed * np.where(turning, self._turn_speed, 1.0)
         centring = self.tracking.centring * ((phase == CRUISE) | (phase == TEE_STRAIGHT))
         again = self.recovery.retries > 0
-        lean = self.sway.step(observation, turning, merging, again)
+        # The same commands would slip again. A turn that gripped has failed for want of torque, of
+        # which leaning takes more.
+        leaning = again & self.sway.slipped
+        lean = self.sway.step(observation, turning, merging, leaning)
         wanted = self.tracking.wanted_rotation(
             location, observation.rotation, direction, centring, lean
         )
@@ -248,7 +251,7 @@ class JacobianController:
             # What cannot be given is not asked: a cap on the speeds would change their mean.
             wall_speed = np.repeat((direction * speed)[:, None], 3, axis=1)
         sign = self.aligner.rolls.belt_sign(observation.roll)
-        yielding = turning & self.sway.grips & ~again & self._steers
+        yielding = turning & self.sway.grips & ~leaning & self._steers
         if np.count_nonzero(yielding):
             load = observation.motor_torque * sign
             beyond = load - ordered_sum(load)[:, None] / load.shape[1]

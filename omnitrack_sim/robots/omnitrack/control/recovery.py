@@ -49,6 +49,10 @@ class RecoveryTable(Table):
     # all that differ are of 18.9 N or less; with more, on slippery walls, some pass beyond 0.4.
     weak_beside: Annotated[Part, Unit("pipe radii")] = 0.4
     """The same where the springs are too weak for a safe orientation."""
+    # Its nose is in the branch by then, and backing off wedges it across the run.
+    facing: Annotated[Part, Unit("1")] = 0.75
+    """Part of the turn into a branch beyond which a robot is past nothing, however far beside the
+    centreline."""
     # Such a robot stands in the run. Backing off, it falls into the other half, and out of the tee.
     upright: Annotated[Part, Unit("1")] = 2 / 3
     """Part of the turn out of a branch beyond which a robot that has failed does not back off, but
@@ -95,6 +99,7 @@ class Recovery:
         self._max_retries = each["retries"]
         self._beside = np.where(keeps_the_wall(setup), each["beside"], each["weak_beside"])
         self._upright, self._square = each["upright"], each["square"]
+        self._facing = each["facing"]
         self._progress, self._fallen = own(each["progress"]), own(each["fallen"])  # (n,) m
         self._patience = own(each["patience"]) / speed  # (n,) s
         self._merge_patience = own(each["merge_patience"]) / speed
@@ -172,6 +177,8 @@ class Recovery:
         # Out of a branch there is nothing to go past: the far wall stands across the way.
         room_beside = self._beside * routes.radius[location.passage]
         beside = routes.into_branch[location.passage] & (location.offset > room_beside)
+        if np.count_nonzero(beside):
+            beside &= routes.progress(location.passage, observation.rotation) < self._facing
         may = turning & (self.retries < self._max_retries) & self.settings.retry
         failed = may & (hanging | fallen | beside | sliding)
         upright = merging & self.settings.align & failed

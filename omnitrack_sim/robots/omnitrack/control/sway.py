@@ -169,6 +169,11 @@ class Sway:
         """Robots (n,) that are known to turn with so little slip that they are left alone."""
         return self.known & (self.slip <= self._rows[:, SLIP_FROM])
 
+    @property
+    def slipped(self) -> NDArray[np.bool_]:
+        """Robots (n,) whose turn slips, or has slipped at the attempt before, so that they lean."""
+        return self._rows[:, SLIPPED] > self._rows[:, SLIP_FROM]
+
     def step(
         self,
         observation: Observation,

@@ -47,6 +47,8 @@ export class Stage {
     const look = { color, shininess: 30, specular: 0x222222 };
     this.solid = new MeshPhongMaterial(look);
     this.skin = new MeshPhongMaterial({ ...look, side: DoubleSide });
+    const ring = new Color().setRGB(...pipes.mark, SRGBColorSpace);
+    this.ring = new MeshPhongMaterial({ ...look, color: ring });
     const glass = { ...look, transparent: true, depthWrite: false };
     this.clear = new MeshPhongMaterial({ ...glass, opacity: 0.26, side: DoubleSide });
     this.faded = new MeshPhongMaterial({ ...glass, opacity: 0.12 });
@@ -55,6 +57,8 @@ export class Stage {
       made.middle = new Vector3(...part.low).add(new Vector3(...part.high)).multiplyScalar(0.5);
       made.reach = made.middle.distanceTo(new Vector3(...part.high));
       for (const look of ["kept", "front", "inside"]) made[look] = this.addPiece(part[look]);
+      made.marks = part.marks && this.addPiece(part.marks);
+      if (made.marks) made.marks.material = this.ring;
       return made;
     });
     for (const plate of pipes.plates) {
@@ -145,6 +149,7 @@ export class Stage {
       kept.visible = whole || facing > EDGE_ON;
       front.visible = whole || facing < -EDGE_ON;
       inside.visible = !kept.visible && !front.visible;
+      if (part.marks) part.marks.visible = within;
       const hides = inside.visible && !clear && mode === "follow" && inTheWay(part, camera, robot);
       const solid = within ? this.skin : this.solid;
       inside.material = clear ? this.clear : hides ? this.faded : solid;

@@ -108,7 +108,8 @@ export function tellFigures(data) {
     const which = headings.length > 1 ? (i ? "second run" : "this run") : "the run";
     box.append(element("h2", {}, `Figures of ${which}`));
     box.append(element("p", {}, `${heading.name}: ${heading.outcome}, ${heading.reason}`));
-    const names = data.columns.map(([name], column) => (column ? name.split(" ").pop() : name));
+    const columns = data.columns.map(([name], column) => (column ? name.split(" ").pop() : name));
+    const names = columns.length ? columns : ["value"];
     const table = tableOf(["figure", "unit", ...names], heading.figures.map((one) => {
       const what = element("small", {}, one.meaning.split(/[;:]/)[0]);
       return [element("span", {}, one.name, what), said(one.unit), ...figure(one.value)];
