@@ -34,6 +34,7 @@ from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel, Display
 from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.actuator_units import actuator_units
 from omnitrack_sim.robots.control import Actuation
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes, wall_attributes
@@ -635,10 +636,10 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
 
     They are of actuators, of contacts of bodies, and of the named sensors of the model.
     """
-    meaning = "control inputs, by actuator"
-    shown = Display("Control inputs", "1", span=0.02, each="actuator")
+    meaning, unit = "control inputs, by actuator", actuator_units(model)["ctrl"]
+    shown = Display("Control inputs", unit, span=0.02, each="actuator")
     own = {"source": "command", "names": actuator_names(model), "shown": shown}
-    ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
+    ctrl = Channel("ctrl", (model.nu,), unit, meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
 
@@ -677,8 +678,10 @@ def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
         return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
 
     names, order = actuator_names(model), "in the model's own order"
-    force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
-    velocity = each("actuator_velocity", "m/s, rad/s", "speed of each actuator's length")
+    units = actuator_units(model)
+    force = each("actuator_force", units["actuator_force"], f"force of each actuator, {order}")
+    unit, meaning = units["actuator_velocity"], "speed of each actuator's length"
+    velocity = each("actuator_velocity", unit, meaning)
     power = each("actuator_power", "W", "force times speed of each actuator")
     return [
         Sensor(force, lambda state: state.actuator_force),
