@@ -178,8 +178,9 @@ def tee_by_feedback(quick: bool) -> Figure:
 @published(
     **TEE,
     how=f"the paper's speeds, open loop; {TEE_DRAWS}",
-    why="Nothing corrects the heading, so that it leaves tilted or wedges; the authors set speeds "
-    "by hand for each run, and say neither how many turns they made nor with which preload.",
+    why="Nothing corrects the heading, so that it leaves tilted or wedges; the authors "
+    "coded the speeds of each turn by its orientation, and say neither how many turns they made "
+    "nor with which preload.",
 )
 def tee_as_written(quick: bool) -> Figure:
     """Tee turns with the speeds of the paper."""
