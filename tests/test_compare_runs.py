@@ -15,7 +15,7 @@ from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import out
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.results.comparison import figure_row, value_row
+from omnitrack_sim.results.comparison import ComparedValue, figure_row, value_row
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.run_figures import OF_ROBOT
 
@@ -84,6 +84,20 @@ def test_the_noise_of_floats_is_no_difference():
     (changed,) = (one for one in found.figures if one.differs)
     row = ("contact_fraction", "1", "0.997454", "0.9974475", "-6.5e-06")
     assert figure_row(changed) == row
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "texts"),
+    [
+        (3.4e-15, 8.7e-15, ("0", "0", "0")),
+        (0.25, 0.25 + 5.3e-15, ("0.25", "0.25", "0")),
+        (-5.5e-14, 2.0, ("0", "2", "2")),
+        (2e-9, 4e-9, ("2e-09", "4e-09", "2e-09")),
+    ],
+)
+def test_errors_of_rounding_are_printed_as_zero(a, b, texts):
+    """Figures below 1e-9 of their unit, and differences of numbers that do not differ."""
+    assert figure_row(ComparedValue("distance_m", "m", a, b))[2:] == texts
 
 
 def test_numbers_that_are_none_are_the_same():

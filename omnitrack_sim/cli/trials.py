@@ -50,7 +50,9 @@ DaskOption = Annotated[
 ListOption = Annotated[
     bool,
     typer.Option(
-        "--list", help="Show what would be run, how much, and how long it takes; run nothing."
+        "--list",
+        help="Show what would be run, how much, and how long it takes; some steps of a trial, with "
+        "its controller, measure that. Save nothing.",
     ),
 ]
 BatchOption = Annotated[
