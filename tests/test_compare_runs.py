@@ -158,7 +158,7 @@ def test_runs_of_other_controllers_are_named_by_them():
 def test_no_name_is_broken_within_a_word(folders, tmp_path, monkeypatch, width):
     """Each line of a name ends at a dot, or with the name."""
     paper = str(result({"control.kind": "paper"}).save(tmp_path / "paper"))
-    monkeypatch.setattr(out, "width", width)
+    monkeypatch.setattr(out, "_width", width)  # the property sets it for good
     printed = command(folders[0], paper).output.splitlines()
     words = [line.split()[0] for line in printed if line.split()]
     for name in ("control.parameters.complete_deg", "control.parameters.elbow_delay"):
