@@ -248,7 +248,7 @@ def _is_possible(body: mujoco.MjsBody) -> bool:
 def _moments(body: mujoco.MjsBody) -> Array:
     """Return the principal moments (3,) kg m² that a URDF states, the least first."""
     xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
-    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), float)
 
 
 def _mend_inertia(body: mujoco.MjsBody) -> None:
