@@ -1,6 +1,7 @@
 """Exact pipes around any robot: contacts of its geoms with every fitting, and their physics."""
 
 import copy
+import importlib
 import math
 import pickle
 import re
@@ -894,3 +895,16 @@ def test_the_page_runs(capsys):
     exec(compile(program, page.name, "exec"), names)
     assert 0.55 < names["place"][2] < 0.6
     assert "mm from the wall" in capsys.readouterr().out
+
+
+def test_the_robot_of_a_class_on_the_page_rolls_through_its_pipe(tmp_path, monkeypatch, capsys):
+    """The ball of any-robot.md comes to the end at the speed that the page names, upright."""
+    page = Path(__file__).parents[1] / "docs" / "how-to" / "any-robot.md"
+    program = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[1]
+    (tmp_path / "my_robot.py").write_text(program, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    result = importlib.import_module("my_robot").result
+    sys.modules.pop("my_robot")
+    assert capsys.readouterr().out == "reached_goal 0.13 m/s\n"
+    assert result.metrics["distance_m"] > 0.6
+    assert result.metrics["tilt_max_deg"] < 5

@@ -15,7 +15,7 @@ from omnitrack_sim.base.errors import InputError, OmnitrackError, OutputError
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import out
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.results.comparison import figure_row, value_row
+from omnitrack_sim.results.comparison import ComparedValue, figure_row, value_row
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.run_figures import OF_ROBOT
 
@@ -86,6 +86,20 @@ def test_the_noise_of_floats_is_no_difference():
     assert figure_row(changed) == row
 
 
+@pytest.mark.parametrize(
+    ("a", "b", "texts"),
+    [
+        (3.4e-15, 8.7e-15, ("0", "0", "0")),
+        (0.25, 0.25 + 5.3e-15, ("0.25", "0.25", "0")),
+        (-5.5e-14, 2.0, ("0", "2", "2")),
+        (2e-9, 4e-9, ("2e-09", "4e-09", "2e-09")),
+    ],
+)
+def test_errors_of_rounding_are_printed_as_zero(a, b, texts):
+    """Figures below 1e-9 of their unit, and differences of numbers that do not differ."""
+    assert figure_row(ComparedValue("distance_m", "m", a, b))[2:] == texts
+
+
 def test_numbers_that_are_none_are_the_same():
     """A slip that was not measured does not differ from itself."""
     metrics = dict(result().metrics) | {"no_load_slip_m_s": float("nan")}
@@ -144,7 +158,7 @@ def test_runs_of_other_controllers_are_named_by_them():
 def test_no_name_is_broken_within_a_word(folders, tmp_path, monkeypatch, width):
     """Each line of a name ends at a dot, or with the name."""
     paper = str(result({"control.kind": "paper"}).save(tmp_path / "paper"))
-    monkeypatch.setattr(out, "width", width)
+    monkeypatch.setattr(out, "_width", width)  # the property sets it for good
     printed = command(folders[0], paper).output.splitlines()
     words = [line.split()[0] for line in printed if line.split()]
     for name in ("control.parameters.complete_deg", "control.parameters.elbow_delay"):

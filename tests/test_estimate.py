@@ -82,7 +82,7 @@ def test_a_bench_and_a_passport_say_how_long_they_take_and_run_nothing(paced, tm
     words = " ".join(shown.stdout.split())
     assert "tee_into 1 2 from the run of a tee into its branch" in words
     assert "4 trials take 0:00:" in words
-    assert "with 2 processes like this one" in words
+    assert "with 2 processes on cores of their own" in words
     listed = omnitrack("passport", "presser", "--quick", "--list", cwd=tmp_path).stdout
     words = " ".join(listed.split())
     assert "straight 8" in words

@@ -200,9 +200,9 @@ def test_csv_reads_back_exactly(snake, tmp_path):
         assert list(map(float, told)) == snake.qpos[:, i].tolist()
 
 
-def test_xarray_has_names_and_units(turn, snake):
+def test_xarray_has_names_and_units(turn, snake, tmp_path):
     """Channels over time and what they are of; joints by name; the run as attributes."""
-    pytest.importorskip("xarray")
+    xarray = pytest.importorskip("xarray")
     dataset = ot.to_xarray(turn)
     assert dataset.sizes["time"] == len(turn.trajectory.time)
     np.testing.assert_array_equal(
@@ -218,8 +218,15 @@ def test_xarray_has_names_and_units(turn, snake):
     np.testing.assert_array_equal(
         dataset.joint_position.sel(joint="slide_1"), turn.qpos[:, turn.joints["slide_1"].start]
     )
-    assert (dataset.outcome, dataset.phases) == (turn.outcome.value, list(turn.trajectory.phases))
+    assert dataset.outcome == turn.outcome.value
+    assert json.loads(dataset.phases) == list(turn.trajectory.phases)
     assert json.loads(dataset.scenario)["name"] == "tee_turn"
+    pytest.importorskip("scipy")
+    dataset.to_netcdf(tmp_path / "turn.nc", engine="scipy")
+    back = xarray.open_dataset(tmp_path / "turn.nc", engine="scipy")
+    np.testing.assert_array_equal(back.slide, dataset.slide)
+    assert back.attrs["phases"] == dataset.attrs["phases"]
+    back.close()
     other = ot.to_xarray(snake)
     assert other.wall_force.dims == ("time", "body")
     assert other.ctrl.dims == ("time", "actuator")

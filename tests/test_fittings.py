@@ -429,3 +429,25 @@ def test_the_distance_is_continuous_at_the_plane_of_symmetry(kind):
     within, beside = points * [1, 0, 1], points * [1, 0, 1] + [0, 1e-9, 0]
     here, there = fitting.signed_distance(within)[0], fitting.signed_distance(beside)[0]
     np.testing.assert_allclose(here, there, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("make", "where"),
+    [
+        (lambda: ot.Straight(1.0, 160.0), "straight.inner_diameter"),
+        (lambda: ot.Elbow(240.0, inner_diameter=0.16), "elbow.mean_radius"),
+        (lambda: ot.Elbow(240.0, inner_diameter=160.0), "elbow.inner_diameter"),
+        (lambda: ot.Tee(inner_diameter=160.0), "tee.inner_diameter"),
+        (lambda: ot.Reducer(1.0, 160.0), "reducer.end_diameter"),
+        (lambda: ot.Wye(inner_diameter=160.0), "wye.inner_diameter"),
+        (lambda: ot.Mitre(inner_diameter=160.0), "mitre.inner_diameter"),
+    ],
+)
+def test_sizes_in_millimetres_are_asked_about(make, where):
+    """A bore of 160 m, or a bend of 1,500 bores; tunnels and long bends are made."""
+    with pytest.raises(ot.InputError) as told:
+        make()
+    assert f"{where}: is " in str(told.value)
+    assert "is it in millimetres?" in str(told.value)
+    assert ot.Straight(100.0, 15.0).inner_diameter == 15.0
+    assert ot.Elbow(150.0, inner_diameter=0.16).mean_radius == 150.0

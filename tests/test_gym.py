@@ -164,7 +164,8 @@ def test_the_picture_is_an_observation_of_its_own():
 
 
 def test_residual_actions_of_nothing_are_the_feedback_controllers_own():
-    """A robot whose learner asks for nothing drives as in a run, through the tee."""
+    """A robot whose learner asks for nothing drives as in a run, through the tee: to a step or two,
+    as its commands end at the speed limit."""
     fixed = {"start.theta5_deg": 40.0, "control.cruise_speed": 0.12}
     env = single(acting="residual", sensing="truth", ranges=fixed)
     env.reset(seed=4)
@@ -174,7 +175,7 @@ def test_residual_actions_of_nothing_are_the_feedback_controllers_own():
         *_, terminated, truncated, info = env.step(np.zeros(4))
         over = terminated or truncated
     assert info["outcome"] == expected.outcome.value
-    assert info["time"] == pytest.approx(expected.duration_s)
+    assert info["time"] == pytest.approx(expected.duration_s, abs=0.02)
 
 
 @pytest.mark.long

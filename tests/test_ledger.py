@@ -69,7 +69,7 @@ def test_each_figure_stands_in_the_words_of_a_source_with_an_address(given):
         assert power == pytest.approx(round(power), abs=1e-9)
     else:
         assert given.stated == ("every single time",)
-        assert given.value == 1.0
+        assert (given.value, given.unit) == (100.0, "%")
 
 
 def test_the_ledger_is_wide_enough_to_say_something():
@@ -118,9 +118,10 @@ def test_figures_of_draws_are_their_median_and_95_percent():
 
 @pytest.mark.parametrize("passed", [0, 3, 10])
 def test_figures_of_runs_are_the_part_that_passes(passed):
-    """With Wilson's interval, which ends at one where all pass."""
+    """In %, with Wilson's interval, which ends at 100 where all pass."""
     runs = [SimpleNamespace(success=k < passed) for k in range(10)]
-    assert of_runs(runs)[:3] == (passed / 10, *wilson_interval(passed, 10))
+    low, high = wilson_interval(passed, 10)
+    assert of_runs(runs)[:3] == pytest.approx((10 * passed, 100 * low, 100 * high))
 
 
 def test_draws_lie_in_their_ranges_and_the_quick_form_takes_the_first():
@@ -205,7 +206,7 @@ def test_what_is_not_published_is_drawn(simulated):
     assert bores == {change["pipes"][0]["inner_diameter"] for change in asked}
     assert len(bores) == len({change["world.friction"] for change in asked}) == len(asked)
     asked.clear()
-    assert simulated(measured.double_elbows, run).middle == 0.5
+    assert simulated(measured.double_elbows, run).middle == 50.0
     assert len({change["pipes"][2]["length"] for change in asked}) == len(asked)
     assert len({change["start.theta5_deg"] for change in asked}) == len(asked)
 

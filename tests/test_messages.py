@@ -14,7 +14,7 @@ import omnitrack_sim as ot
 from omnitrack_sim import cli
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import clipped, listed, nearest, printable
-from omnitrack_sim.cli import runs
+from omnitrack_sim.cli import common, runs
 from omnitrack_sim.cli.common import out
 from omnitrack_sim.scenario import validate
 
@@ -257,3 +257,18 @@ def test_a_table_that_is_set_points_to_the_way_to_change_it():
     for table, name in ((scenario, "seed"), (scenario.world, "friction")):
         with pytest.raises(TypeError, match=rf"{name} cannot be set: ot\.override"):
             setattr(table, name, 1)
+
+
+def test_the_time_that_is_left_is_told_when_there_is_a_pace(monkeypatch, capsys):
+    """By the work since it first moved on: 70 s before that, of compilation, do not count; and
+    not before 5 % of it are done."""
+    now = [0.0]
+    monkeypatch.setattr(common.time, "monotonic", lambda: now[0])
+    lines = common._Lines("run r")
+    for seconds, part in ((70.0, 0.02), (71.0, 0.03), (80.0, 0.22)):
+        now[0] = seconds
+        lines.report(part, "straight")
+    first, second = capsys.readouterr().err.splitlines()
+    assert "left" not in first
+    assert first.endswith("straight")
+    assert second.endswith("0:00:39 left")

@@ -505,3 +505,11 @@ def test_actuators_of_any_type_are_driven(actuator):
     assert result.outcome.value == "timed_out"
     assert result.trajectory["ctrl"][-1] == pytest.approx([0.5])
     assert np.abs(result.trajectory["actuator_force"]).max() > 1e-6
+
+
+@pytest.mark.parametrize("name", ["odd.xml", "odd.urdf"])
+def test_a_file_that_opens_and_cannot_be_read_is_refused(name, tmp_path):
+    """In words, as one that is not there."""
+    (tmp_path / name).symlink_to("/proc/self/mem")
+    with pytest.raises(ot.ScenarioError, match=r"robot\.file: cannot be read"):
+        validate({"robot": str(tmp_path / name), "pipes": [{"kind": "straight", "length": 1.0}]})

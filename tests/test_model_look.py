@@ -1,5 +1,6 @@
 """What is found in the model of a stranger's robot, and the scenario that is written from it."""
 
+import json
 import sys
 import tomllib
 from pathlib import Path
@@ -338,6 +339,23 @@ def test_the_survey_runs_models_of_a_folder_or_says_why_not():
     assert not pole.runs
     assert pole.words.startswith("'pole' hangs on the world by the joint 'pin'")
     assert "given" not in pole.words
+
+
+def test_the_parameters_of_a_model_file_are_those_of_its_run():
+    """Axis, bore and servos as they are found; as JSON and in a table of 80 columns, in which names
+    are parted behind dots only."""
+    Path("cart.urdf").write_text(CART.replace("axle_00", "front_left_suspension"))
+    told = CliRunner().invoke(app, ["parameters", "cart.urdf", "--json"], catch_exceptions=False)
+    rows = {row["name"]: row["value"] for row in json.loads(told.stdout)}
+    robot = model_scenario("cart.urdf").robot
+    assert isinstance(robot, ot.Mjcf)
+    assert (rows["forward"], rows["bore"]) == (robot.forward, robot.bore) == ("x", robot.bore)
+    servo = robot.servos[0]
+    assert rows["servos.0.kind"] == servo.kind == "velocity"
+    assert rows["servos.0.gain"] == servo.gain
+    table = CliRunner().invoke(app, ["parameters", "cart.urdf"], env={"COLUMNS": "80"})
+    firsts = {line.strip().split(" ")[0] for line in table.stdout.splitlines()}
+    assert {"joint.", "front_left_suspension.", "stiffness", "damping"} <= firsts
 
 
 def test_a_model_file_is_run_as_it_is():

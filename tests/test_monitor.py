@@ -222,7 +222,7 @@ def test_a_robot_that_slides_back_hangs_at_once() -> None:
     assert look(watching, [0.301]) == []
     assert look(watching, [0.299]) == [Verdict(0, Hindrance.NO_HEADWAY)]
     assert "0.800 m, goal at 0.700 m, slid back by 105 mm, after" in watching.reason(
-        0, location([0.295]), 0.7, 1.0
+        0, location([0.295]), 0.7, {"time": np.ones(1)}
     )
 
 
@@ -251,7 +251,7 @@ def test_the_cause_is_read_from_what_was_measured(
     these."""
     watching = monitor(1)
     looks(watching, 1.0, [0.3], **more)
-    assert watching.cause(0, location([0.3])) is outcome
+    assert watching.cause(0, location([0.3]), {}) is outcome
 
 
 @pytest.mark.parametrize(
@@ -281,21 +281,21 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
     at = routes.start[:1] - ahead
     route, line = np.zeros(1, np.intp), routes.routes[0].centreline
     where = routes.locate(line.at(at)[0], line.frame(at), route, at)
-    assert watching.cause(0, where) is outcome
+    assert watching.cause(0, where, {}) is outcome
 
 
 def test_the_limits_of_the_cause_are_the_scenarios() -> None:
     """With ``slipping_ratio`` above what is measured the same robot counts as stuck."""
     watching = monitor(1, slipping_ratio=0.95)
     looks(watching, 1.0, [0.3], slip_ratio=np.array([[0.9, -0.9, 0.0]]))
-    assert watching.cause(0, location([0.3])) is ot.Outcome.STUCK
+    assert watching.cause(0, location([0.3]), {}) is ot.Outcome.STUCK
 
 
 def test_a_robot_across_its_pipe_is_wedged() -> None:
     """Whatever else holds it; one that lies along the pipe, either way round, is not."""
     watching, here = monitor(n=3), location([0.3] * 3, tilt_deg=np.array([20, 80, 160]))
     looks(watching, 0.2, [0.3] * 3, saturated=np.ones((3, 3), bool), belt_speed=np.zeros((3, 3)))
-    causes = [watching.cause(robot, here) for robot in range(3)]
+    causes = [watching.cause(robot, here, {}) for robot in range(3)]
     assert causes == [ot.Outcome.STALLED, ot.Outcome.WEDGED, ot.Outcome.STALLED]
 
 
@@ -342,10 +342,10 @@ def test_the_end_is_told_beside_the_goal_and_the_length_of_the_route():
     are of no longer than the run took."""
     watching = monitor(1)
     look(watching, [0.3])
-    short = watching.reason(0, location([0.3]), 0.7, 0.25)
+    short = watching.reason(0, location([0.3]), 0.7, {"time": np.array([0.25])})
     assert short.startswith("at 0.300 m of a route of 0.800 m, goal at 0.700 m, after 0.25 s; tilt")
     assert short.endswith("(means of the last 0.25 s)")
-    there = watching.reason(0, location([0.7]), 0.7, 6.0)
+    there = watching.reason(0, location([0.7]), 0.7, {"time": np.array([6.0])})
     assert there.startswith("at 0.700 m, the goal, of a route of 0.800 m, after 6.00 s; tilt")
     assert there.endswith("(means of the last 0.5 s)")
 
@@ -373,3 +373,48 @@ def test_a_time_limit_lasts_no_step_longer_than_it_says(steps: int) -> None:
     found = [look(monitor(1, time_limit=limit), [0.3], time) for time in times[-2:]]
     assert found[-1] == [Verdict(0, ot.Outcome.TIMED_OUT)]
     assert steps == 1 or found[0] == []
+
+
+PRESSED = ot.override(ot.load_scenario("robots/presser_elbow"), {"run.time_limit": 5})
+LEVEL = {"start.axis": [1, 0, 0], "start.turn_deg": 0}
+WIDE = {f"pipes.{i}.inner_diameter": 0.25 for i in range(len(PRESSED.pipes))}
+
+
+def test_a_robot_that_slides_back_without_grip_is_slipping() -> None:
+    """Upright without friction it slides; the reason says so, and how fast."""
+    result = ot.run(ot.override(PRESSED, {"world.friction": 0.02}))
+    assert result.outcome is ot.Outcome.SLIPPING
+    assert "slid back by" in result.reason
+    assert "sliding over the wall at" in result.reason
+
+
+def test_a_robot_that_touches_no_wall_falls_and_is_told_so_before() -> None:
+    """In a bore that is too wide; the note has the bore that it is made for."""
+    result = ot.run(ot.override(PRESSED, WIDE))
+    assert result.outcome is ot.Outcome.SLIPPING
+    assert "fell back by" in result.reason
+    assert "touching no wall" in result.reason
+    (note,) = [str(event) for event in result.events]
+    assert "touches the wall" in note
+    assert "250 mm" in note
+    assert "160 mm" in note
+
+
+def test_a_robot_that_drives_back_is_not_slipping() -> None:
+    """Its wheels roll the wrong way round, and grip."""
+    inputs = {"control.kind": "periodic", "control.parameters.inputs": {"*": -4.0}}
+    result = ot.run(ot.override(PRESSED, inputs | LEVEL))
+    assert result.outcome is ot.Outcome.STUCK
+    assert "moved back by" in result.reason
+    assert "sliding" not in result.reason
+
+
+def test_a_robot_that_slides_down_to_its_goal_says_so() -> None:
+    """A level pipe bends down, and nothing holds the robot there; one that drives says nothing."""
+    goal = {"run.goal_distance": 0.9}
+    sliding = ot.run(ot.override(PRESSED, LEVEL | goal | {"world.friction": 0.02}))
+    assert sliding.outcome is ot.Outcome.REACHED_GOAL
+    assert "sliding over the wall at" in sliding.reason
+    driving = ot.run(ot.override(PRESSED, {"run.goal_distance": 0.3}))
+    assert driving.outcome is ot.Outcome.REACHED_GOAL
+    assert "sliding" not in driving.reason

@@ -9,8 +9,15 @@ from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import out
 
 NETWORK = ot.load_network("fig14")
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal on which no line is wrapped, whatever made the console before."""
+    monkeypatch.setattr(out, "_width", 200)
 
 
 def printed(*arguments: str) -> list[list[str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
 from omnitrack_sim.show.film.render import stage_of
 from omnitrack_sim.show.legend import MAX_NAMED, Parts, colours, legends_of, merged, short_names
 from omnitrack_sim.show.playback import Playback
+from omnitrack_sim.show.plots.run_figures import line_styles
 from omnitrack_sim.show.recording_playback import RecordingPlayback, shown_samples
 from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
@@ -354,3 +357,16 @@ def test_labels_of_bars_keep_both_ends():
     assert all(letters.getlength(text) <= 120 for text in shown)
     assert all(text.startswith("artic") for text in shown)
     assert _shortened("front", letters, 120) == "front"
+
+
+def test_lines_of_many_parts_differ_in_colour_and_dashes():
+    """Of twelve named parts neighbours in the ramp have other dashes; six have colours enough, and
+    of a chain of thirty the ramp is seen whole."""
+    for count, kinds in ((6, 0), (12, 3), (30, 0)):
+        names = tuple(f"joint_{i}" for i in range(count))
+        parts = Parts("actuator", names, tuple(range(1, count + 1)), (True,) * count)
+        legends = legends_of([parts])
+        styles = line_styles(legends.values())
+        assert len(set(styles.values())) == kinds
+        own = [styles.get(colour) for colour in legends["actuator"].colours if colour]
+        assert not kinds or all(a != b for a, b in pairwise(own))

@@ -9,9 +9,16 @@ from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import out
 from omnitrack_sim.robots.omnitrack import published
 
 POLICIES = {name: ot.load_policy(path) for name, path in ot.shipped_files("policies").items()}
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal on which no line is wrapped, whatever made the console before."""
+    monkeypatch.setattr(out, "_width", 2000)
 
 
 def invoked(*arguments: object):

@@ -17,6 +17,7 @@ from commands import omnitrack
 from documents import page
 from samples import sample_result, sample_trajectory, two_legs_result
 
+import omnitrack_sim as ot
 from omnitrack_sim import override, render_replay
 from omnitrack_sim.base.errors import InputError, OutputError, RenderError
 from omnitrack_sim.record.channels import Channel
@@ -26,7 +27,7 @@ from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.scenario.model import sha256_of
 from omnitrack_sim.show.replay.contents import STEPS, Pack
-from omnitrack_sim.show.replay.document import LIBRARY, differences, replay_data
+from omnitrack_sim.show.replay.document import LIBRARY, differences, pipes_mismatch, replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.surfaces import geoms_surface
 
@@ -191,7 +192,7 @@ def test_differences_of_scenarios_are_told_by_path():
 @pytest.mark.parametrize(
     ("pipes", "told"),
     [
-        ([{"kind": "straight", "length": 1.1}], "is not"),
+        ([{"kind": "straight", "length": 1.1}], "of straight_0 length is 1.1, not 1.0"),
         ([{"kind": "straight", "length": 0.5}] * 2, "has 2 fittings, and the first run 1; ot.comp"),
     ],
 )
@@ -285,3 +286,20 @@ def test_the_command_ends_with_2_for_bad_input(run, tmp_path):
         assert done.returncode == 2, words
         assert told in " ".join(done.stderr.split())
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"start.axis": [0.0, 1.0, 0.0]}, "straight_0 lies in another direction (start.axis, "),
+        ({"pipes.0.length": 1.7}, "of straight_0 length is 1.7, not "),
+    ],
+)
+def test_other_pipes_are_told_by_what_differs(changes, told):
+    """The direction of the start, or the size of a part by its key."""
+    scenario = ot.load_scenario("straight", {"run.time_limit": 0.1})
+    one, other = (
+        RunPlayback(ot.run(ot.override(scenario, own), no_load=False)) for own in ({}, changes)
+    )
+    assert told in pipes_mismatch(one, other)
+    assert pipes_mismatch(one, one) == ""

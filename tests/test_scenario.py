@@ -217,6 +217,33 @@ def test_route_lies_along_the_start_axis():
         assert tangent[0] == pytest.approx([a / math.hypot(*axis) for a in axis])
 
 
+@pytest.mark.parametrize(
+    ("axis", "turn_deg", "bends"),
+    [
+        ([0, 0, 1], 0, [1, 0, 0]),
+        ([1, 0, 0], 0, [0, 0, -1]),
+        ([1, 0, 0], 90, [0, 1, 0]),
+        ([1, 0, 0], 180, [0, 0, 1]),
+        ([1, 0, 0], 270, [0, -1, 0]),
+        ([0, 1, 0], 0, [1, 0, 0]),
+        ([0, 1, 0], 90, [0, 0, -1]),
+        ([0, 1, 0], 180, [-1, 0, 0]),
+        ([0, 1, 0], 270, [0, 0, 1]),
+    ],
+)
+def test_an_elbow_bends_as_the_key_says(axis, turn_deg, bends):
+    """Where ``start.turn_deg`` has an elbow lead, upright and level; the centreline's normal points
+    to the inside of the bend, perpendicular to its tangent."""
+    pipes = [{"kind": "elbow"}, {"kind": "straight", "length": 0.2}]
+    route = validate({"pipes": pipes, "start": {"axis": axis, "turn_deg": turn_deg}}).route
+    ends, middle = np.array([route.length]), np.array([0.24 * np.pi / 4])
+    _, tangent, _, _ = route.centreline.at(ends)
+    assert tangent[0] == pytest.approx(bends, abs=1e-12)
+    _, along, normal, _ = route.centreline.at(middle)
+    assert normal[0] == pytest.approx((np.array(bends) - axis) / math.sqrt(2))
+    assert normal[0] @ along[0] == pytest.approx(0, abs=1e-12)
+
+
 def test_not_toml_and_no_file_are_clear_errors(tmp_path):
     """A broken file and a missing one name the file."""
     broken = tmp_path / "broken.toml"

@@ -10,10 +10,17 @@ from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import out
 from omnitrack_sim.towns.passport import PASSPORT_FILE
 from omnitrack_sim.towns.reach_files import length_text, summary_of
 
 WIDE = {"COLUMNS": "200"}
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal on which no line is wrapped, whatever made the console before."""
+    monkeypatch.setattr(out, "_width", 200)
 
 
 def invoked(*arguments: str):

@@ -11,8 +11,15 @@ from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
+from omnitrack_sim.cli.common import out
 from omnitrack_sim.cli.trials import _print_bench
 from omnitrack_sim.record.statistics import wilson_interval
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal on which no line is wrapped, whatever made the console before."""
+    monkeypatch.setattr(out, "_width", 200)
 
 
 def printed(*arguments: object) -> list[list[str]]:

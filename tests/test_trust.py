@@ -336,3 +336,23 @@ def test_a_strangers_passport_says_where_his_robot_gets_to(watch, tmp_path):
     maps = [ot.map_reach(network, one, ["foot"]) for one in (own, read)]
     assert maps[0].parts == maps[1].parts
     assert_nothing_ran(watch, tmp_path)
+
+
+def test_a_sweep_is_read_without_the_file_of_its_robot(tmp_path):
+    """Tables need the robot's words alone, which the sweep has recorded."""
+    file = tmp_path / "ball.xml"
+    body = "<body name='ball'><freejoint/><geom size='0.05'/></body>"
+    file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    robot = {"kind": "mjcf", "file": str(file)}
+    brief = {"run": {"time_limit": 0.05}, "start": {"distance": 0.2}}
+    base = validate(SCENARIO | brief | {"robot": robot})
+    (tmp_path / "base.json").write_text(base.model_dump_json())
+    axis = '[[axes]]\nkind = "list"\npath = "world.friction"\nvalues = [0.5, 0.9]\n'
+    (tmp_path / "sweep.toml").write_text(f'base = "base.json"\n{axis}')
+    result = ot.run_trials(ot.load_sweep(tmp_path / "sweep.toml"), out=tmp_path / "out")
+    file.unlink()
+    read = ot.load_sweep_result(tmp_path / "out")
+    assert read.table.equals(result.table)
+    ot.plot_sweep(tmp_path / "out", over="world.friction")
+    with pytest.raises(ot.OutputError, match="no such file"):
+        ot.load_sweep_result(tmp_path / "out", trust=True)

@@ -37,15 +37,15 @@ def parameters(kind: str) -> tuple[WordTable, set[str]]:
 @pytest.mark.parametrize("kind", sorted(set(ROBOTS) - {"mjcf"}))
 @pytest.mark.parametrize("width", [80, 120])
 def test_words_of_parameters_are_whole_on_a_terminal_of_80_columns(kind: str, width: int) -> None:
-    """Each stands on one line, but for long ones, which go on behind a slash or a hyphen; no line
-    is longer than the terminal, and nothing is left out."""
+    """Each stands on one line, but for long ones, which go on behind a slash, a hyphen or a dot; no
+    line is longer than the terminal, and nothing is left out."""
     table, words = parameters(kind)
     text = printed(table, width)
     assert max(map(len, text.splitlines())) <= width
     found = set(text.split())
     for word in words - found:
         assert len(word) >= LONG_WORD
-        pieces = [piece for piece in re.split(r"(?<=[a-z][/-])(?=[a-z])", word) if piece]
+        pieces = [piece for piece in re.split(r"(?<=[a-z][/.-])(?=[a-z])", word) if piece]
         assert len(pieces) > 1, word
         assert all(any(piece in other for other in found) for piece in pieces), word
 

@@ -45,6 +45,9 @@ WAIT = 5.0
 """Least time before the first line and between two lines, s: shorter work prints nothing."""
 STEP, LONGEST = 0.1, 300.0
 """Part of the work, and time in s, after which the next line is due."""
+LEAST_PART = 0.05
+"""Part of the work after which its pace is known. Time before a first part that is smaller went
+into compilation, and says nothing of the pace."""
 
 
 class Screen(Console):
@@ -256,20 +259,29 @@ class _Lines:
         self._began = self._told_at = time.monotonic()
         self._told: float | None = None  # part of the work at the last line, none before the first
         self._told_any = False
+        self._origin: tuple[float, float] | None = None  # s and part, when the work first moved on
 
     def report(self, part: float, text: str = "") -> None:
         """Tell part and text where a line is due, and the text at once as the work begins."""
         # The amount of work is worth a line of its own, and comes before there is any pace.
         if part == 0 and text and not self._told_any:
             self._say(text)
+        if part and self._origin is None:
+            small = part < LEAST_PART
+            self._origin = (time.monotonic(), part) if small else (self._began, 0.0)
         since = time.monotonic() - self._told_at
         due = self._told is None or part - self._told >= STEP or since >= LONGEST
         # Logs of long runs stay short: a line a tenth of the work, or every five minutes.
         if part < 1 and since >= WAIT and due:
             self._told = part
-            pace = (time.monotonic() - self._began) / part if part else 0.0
-            left = f"{clock(pace * (1 - part))} left" if part else ""
-            self._say(", ".join(filter(None, (f"{100 * part:.0f} %", text, left))))
+            self._say(", ".join(filter(None, (f"{100 * part:.0f} %", text, self._left(part)))))
+
+    def _left(self, part: float) -> str:
+        """Time that is left, by the pace since the work first moved on; "" before it is known."""
+        began, first = self._origin or (0.0, part)
+        if part - first < LEAST_PART:
+            return ""
+        return f"{clock((time.monotonic() - began) / (part - first) * (1 - part))} left"
 
     def end(self) -> None:
         """Print how long the work took, if any line was printed."""

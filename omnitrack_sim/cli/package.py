@@ -24,6 +24,8 @@ from omnitrack_sim.cli.common import (
 )
 from omnitrack_sim.cli.word_table import WordTable
 
+_HASH = re.compile(r"[0-9a-f]{64}")
+
 
 @app.command()
 def scenarios(as_json: JsonOption = False) -> None:
@@ -69,6 +71,8 @@ def parameters(
     for row in rows:
         value = f"{row.value:.6g}" if isinstance(row.value, float) else str(row.value)
         within = "" if row.within is None else "{:.6g} to {:.6g}".format(*row.within)
+        if _HASH.fullmatch(value):
+            value = f"{value[:12]}..."  # whole in JSON
         table.add_row(row.name, plain(value), within, row.unit, row.provenance, plain(row.source))
     out.print(table)
 
@@ -80,9 +84,8 @@ def _robot(source: str | None) -> ot.Robot:
     from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class, robot_kinds
 
     kind = source or DEFAULT
-    if is_model_file(kind):
-        return checked(ot.Mjcf, {"file": kind}, InputError)
-    if kind not in robot_kinds() and ":" not in kind:
+    # Of a model file with what a run finds in it: forward axis, bore, servos.
+    if is_model_file(kind) or (kind not in robot_kinds() and ":" not in kind):
         return load(kind, None).robot
     with trusting():
         model = robot_class(kind)

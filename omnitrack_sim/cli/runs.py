@@ -171,8 +171,8 @@ def print_result(result: ot.Result, target: Path) -> None:
     out.print(_figure_table(result))
     metrics = result.metrics
     out.say(
-        f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:.3f} m at "
-        f"{metrics['mean_speed_m_s']:.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
+        f"  simulated {result.duration_s:.2f} s, {metrics['distance_m']:z.3f} m at "
+        f"{metrics['mean_speed_m_s']:z.4f} m/s, tilt up to {metrics['tilt_max_deg']:.1f} deg, at "
         f"the end {metrics['tilt_exit_deg']:.1f} deg, {metrics['energy_j']:.1f} J{_slip(result)}"
     )
     if result.scenario.sensing.kind == "onboard":
@@ -275,6 +275,8 @@ def _slip(result: ot.Result) -> str:
 
 def _figure_table(result: ot.Result) -> Table:
     """Figures of each module, or of a robot whose metrics have one value each; then own ones."""
+    from omnitrack_sim.results.comparison import figure_text
+
     robot = result.scenario.robot
     metrics = robot.metrics
     of_modules = [metric for metric in metrics if metric.per_module]
@@ -283,9 +285,9 @@ def _figure_table(result: ot.Result) -> Table:
     for metric in of_modules or metrics:
         value = result.metrics[metric.name]
         if isinstance(value, float):
-            table.add_row(metric.name, metric.unit, f"{value:.4g}")
+            table.add_row(metric.name, metric.unit, figure_text(value))
         elif isinstance(value, list) and metric.title:
-            table.add_row(metric.title, metric.unit, *(f"{v:.{metric.digits}f}" for v in value))
+            table.add_row(metric.title, metric.unit, *(f"{v:z.{metric.digits}f}" for v in value))
     for metric in result.scenario.named_metrics:
         value = result.metrics[metric.name]
         values = value if isinstance(value, list) else [value]

@@ -50,7 +50,9 @@ DaskOption = Annotated[
 ListOption = Annotated[
     bool,
     typer.Option(
-        "--list", help="Show what would be run, how much, and how long it takes; run nothing."
+        "--list",
+        help="Show what would be run, how much, and how long it takes; some steps of a trial, with "
+        "its controller, measure that. Save nothing.",
     ),
 ]
 BatchOption = Annotated[
@@ -363,12 +365,15 @@ def print_extent(plan: ot.Plan, target: Path, workers: int | None) -> None:
     count = workers or cores()
     extent = estimate(plan, target if target.is_dir() else None)
     ends = [clock(seconds / count) for seconds in (extent.shortest, extent.longest)]
+    if extent.done == extent.trials:
+        out.say(f"all {counted(extent.trials, 'trial')} done before, in {plain(str(target))}")
+        return
     takes = "takes" if extent.trials == 1 else "take"
     before = f"; {extent.done} of them done before" if extent.done else ""
     out.say(
         f"{counted(extent.trials, 'trial')} {takes} {ends[0]} (each robot cruises to its goal) to "
         f"{ends[1]} (each runs to its time limit) with "
-        f"{counted(count, 'process', 'processes')} like this one{before}"
+        f"{counted(count, 'process', 'processes')} on cores of their own{before}"
     )
 
 

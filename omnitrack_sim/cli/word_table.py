@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 LONG_WORD = 10
-"""Letters from which on a word may be parted after a slash or a hyphen, as paths are."""
-_JOINT = re.compile(r"(?<=[^\W\d][/-])(?=[^\W\d])")
+"""Letters from which on a word may be parted after a slash, a hyphen or a dot, as paths are."""
+_JOINT = re.compile(r"(?<=[^\W\d][/.-])(?=[^\W\d])")
 
 
 class WordTable(Table):

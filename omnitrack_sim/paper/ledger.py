@@ -164,9 +164,10 @@ def of_draws(values: ArrayLike) -> Figure:
 
 
 def of_runs(results: Sequence[Result]) -> Figure:
-    """Return the part of runs that pass, with Wilson's interval."""
+    """Return the part of runs that pass, %, with Wilson's interval."""
     passed, total = sum(run.success for run in results), len(results)
-    return Figure(passed / total, *wilson_interval(passed, total), f"Wilson, {total} runs")
+    low, high = wilson_interval(passed, total)
+    return Figure(100 * passed / total, 100 * low, 100 * high, f"Wilson, {total} runs")
 
 
 def drawn(count: int, **ranges: tuple[float, float]) -> list[dict[str, float]]:

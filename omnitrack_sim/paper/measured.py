@@ -150,8 +150,8 @@ TEE: dict[str, Any] = {
     "quote": "the robot was able to negotiate T-junction in a clean dry plastic pipe every single "
     "time",
     "stated": ("every single time",),
-    "value": 1.0,
-    "unit": "of all",
+    "value": 100.0,
+    "unit": "%",
     "statement": "part of the turns from a tee's run into its branch that pass, with alignment",
 }
 TEE_DRAWS = "motor that the paper names, exact walls; friction 0.8 to 1.0, start orientation and "
@@ -178,8 +178,9 @@ def tee_by_feedback(quick: bool) -> Figure:
 @published(
     **TEE,
     how=f"the paper's speeds, open loop; {TEE_DRAWS}",
-    why="Nothing corrects the heading, so that it leaves tilted or wedges; the authors set speeds "
-    "by hand for each run, and say neither how many turns they made nor with which preload.",
+    why="Nothing corrects the heading, so that it leaves tilted or wedges; the authors "
+    "coded the speeds of each turn by its orientation, and say neither how many turns they made "
+    "nor with which preload.",
 )
 def tee_as_written(quick: bool) -> Figure:
     """Tee turns with the speeds of the paper."""
@@ -331,8 +332,8 @@ def inchworm_traction_of_hold(quick: bool) -> Figure:
     quote="On a multi-material testbed including out-of-plane double elbows, the robot achieved a "
     "100% success rate in more than 10 independent round-trip trials",
     stated=("100% success rate",),
-    value=1.0,
-    unit="of all",
+    value=100.0,
+    unit="%",
     statement="part of the runs that pass two elbows of 1.5 D in planes at right angles",
     how="bore of 100 mm; straight between the elbows 0 to 6 bores, friction 0.6 to 1.0, roll and "
     "direction by lot",
@@ -368,8 +369,7 @@ def cart(friction: float, side: float) -> mujoco.MjModel:
     Args:
         friction: of wheels and wall.
         side: angle of the wheels from the pipe's lowest line, about its axis, degrees. Beyond 15 it
-            holds on by more than Coulomb's friction: sliding contacts of MuJoCo lift, here out of a
-            wedge, and friction across the pipe presses it back.
+            may hold on longer than it slides: at rest, friction across the pipe can wedge it.
     """
     bore, wheel, angle = 0.15, 0.012, np.radians(side)
     reach = bore / 2 - wheel

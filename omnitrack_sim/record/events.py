@@ -40,7 +40,8 @@ class Outcome(StrEnum):
     )
     SLIPPING = (
         "slipping",
-        "The drive ran but the robot did not follow: raise world.friction.",
+        "The robot slid along the wall, or fell free of it: raise world.friction, or press "
+        "harder; if it touches no wall, take a narrower bore.",
     )
     HELD_BY_TETHER = (
         "held_by_tether",

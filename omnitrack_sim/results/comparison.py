@@ -23,6 +23,9 @@ NOISE = 1e-9
 versions are far below it."""
 _DIGITS, _MAX_DIGITS = 4, 12
 """Digits of a number, and most digits where two numbers hardly differ."""
+ZERO = 1e-9
+"""Size of a figure of a run, in its unit, below which it is printed as 0: such are errors of
+rounding, as no quantity of a run is recorded more exactly."""
 _ROUGH = 0.05
 """Part of a difference by which that of two rounded numbers may be off."""
 
@@ -225,9 +228,11 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
 
     A and B have enough digits to show their difference; B - A is that of the printed numbers.
     """
-    a, b, exact = one.a, one.b, one.difference
+    a, b = _not_rounding(one.a), _not_rounding(one.b)
+    exact = one.difference
     if exact is None or not math.isfinite(exact):
         return one.name, one.unit, value_text(a), value_text(b), value_text(exact)
+    exact = b - a if one.differs else 0.0
     digits = _DIGITS
     while True:
         texts = [f"{n:.{digits}g}" if isinstance(n, float) else str(n) for n in (a, b)]
@@ -237,7 +242,16 @@ def figure_row(one: ComparedValue) -> tuple[str, ...]:
         if digits == _MAX_DIGITS or abs(shown - exact) <= _ROUGH * abs(exact):
             break
         digits += 1
-    return one.name, one.unit, *texts, value_text(shown)
+    return one.name, one.unit, *texts, value_text(shown if exact else 0.0)
+
+
+def _not_rounding(value: Any) -> Any:
+    return 0.0 if isinstance(value, float) and abs(value) < ZERO else value
+
+
+def figure_text(value: float) -> str:
+    """Text of a figure of a run: four digits, and 0 for what is an error of rounding."""
+    return f"{_not_rounding(value):.{_DIGITS}g}"
 
 
 def value_text(value: Any) -> str:

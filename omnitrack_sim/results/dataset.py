@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Sequence
 from itertools import chain
@@ -36,7 +37,7 @@ def to_xarray(result: Result | str | os.PathLike[str], *, trust: bool = False) -
     Each channel is a variable over ``time`` and, where it has several numbers, over ``module``,
     ``body``, ``actuator`` or ``axis``, whose coordinates are their names; ``joint_position`` is
     over ``joint``. Variables have the attributes ``units``, ``long_name`` and ``frame``. The
-    dataset has those of the run: ``scenario`` and ``metrics`` as JSON, ``outcome``, ``reason``, and
+    dataset has those of the run: ``outcome``, ``reason``, and as JSON ``scenario``, ``metrics`` and
     ``phases``, which the codes of ``phase`` index.
 
     Args:
@@ -79,7 +80,7 @@ def _about(run: Result) -> dict[str, Any]:
         "name": run.scenario.name,
         "outcome": run.outcome.value,
         "reason": run.reason,
-        "phases": list(run.trajectory.phases),
+        "phases": json.dumps(run.trajectory.phases),
         "metrics": strict_json(run.metrics),
         "scenario": run.scenario.model_dump_json(),
     }

@@ -281,8 +281,20 @@ class Mjcf(Robot):
         return unit_of(spec, kind, rest.partition(f".{key}")[0], key)
 
     def parameters(self) -> list[Parameter]:
-        """See ``Robot``; each value of a joint, geom or actuator has a row."""
-        rows = [row for row in super().parameters() if row.name not in KINDS]
+        """See ``Robot``; each value of a servo, joint, geom or actuator has a row."""
+        rows = [row for row in super().parameters() if row.name not in (*KINDS, "servos")]
+        rows += [
+            Parameter(
+                name=(name := f"servos.{i}.{key}"),
+                value=value,
+                unit=self.unit_at(name) or "",
+                provenance="unstated",
+                source="of motors that are added",
+            )
+            for i, servo in enumerate(self.servos)
+            for key, value in servo
+            if value is not None
+        ]
         for kind in KINDS:
             rows += [
                 Parameter(

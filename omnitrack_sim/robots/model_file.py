@@ -15,7 +15,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from omnitrack_sim.base.reading import is_file
+from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
+from omnitrack_sim.base.reading import read_bytes
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import clipped, listed
 from omnitrack_sim.robots.plant import actuator_names
@@ -164,6 +165,8 @@ def check_robot(model: mujoco.MjModel) -> None:
 
 def in_words(error: Exception, file: str) -> str:
     """Return what MuJoCo says of a file, on one line, with what to do about it."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"cannot be read: {error.strerror}"
     words = " ".join(str(error).split()).removeprefix("XML ").removeprefix("Error: ")
     words = words.removeprefix("Error: ").removeprefix("error: ")
     words = re.sub(r" Element name '', id \d+(, line \d+)?", r"\1", words)
@@ -180,14 +183,22 @@ def _quoted(words: str, file: str) -> str:
     place = re.search(r"Element '(\w+)', line (\d+)", words)
     if place is None:
         return ""
-    lines = Path(file).read_text(errors="replace").splitlines()[int(place[2]) - 1 :]
+    lines = _text(file).splitlines()[int(place[2]) - 1 :]
     line = lines[0].strip() if lines else ""
     return f": {clipped(line, MAX_QUOTED)}" if f"<{place[1]}" in line else ""
 
 
 def _has_macros(file: str) -> bool:
     """Return whether a file is one that ROS makes a URDF of."""
-    return is_file(Path(file)) and "<xacro:" in Path(file).read_text(errors="replace")
+    return "<xacro:" in _text(file)
+
+
+def _text(file: str) -> str:
+    """Return the text of a file for a message on it; "" where it cannot be read."""
+    try:
+        return read_bytes(file, MAX_MODEL_TEXT).decode(errors="replace")
+    except (OSError, ValueError):
+        return ""
 
 
 def _read(file: str, changes: list[str]) -> mujoco.MjSpec:
@@ -237,7 +248,7 @@ def _is_possible(body: mujoco.MjsBody) -> bool:
 def _moments(body: mujoco.MjsBody) -> Array:
     """Return the principal moments (3,) kg m² that a URDF states, the least first."""
     xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
-    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), float)
 
 
 def _mend_inertia(body: mujoco.MjsBody) -> None:

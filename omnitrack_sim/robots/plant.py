@@ -10,6 +10,7 @@ import math
 import operator
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +34,7 @@ from omnitrack_sim.pipes import Assembly
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.channels import COMMON, Channel, Display
 from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.actuator_units import actuator_units
 from omnitrack_sim.robots.control import Actuation
 from omnitrack_sim.robots.sensor import Sensor, State
 from omnitrack_sim.walls.around import add_pipes, wall_attributes
@@ -379,6 +381,10 @@ class Plant:
         """Return the force or torque (n, m) of each motor."""
         return readings["actuator_force"]
 
+    def touches(self, readings: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """Return the robots (n,) of which anything touches a wall."""
+        return np.count_nonzero(readings["wall_force"], axis=1) > 0
+
     def slip_speed(self, readings: Mapping[str, Array]) -> Array:
         """Return the speed (n,) m/s over the wall of what touches it, mean of the bodies."""
         touches = readings["wall_force"] > 0
@@ -630,10 +636,10 @@ def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
 
     They are of actuators, of contacts of bodies, and of the named sensors of the model.
     """
-    meaning = "control inputs, by actuator"
-    shown = Display("Control inputs", "1", span=0.02, each="actuator")
+    meaning, unit = "control inputs, by actuator", actuator_units(model)["ctrl"]
+    shown = Display("Control inputs", unit, span=0.02, each="actuator")
     own = {"source": "command", "names": actuator_names(model), "shown": shown}
-    ctrl = Channel("ctrl", (model.nu,), "1", meaning, **own)
+    ctrl = Channel("ctrl", (model.nu,), unit, meaning, **own)
     channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
     return {channel.name: channel for channel in channels}
 
@@ -672,8 +678,10 @@ def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
         return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
 
     names, order = actuator_names(model), "in the model's own order"
-    force = each("actuator_force", "N, N m", f"force of each actuator, {order}")
-    velocity = each("actuator_velocity", "m/s, rad/s", "speed of each actuator's length")
+    units = actuator_units(model)
+    force = each("actuator_force", units["actuator_force"], f"force of each actuator, {order}")
+    unit, meaning = units["actuator_velocity"], "speed of each actuator's length"
+    velocity = each("actuator_velocity", unit, meaning)
     power = each("actuator_power", "W", "force times speed of each actuator")
     return [
         Sensor(force, lambda state: state.actuator_force),
@@ -746,10 +754,21 @@ def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Se
     return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
 
 
+class Motion(StrEnum):
+    """How a robot moves over the walls."""
+
+    FALLING = "fell"
+    """Nothing of it touches a wall."""
+    SLIDING = "slid"
+    """What touches slides."""
+    DRIVING = "moved"
+    """What touches rolls, steps or sticks."""
+
+
 class Diagnosis:
     """Finds the cause for which each of n robots makes no headway.
 
-    A robot whose causes need more than its tilt keeps averages of its readings.
+    A robot whose causes need more than its tilt and its contacts keeps averages of its readings.
 
     Args:
         robot: parameters.
@@ -780,14 +799,48 @@ class Diagnosis:
             due: (n,) robots of which a sample is taken.
         """
 
-    def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
-        """Return the cause for which a robot makes no headway."""
-        return Outcome.WEDGED if self.lies_across(robot, location) else Outcome.STUCK
+    def cause(
+        self, robot: int, location: Location, routes: RouteMap, retreat: Motion | None
+    ) -> Outcome:
+        """Return the cause for which a robot makes no headway.
+
+        Args:
+            robot: its number.
+            location: of all robots.
+            routes: of theirs.
+            retreat: how it moved back by ``monitor.slide_back``; None if it did not.
+        """
+        if self.lies_across(robot, location):
+            return Outcome.WEDGED
+        lost_hold = retreat in (Motion.FALLING, Motion.SLIDING)
+        return Outcome.SLIPPING if lost_hold else Outcome.STUCK
+
+    def motion(self, robot: int, readings: Mapping[str, Array], speed: float) -> Motion:
+        """Return how a robot moves that is asked for a ``speed``, m/s."""
+        if not readings["wall_force"][robot].any():
+            return Motion.FALLING
+        slides = _slip(robot, readings) > self.limits.slipping_ratio * speed
+        return Motion.SLIDING if slides else Motion.DRIVING
 
     def lies_across(self, robot: int, location: Location) -> bool:
         """Return whether a robot lies across its pipe."""
         return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
 
-    def words(self, robot: int, time: float) -> str:
-        """Return measurements at the end of a run of ``time`` s, in words; "" for none."""
-        return ""
+    def words(self, robot: int, readings: Mapping[str, Array], speed: float) -> str:
+        """Return measurements at the end of a run, in words; "" for none.
+
+        Args:
+            robot: its number.
+            readings: of the sensors at the end.
+            speed: that it is asked for, m/s.
+        """
+        if self.motion(robot, readings, speed) is not Motion.SLIDING:
+            return ""
+        slip = _slip(robot, readings)
+        return f", sliding over the wall at {slip:.2g} m/s; it is asked for {speed:.2g} m/s"
+
+
+def _slip(robot: int, readings: Mapping[str, Array]) -> float:
+    """Speed of what touches over the wall, m/s, mean by force."""
+    force = readings["wall_force"][robot]
+    return float(force @ readings["contact_speed"][robot]) / float(force.sum())

@@ -75,9 +75,12 @@ class StartTable(Table):
     roll_deg: Angle = 0.0
     """Roll of all modules; 0: upper track at the wall, 180: lower track."""
     axis: Annotated[Direction, Unit("1")] = (0.0, 0.0, 1.0)
-    """Direction of the route's first axis in the world; not with a network."""
+    """Direction of the route's first axis in the world; left out, it stands upright. Not with a
+    network."""
     turn_deg: Angle = 0.0
-    """Rotation of the whole route about that axis; not with a network."""
+    """Rotation of the whole route about that axis; not with a network. At 0 an elbow bends an
+    upright route towards +x, one along +x down and one along +y towards +x. By 90, 180 and 270 one
+    along +x bends to its left (+y), up and to its right; one along +y down, towards -x and up."""
 
 
 Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
@@ -162,7 +165,8 @@ class MonitorTable(Table):
     """`wedged`: the size of the cosine of the tilt is below this when the run ends for want of
     headway, or at the goal."""
     slipping_ratio: Annotated[Part, Unit("1")] = 0.5
-    """`slipping`: two modules have a larger slip ratio than this; otherwise the robot is
+    """`slipping`: two modules have a larger slip ratio than this, or another robot than the tracked
+    one has slid back and slides faster than this part of its cruise speed; otherwise the robot is
     `stuck`."""
     stalled_speed: Annotated[Part, Unit("1")] = 0.2
     """`stalled`: a motor at its torque limit runs below this part of the commanded speed."""

@@ -76,7 +76,7 @@ def export_result(
 
 def _read(source: Result | Recording | str | os.PathLike[str], trust: bool) -> Result | Recording:
     if is_recording(source):
-        return Recording.load(source)
+        return Recording.load(source, trust=trust)  # type: ignore[arg-type]
     return source if isinstance(source, Recording) else as_result(source, trust)
 
 

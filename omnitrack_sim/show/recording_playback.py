@@ -23,6 +23,7 @@ from omnitrack_sim.record.display import (
     model_cameras,
 )
 from omnitrack_sim.record.trajectory import spans
+from omnitrack_sim.robots.actuator_units import actuator_units
 from omnitrack_sim.robots.display import HIDDEN_FROM
 from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.show.film.shots import is_outside
@@ -264,7 +265,8 @@ class RecordingPlayback(Playback):
     def _part_curves(self) -> dict[str, Curve]:
         """Return the curves of bodies, actuators and joints, where there are any."""
         force = Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body")
-        motor = Display("Actuator forces", "N, N m", each="actuator")
+        unit = actuator_units(self.model)["actuator_force"]
+        motor = Display("Actuator forces", unit, each="actuator")
         slide = Display("Slides", "mm", 1e3, span=1.0, each="slide")
         hinge = Display("Hinges", "deg", float(np.degrees(1.0)), span=1.0, each="hinge")
         places = {

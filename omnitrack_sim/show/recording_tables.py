@@ -10,6 +10,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.results.dataset import Series
+from omnitrack_sim.robots.actuator_units import actuator_units
 from omnitrack_sim.robots.plant import actuator_names
 from omnitrack_sim.show.recording import FIELDS, Recording
 from omnitrack_sim.show.wall_forces import body_forces
@@ -31,11 +32,9 @@ VELOCITIES = {
 UNITS = {
     "qpos": "m, rad",
     "qvel": "m/s, rad/s",
-    "actuator_force": "N, N m",
-    "actuator_velocity": "m/s, rad/s",
     "mocap_pos": "m",
 }
-"""Units of MuJoCo's arrays; the others have none."""
+"""Units of MuJoCo's arrays but those of actuators; the others have none."""
 _UNITS = {"position": "m", "force": "N"}  # of vectors of a contact
 
 
@@ -75,8 +74,9 @@ def _blocks(recording: Recording) -> Iterator[tuple[str, str, list[str], Array]]
         "mocap_pos": _each(_mocap(model, bodies), PLACE),
         "mocap_quat": _each(_mocap(model, bodies), TURN),
     }
+    units = UNITS | actuator_units(model)
     for name in FIELDS:
-        yield name, UNITS.get(name, ""), labels.get(name, motors), recording[name]
+        yield name, units.get(name, ""), labels.get(name, motors), recording[name]
     poses = recording.bodies[:, 1:]
     yield "position", "m", _each(bodies[1:], PLACE), poses[..., :3]
     yield "quaternion", "", _each(bodies[1:], TURN), poses[..., 3:]

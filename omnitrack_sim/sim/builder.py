@@ -76,13 +76,17 @@ def _remove(place: Any, keys: Sequence[str]) -> None:
         _remove(table, inner)
 
 
-@functools.cache
 def _own_paths(kind: str) -> tuple[str, ...]:
     """Dotted paths of values in which scenarios of one batch may differ, with a kind of robot."""
     try:
-        values = robot_class(kind).own_values
-    except InputError:
-        values = ()  # told where the scenario is read
+        return _paths_of(kind)
+    except InputError:  # told where the scenario is read; its code may be trusted later
+        return (*EACH.values(), *CARRIED)
+
+
+@functools.cache
+def _paths_of(kind: str) -> tuple[str, ...]:
+    values = robot_class(kind).own_values
     return (*EACH.values(), *CARRIED, *(f"robot.{path}" for path in values))
 
 
@@ -91,10 +95,14 @@ def robot_kind(data: Mapping[str, Any]) -> str:
     return str(data.get("robot", {}).get("kind", DEFAULT))
 
 
-@functools.cache
 def is_shared(path: str, kind: str) -> bool:
     """Return whether scenarios of a batch, with robots of a kind, share the value at a path."""
-    return not any(_is_in(path.split("."), own.split(".")) for own in _own_paths(kind))
+    return not _is_among(path, _own_paths(kind))
+
+
+@functools.cache
+def _is_among(path: str, paths: tuple[str, ...]) -> bool:
+    return any(_is_in(path.split("."), own.split(".")) for own in paths)
 
 
 def _is_in(keys: Sequence[str], own: Sequence[str]) -> bool:

@@ -15,6 +15,7 @@ from omnitrack_sim.autonomy.pilots import Hindrance
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.robots.plant import Motion
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.tables import MonitorTable
 from omnitrack_sim.sim.tail_load import TailLoad
@@ -87,6 +88,7 @@ class Monitor:
         self._exit = robot.length / 2
         # s of patience, s since the last progress, s, m
         self._patience, self._waiting, self._time_limit, self._max_distance = np.zeros((4, n))
+        self._cruise_speed = np.zeros(n)  # m/s
         self._looks = np.zeros(n, int)
         # Robots that right themselves; that have been upright on the leg at hand; s since when
         # they lean over.
@@ -106,6 +108,7 @@ class Monitor:
     ) -> None:
         """Watch robots ``rows`` (k,) from the start of a new run; see the class."""
         patience = self._patience_length / cruise_speed
+        self._cruise_speed[rows] = cruise_speed
         self._patience[rows] = np.maximum(self.limits.patience_time * self._scale, patience)
         self._time_limit[rows], self._max_distance[rows] = time_limit - TIME_ROUNDING, start
         self._waiting[rows], self._looks[rows] = 0.0, 0
@@ -236,29 +239,44 @@ class Monitor:
         if np.count_nonzero(due):
             self._diagnosis.average(readings, command, saturated, due)
 
-    def cause(self, robot: int, location: Location) -> Outcome:
+    def cause(self, robot: int, location: Location, readings: Mapping[str, Array]) -> Outcome:
         """Return the cause for which a robot makes no headway."""
-        cause = self._diagnosis.cause(robot, location, self.routes)
+        retreat = None
+        if self._retreat(robot, location) > self._slide_back:
+            retreat = self._motion(robot, readings)
+        cause = self._diagnosis.cause(robot, location, self.routes, retreat)
         return cause if self._tail is None else self._tail.cause(robot, cause)
+
+    def _retreat(self, robot: int, location: Location) -> float:
+        """Distance of a robot behind its farthest point, m."""
+        return float(self._max_distance[robot] - location.distance[robot])
+
+    def _motion(self, robot: int, readings: Mapping[str, Array]) -> Motion:
+        return self._diagnosis.motion(robot, readings, float(self._cruise_speed[robot]))
 
     def lies_across(self, robot: int, location: Location) -> bool:
         """Return whether a robot lies across its pipe."""
         return self._diagnosis.lies_across(robot, location)
 
-    def reason(self, robot: int, location: Location, goal: float, time: float) -> str:
+    def reason(
+        self, robot: int, location: Location, goal: float, readings: Mapping[str, Array]
+    ) -> str:
         """Describe the end of a robot's run: its location, and the measurements there.
 
-        ``goal`` is where the leg at hand is over, m, and ``time`` how long the run took, s.
+        ``goal`` is where the leg at hand is over, m.
         """
+        time, speed = readings["time"][robot], float(self._cruise_speed[robot])
         length = self.routes.lengths[location.route[robot]]
         distance = location.distance[robot]
         there, before = (", the goal,", "") if distance >= goal else ("", f", goal at {goal:.3f} m")
-        slid = self._max_distance[robot] - distance
-        if slid > self._slide_back:
-            before += f", slid back by {1000 * slid:.0f} mm"
+        retreat = self._retreat(robot, location)
+        if retreat > self._slide_back:
+            motion = self._motion(robot, readings)
+            before += f", {motion.value} back by {1000 * retreat:.0f} mm"
+            before += ", touching no wall" if motion is Motion.FALLING else ""
         tilt = np.degrees(location.tilt[robot])
         pulled = "" if self._tail is None else self._tail.words(robot)
         return (
             f"at {distance:.3f} m{there} of a route of {length:.3f} m{before}, after {time:.2f} s; "
-            f"tilt {tilt:.1f} deg{self._diagnosis.words(robot, time)}{pulled}"
+            f"tilt {tilt:.1f} deg{self._diagnosis.words(robot, readings, speed)}{pulled}"
         )

@@ -123,7 +123,7 @@ class Runs:
         Off its route it drives on in whatever pipe it is, unless its pilot has given up.
         """
         if found is Hindrance.NO_HEADWAY:
-            return self._monitor.cause(robot, self.location)
+            return self._monitor.cause(robot, self.location, self._readings)
         if found is Hindrance.OFF_ROUTE and decision.events:
             return Outcome.LEFT_PIPE
         return found if isinstance(found, Outcome) else None
@@ -191,7 +191,8 @@ class Runs:
     def _end(self, robot: int, outcome: Outcome) -> None:
         """End a robot's run."""
         time, location = float(self._readings["time"][robot]), self.location
-        reason = self._monitor.reason(robot, location, float(self._legs.end[robot]), time)
+        goal = float(self._legs.end[robot])
+        reason = self._monitor.reason(robot, location, goal, self._readings)
         reason += self._against_gear(robot)
         ending = Ending(outcome, reason)
         if outcome is Outcome.REACHED_GOAL:

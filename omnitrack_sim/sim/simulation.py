@@ -149,7 +149,9 @@ class Simulation:
             self.legs.rights(np.arange(self.n)),
         )
         self.runs = Runs(self.scenarios, self.legs, self.senses, self.monitor)
-        self.runs.reset(np.arange(self.n), self.readings, notes)
+        everyone = np.arange(self.n)
+        notes = self._with_loose(everyone, start, notes)
+        self.runs.reset(everyone, self.readings, notes)
         self._command = self.plant.command
         self.setup = ControlSetup(
             routes=self.legs.routes,
@@ -218,7 +220,7 @@ class Simulation:
         self.monitor.reset(rows, begin, settings.min_cruise_speed, limits, rights)
         self.readings = self.plant.read()
         self.senses.reset(rows, scenarios, self.readings)
-        self.runs.reset(rows, self.readings, notes)
+        self.runs.reset(rows, self.readings, self._with_loose(rows, start, notes))
         self._command = with_command_rows(self._command, rows, self.plant.command)
         self.setup = replace(
             self.setup,
@@ -231,6 +233,23 @@ class Simulation:
         )
         nobody = np.zeros(self.n, bool)
         self._judge(with_rows(nobody, rows, True), nobody)
+
+    def _with_loose(
+        self, rows: NDArray[np.intp], start: Start, notes: Sequence[Sequence[str]]
+    ) -> list[list[str]]:
+        """Notes on robots ``rows`` (k,), with one on each that touches no wall at its start."""
+        touches = self.plant.touches(self.readings)[rows]
+        noted = []
+        for words, held, radius, robot in zip(
+            notes, touches, start.bore_radius, start.robots, strict=True
+        ):
+            loose = (
+                "nothing of the robot touches the wall at the start, so it falls from there; "
+                f"the bore is {2000 * radius:.4g} mm, and the robot is made for "
+                f"{1000 * robot.nominal_bore:.4g} mm"
+            )
+            noted.append([*words] if held else [*words, loose])
+        return noted
 
     @property
     def observation(self) -> Observation:

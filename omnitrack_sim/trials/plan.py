@@ -100,6 +100,10 @@ class Plan(ABC):
     def data(self) -> dict[str, Any]:
         """Return the plan as plain data, for its record."""
 
+    def kept(self) -> dict[str, Any]:
+        """Return what its record keeps beside, for who reads it without the code it names."""
+        return {}
+
     @abstractmethod
     def rounds(self) -> Rounds:
         """Yield rounds of trials, receive the table of each, and return the conclusion.

@@ -29,8 +29,8 @@ def load_sweep_result(directory: str | Path, *, trust: bool = False) -> TrialsRe
 
     Args:
         directory: folder of the sweep, as ``run_trials`` or ``omnitrack sweep`` left it.
-        trust: import what its scenarios name, and read a robot's own file. Otherwise a sweep of
-            such a robot is refused, unless its module has been imported already.
+        trust: import what its scenarios name, and read a robot's own file, to run its trials
+            again. Without it a robot from outside the package is known by what the folder keeps.
 
     Raises:
         OutputError: it holds no sweep, or its record or table is damaged; the message names the
@@ -81,7 +81,11 @@ def _sweep_in(folder: Path) -> Sweep:
         # Before anything is made of it.
         if hash_of(data) != record["sha256"]:
             raise ValueError("it is not the sweep of its hash")
-        bases = {name: read_back(base) for name, base in data["bases"].items()}
+        robots = dict(record.get("robots", {}))
+        bases = {
+            name: read_back(base, {"file": "", "values": robots[name]} if name in robots else None)
+            for name, base in data["bases"].items()
+        }
         keys = {key: value for key, value in data.items() if key in SweepTable.model_fields}
         table = checked(SweepTable, keys, SweepError)
         fields = {key: getattr(table, key) for key in SweepTable.model_fields}
@@ -90,7 +94,8 @@ def _sweep_in(folder: Path) -> Sweep:
         raise OutputError(f"{folder / name}: {error}") from error
     except (ValueError, KeyError, TypeError, AttributeError, InputError) as error:
         cause = "; ".join(str(error).splitlines())
-        raise OutputError(f"{folder / name}: is damaged: {cause}") from error
+        problem = f"is damaged, or names what is not here: {cause}"
+        raise OutputError(f"{folder / name}: {problem}") from error
 
 
 def _whole_table(folder: Path, sweep: Sweep) -> pa.Table | None:

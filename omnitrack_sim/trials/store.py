@@ -99,7 +99,8 @@ class Folder(Store):
             (self._place / name).mkdir(parents=True, exist_ok=True)
             check_folder(self._place / name)
         versions = {name: version(name) for name in self.plan.packages}
-        self._new_record = to_json({"sha256": sha256, noun: data} | environment() | versions)
+        record = {"sha256": sha256, noun: data} | self.plan.kept()
+        self._new_record = to_json(record | environment() | versions)
         # As it is read again, with lists for tuples.
         self._is_renamed = there is not None and there[noun] != json.loads(self._new_record)[noun]
         # The record of an earlier run stays until all is finished: names may have changed.
@@ -205,7 +206,7 @@ class Folder(Store):
 
 
 def read_record(folder: Path, noun: str) -> dict[str, Any]:
-    """Return what the record of a plan in a folder says: ``sha256``, and its data under ``noun``.
+    """Return the record of a plan in a folder: ``sha256``, its data under ``noun``, and more.
 
     Raises:
         OutputError: it cannot be read, or is none.
@@ -213,7 +214,7 @@ def read_record(folder: Path, noun: str) -> dict[str, Any]:
     file = folder / f"{noun}.json"
     try:
         data = parsed(read_bytes(file, MAX_RUN_BYTES).decode(), "JSON")
-        return {"sha256": data["sha256"], noun: dict(data[noun])}
+        return {**data, "sha256": data["sha256"], noun: dict(data[noun])}
     except OSError as error:
         raise OutputError(f"{file}: cannot be read: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, RecursionError, MemoryError) as error:

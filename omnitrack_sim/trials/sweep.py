@@ -21,6 +21,7 @@ from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.robots.recorded import is_recorded, values_of
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.model import unit_of
 from omnitrack_sim.trials.axes import (
@@ -158,6 +159,12 @@ class Sweep(SweepTable, Plan):
     def data(self) -> dict[str, Any]:
         """Return the sweep as plain data, with its bases in full."""
         return self.model_dump(mode="json")
+
+    def kept(self) -> dict[str, Any]:
+        """Return what is to be known of robots from outside the package, by their base."""
+        robots = {name: base.robot for name, base in self.bases.items()}
+        own = {name: values_of(one) for name, one in robots.items() if is_recorded(one)}
+        return {"robots": own} if own else {}
 
     def rounds(self) -> Rounds:
         """Ask for all trials at once, and count them.

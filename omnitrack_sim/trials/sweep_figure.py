@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from omnitrack_sim.base.rotations import Array, direction_of
+from omnitrack_sim.base.rotations import direction_of
 from omnitrack_sim.record.display import SingularRange
 from omnitrack_sim.scenario.model import words_of
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import Spread, sweep_figure
 from omnitrack_sim.trials.axes import DirectionAxis
-from omnitrack_sim.trials.table import passed_of
+from omnitrack_sim.trials.table import passed_of, unit_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,18 +28,22 @@ Each of the three classes has a third of the sphere.
 CLASSES = ("against the run axis", "across", "along")
 
 
-def figure_of(sweep: Sweep, passed: Array) -> Figure:
-    """Return the figure of all trials, of which those ``passed`` are not 0."""
-    return sweep_figure(spreads(sweep), passed, singular_range(sweep), sweep.name)
+def figure_of(sweep: Sweep, table: pa.Table) -> Figure:
+    """Return the figure of all trials."""
+    axes = spreads(sweep, table)
+    return sweep_figure(axes, passed_of(table), singular_range(sweep), sweep.name)
 
 
 def draw_map(sweep: Sweep, table: pa.Table) -> bytes:
     """Draw ``success_map.png``."""
-    return figure_bytes(figure_of(sweep, passed_of(table)))
+    return figure_bytes(figure_of(sweep, table))
 
 
-def spreads(sweep: Sweep) -> list[Spread]:
-    """Return the axes with their values, as numbers or words, one for each trial."""
+def spreads(sweep: Sweep, table: pa.Table | None = None) -> list[Spread]:
+    """Return the axes with their values, as numbers or words, one for each trial.
+
+    Units that the sweep does not know, since its robot's code was not read, are those of the table.
+    """
     axes = []
     axis_of = {axis.name: axis for axis in sweep.axes}
     for name, values in sweep.trials().items():
@@ -57,12 +61,17 @@ def spreads(sweep: Sweep) -> list[Spread]:
             and getattr(axis, "labels", None) is None
         ):
             numbers = np.array(values, float)
-            axes.append(Spread(name, sweep.units[name] or "1", numbers, words=words_of(name)))
+            axes.append(Spread(name, _unit(sweep, table, name), numbers, words=words_of(name)))
         else:
             order = tuple(sweep.label(name, value) for value in sweep.crossed[name])
             words = [sweep.label(name, value) for value in values]
             axes.append(Spread(name, "", words, order, compared=True, words=words_of(name)))
     return axes
+
+
+def _unit(sweep: Sweep, table: pa.Table | None, name: str) -> str:
+    told = None if table is None else unit_in(table, name)
+    return sweep.units[name] or told or "1"
 
 
 def singular_range(sweep: Sweep) -> SingularRange | None:

@@ -62,8 +62,8 @@ def plot_sweep(
         raise InputError(Fault("result", problem))
     passed = passed_of(result.table)
     if over is None and ax is None:
-        return page(lambda: figure_of(sweep, passed), path, format)
-    axes = spreads(sweep)
+        return page(lambda: figure_of(sweep, result.table), path, format)
+    axes = spreads(sweep, result.table)
     chosen, groups = _chosen(axes, over), groups_of(axes)
     return chart(lambda axis: draw_chart(axis, chosen, passed, groups), CHART, path, ax, format)
 

@@ -179,6 +179,12 @@ def to_json(data: Any) -> bytes:
     return (json.dumps(data, indent=2) + "\n").encode()
 
 
+def unit_in(table: pa.Table, name: str) -> str | None:
+    """Return the unit of a column of a table; None where there is no such column, or no unit."""
+    about = table.schema.field(name).metadata if name in table.column_names else None
+    return None if about is None else about.get(b"unit", b"").decode() or None
+
+
 def numbers_of(table: pa.Table, name: str) -> Array:
     """Return the numbers in a column of a table; NaN where it has none."""
     return np.array([np.nan if v is None else v for v in table[name].to_pylist()], float)

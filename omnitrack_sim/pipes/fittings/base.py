@@ -404,6 +404,9 @@ class Fitting(ABC):
 
 MAX_SIZES, MAX_PORTS = 10, 4
 """Room in the exact collider for the numbers and ports of a fitting."""
+MAX_BORE = 20.0
+"""Bore, m, beyond which a diameter was meant in millimetres: water and road tunnels have 15 m."""
+MILLIMETRES = ": is it in millimetres? Lengths are in metres"
 
 
 def check(kind: str, **conditions: tuple[bool, str]) -> None:
@@ -426,6 +429,11 @@ def check(kind: str, **conditions: tuple[bool, str]) -> None:
 def positive(size: float) -> tuple[bool, str]:
     """Return the condition, for ``check``, that a size is positive."""
     return size > 0, f"is {size} m; must be positive"
+
+
+def possible_bore(size: float) -> tuple[bool, str]:
+    """Return the condition, for ``check``, that a size is that of a bore."""
+    return (size <= MAX_BORE, f"is {size} m{MILLIMETRES}") if size > 0 else positive(size)
 
 
 def port_pose(z: Array, x: Array, position: Array) -> Pose:

@@ -15,6 +15,7 @@ from omnitrack_sim.base.table import Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, put
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
+    MILLIMETRES,
     Arcs,
     AxisCurve,
     Description,
@@ -24,7 +25,7 @@ from omnitrack_sim.pipes.fittings.base import (
     Z,
     check,
     port_pose,
-    positive,
+    possible_bore,
 )
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
 
@@ -32,6 +33,9 @@ SIDE_SLIP = 4e-4
 """Distance, m, by which a piece of an elbow's side may leave its row."""
 MOUTH_OVERLAP = 1e-6
 """Depth, m, from which a bore goes straight on beyond its ports: any deeper it leaves the bend."""
+MAX_BEND = 1000.0
+"""Mean radius in bores beyond which it was meant in millimetres: steel pipes bend by as much when
+they are laid."""
 
 
 @compiled
@@ -92,10 +96,12 @@ class Elbow(Fitting):
         radius = self.inner_diameter / 2
         check(
             self.kind,
-            inner_diameter=positive(self.inner_diameter),
+            inner_diameter=possible_bore(self.inner_diameter),
             mean_radius=(
-                self.mean_radius >= radius,
-                f"is {self.mean_radius} m; must be at least the pipe radius of {radius} m",
+                radius <= self.mean_radius <= MAX_BEND * self.inner_diameter,
+                f"is {self.mean_radius} m; must be at least the pipe radius of {radius} m"
+                if self.mean_radius < radius
+                else f"is {self.mean_radius} m, over {MAX_BEND:g} bores{MILLIMETRES}",
             ),
             angle=(
                 0 < self.angle <= math.pi,

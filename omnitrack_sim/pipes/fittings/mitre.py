@@ -43,7 +43,7 @@ from omnitrack_sim.pipes.fittings.base import (
     in_bores,
     lengthen,
     port_pose,
-    positive,
+    possible_bore,
 )
 from omnitrack_sim.pipes.fittings.wye_surface import on_ellipse
 from omnitrack_sim.pipes.shapes import (
@@ -178,7 +178,7 @@ class Mitre(Fitting):
         degrees, fillet = math.degrees(self.angle), self.fillet_radius
         check(
             self.kind,
-            inner_diameter=positive(self.inner_diameter),
+            inner_diameter=possible_bore(self.inner_diameter),
             angle=(
                 MIN_ANGLE_DEG * (1 - 1e-9) <= degrees <= 150 * (1 + 1e-9),
                 f"is {degrees:.6g} degrees; must be over 0, at most 150",

@@ -23,7 +23,16 @@ from omnitrack_sim.pipes.compiled import (
     crossing,
     put,
 )
-from omnitrack_sim.pipes.fittings.base import BORE, Axial, Bore, FittingTable, Z, check, positive
+from omnitrack_sim.pipes.fittings.base import (
+    BORE,
+    Axial,
+    Bore,
+    FittingTable,
+    Z,
+    check,
+    positive,
+    possible_bore,
+)
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, stave_count
 
 MAX_CONE_ANGLE = math.radians(20)
@@ -234,8 +243,12 @@ class Reducer(Axial):
         """The bore at its port `end`, larger or smaller than `inner_diameter`."""
 
     def __post_init__(self) -> None:
-        sizes = {name: getattr(self, name) for name in ("length", "inner_diameter", "end_diameter")}
-        check(self.kind, **{name: positive(size) for name, size in sizes.items()})
+        check(
+            self.kind,
+            length=positive(self.length),
+            inner_diameter=possible_bore(self.inner_diameter),
+            end_diameter=possible_bore(self.end_diameter),
+        )
         # Only after the first check: a length or diameter that is not positive would divide by
         # zero.
         least = abs(self.end_diameter - self.inner_diameter) / 2 / math.tan(MAX_CONE_ANGLE)

@@ -16,7 +16,15 @@ from pydantic import Field
 
 from omnitrack_sim.base.table import Angle, Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, in_bore, put
-from omnitrack_sim.pipes.fittings.base import BORE, Axial, FittingTable, Z, check, positive
+from omnitrack_sim.pipes.fittings.base import (
+    BORE,
+    Axial,
+    FittingTable,
+    Z,
+    check,
+    positive,
+    possible_bore,
+)
 from omnitrack_sim.pipes.native import at, scratch
 from omnitrack_sim.pipes.sections import CODES, MAX_OVALITY, Section, SectionName
 from omnitrack_sim.pipes.sections import distance as from_section
@@ -110,7 +118,7 @@ class Straight(Axial):
         check(
             self.kind,
             length=positive(self.length),
-            inner_diameter=positive(self.inner_diameter),
+            inner_diameter=possible_bore(self.inner_diameter),
             section=(
                 self.section in CODES,
                 f"is {self.section!r}; must be one of {', '.join(CODES)}",

@@ -13,7 +13,7 @@ from omnitrack_sim.pipes.fittings.base import (
     check,
     fill_in,
     in_bores,
-    positive,
+    possible_bore,
 )
 from omnitrack_sim.pipes.fittings.branched import Branched
 
@@ -56,7 +56,7 @@ class Tee(Branched):
         least = self.inner_diameter / 2 + max(self.fillet_radius, 0.0)
         check(
             self.kind,
-            inner_diameter=positive(self.inner_diameter),
+            inner_diameter=possible_bore(self.inner_diameter),
             fillet_radius=(
                 0 < self.fillet_radius <= self.inner_diameter / 4,
                 f"is {self.fillet_radius} m; must be over 0 and at most a quarter of the diameter",

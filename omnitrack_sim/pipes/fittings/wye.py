@@ -17,6 +17,7 @@ from omnitrack_sim.pipes.fittings.base import (
     in_bores,
     lengthen,
     positive,
+    possible_bore,
 )
 from omnitrack_sim.pipes.fittings.branched import Branched
 from omnitrack_sim.pipes.fittings.wye_surface import EQUAL
@@ -76,7 +77,7 @@ class Wye(Branched):
         apart = run - branch
         check(
             self.kind,
-            inner_diameter=positive(run),
+            inner_diameter=possible_bore(run),
             angle=(
                 ANGLES[0] - 1e-9 <= self.angle <= ANGLES[1] + 1e-9,
                 f"is {math.degrees(self.angle):.6g} degrees; must be between 30 and 90",

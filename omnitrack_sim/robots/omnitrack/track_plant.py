@@ -30,7 +30,7 @@ from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
 from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
+from omnitrack_sim.robots.plant import Diagnosis, Motion, Plant, Start
 from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
 from omnitrack_sim.robots.size import GRAVITY
@@ -130,6 +130,10 @@ class TrackPlant(Plant):
     def effort(self, readings: Mapping[str, Array]) -> Array:
         """See ``Plant``; of the belts' motors."""
         return readings["motor_torque"]
+
+    def touches(self, readings: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """See ``Plant``."""
+        return np.count_nonzero(readings["normal_force"], axis=1) > 0
 
     def slip_speed(self, readings: Mapping[str, Array]) -> Array:
         """See ``Plant``; mean of the modules."""
@@ -428,8 +432,14 @@ class TrackDiagnosis(Diagnosis):
         for i in range(len(sample)):
             self._mean += weight[i] * (sample[i] - self._mean)
 
-    def cause(self, robot: int, location: Location, routes: RouteMap) -> Outcome:
-        """See ``Diagnosis``."""
+    def cause(
+        self,
+        robot: int,
+        location: Location,
+        routes: RouteMap,
+        retreat: Motion | None,  # noqa: ARG002 - protocol
+    ) -> Outcome:
+        """See ``Diagnosis``; slip ratios tell whether it slides."""
         if self.lies_across(robot, location):
             return Outcome.WEDGED
         mean, limits, passage = self.mean[robot], self.limits, int(location.passage[robot])
@@ -451,12 +461,26 @@ class TrackDiagnosis(Diagnosis):
             return Outcome.SLIPPING
         return Outcome.STUCK
 
-    def words(self, robot: int, time: float) -> str:
+    def motion(
+        self,
+        robot: int,  # noqa: ARG002 - protocol
+        readings: Mapping[str, Array],  # noqa: ARG002
+        speed: float,  # noqa: ARG002
+    ) -> Motion:
+        """See ``Diagnosis``; tracks that press the wall from three sides do not fall."""
+        return Motion.SLIDING
+
+    def words(
+        self,
+        robot: int,
+        readings: Mapping[str, Array],
+        speed: float,  # noqa: ARG002 - protocol
+    ) -> str:
         """See ``Diagnosis``."""
         mean = self.mean[robot]
         forces = ", ".join(f"{force:.1f}" for force in mean[NORMAL_FORCE])
         slips = ", ".join(f"{slip:.2f}" for slip in mean[SLIP_RATIO])
         return (
             f", normal force {forces} N, slip ratio {slips} "
-            f"(means of the last {min(self._memory, time):.2g} s)"
+            f"(means of the last {min(self._memory, readings['time'][robot]):.2g} s)"
         )

@@ -14,16 +14,17 @@ from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import wrap_angle
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.record.channels import Channel, Display, Vector
-from omnitrack_sim.record.display import MODULE_COLOURS
+from omnitrack_sim.record.display import MODULE_COLOURS, Colour
 from omnitrack_sim.record.metrics import MAX_KNOWN_STD
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.comparison import Comparison, compare, value_text
 from omnitrack_sim.results.result import Result, as_result
-from omnitrack_sim.show.legend import Legend, merged
+from omnitrack_sim.show.legend import MAX_NAMED, Legend, merged
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.network_figure import draw_pipes, extent, frame_view
 from omnitrack_sim.show.plots.style import (
     COLUMN,
+    CURVE_COLOURS,
     GREY,
     INK,
     PAGE,
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 
 LINES: tuple[dict[str, Any], ...] = ({"lw": 0.9}, {"lw": 1.9, "alpha": 0.5}, {"lw": 0.9})
 """Module 2 is drawn broad and pale below module 3, so that both are seen where they coincide."""
+_DASHES = ("-", (0, (4, 1.2)), (0, (1, 1)))
+"""Lines of parts whose colours are neighbours in a ramp."""
 COMMAND: dict[str, Any] = {"lw": 2.0, "color": "#a6acb6", "zorder": 1.8}
 """The command of one module, or of all alike: broad and pale below the measured value, so that both
 are seen where they coincide."""
@@ -126,8 +129,10 @@ def _draw_columns(axis: Axes, playback: RunPlayback, values: NDArray, channel: C
     """One line a column: a module, a component of a vector, or what the channel has names for."""
     time = playback.time
     if not has_modules(channel):
+        styles = line_styles(playback.legends.values())
         for column, label, colour in playback.lines_of(channel):
-            axis.plot(time, values[:, column], label=label, color=colour)
+            style = styles.get(colour, "-") if colour else "-"
+            axis.plot(time, values[:, column], label=label, color=colour, ls=style)
         return
     for i, column in enumerate(values.T):
         look: dict[str, Any] = {"color": MODULE_COLOURS[i], "label": f"module {i + 1}"} | LINES[i]
@@ -411,13 +416,28 @@ def _legend_lines(legends: Iterable[Legend]) -> dict[str, list[Any]]:
     """Legends of panels whose lines are of parts of the robot, by what these are."""
     from matplotlib.lines import Line2D
 
+    legends = list(legends)
+    styles = line_styles(legends)
     return {
         legend.heading: [
-            Line2D([], [], color=colour, label=clipped(short, MAX_NAME))
+            Line2D([], [], color=colour, ls=styles.get(colour, "-"), label=clipped(short, MAX_NAME))
             for short, _, colour in legend.rows
         ]
         for legend in merged(legends)
     }
+
+
+def line_styles(legends: Iterable[Legend]) -> dict[Colour, Any]:
+    """Return dashes of lines by their colour, where these are too many to be told apart.
+
+    Neighbours of a ramp of colours, of which each is named, get different ones.
+    """
+    styles: dict[Colour, Any] = {}
+    for legend in legends:
+        own = [colour for colour in legend.colours if colour is not None]
+        if len(CURVE_COLOURS) < len(own) <= MAX_NAMED:
+            styles |= {colour: _DASHES[i % len(_DASHES)] for i, colour in enumerate(own)}
+    return styles
 
 
 def _limits_of_all(trajectory: Trajectory, channel: str) -> tuple[float, float] | None:
@@ -688,8 +708,10 @@ def _draw_curve(axis: Axes, playback: Playback, name: str) -> None:
     for span in playback.passages:
         axis.axvspan(time[span.first], time[span.last], color=span.colour, lw=0, zorder=0)
     shown, lines = display.scale * curve.values, playback.lines(name)
+    styles = line_styles(playback.legends.values())
     for column, label, colour in lines:
-        axis.plot(time, shown[:, column], color=colour or INK, label=label)
+        style = styles.get(colour, "-") if colour else "-"
+        axis.plot(time, shown[:, column], color=colour or INK, ls=style, label=label)
     if curve.names and display.each not in playback.legends:
         axis.legend(fontsize=5.5, ncols=3, loc="best", handlelength=1.0, columnspacing=0.8)
     if len(time) > 1:

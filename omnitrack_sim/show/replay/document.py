@@ -139,10 +139,16 @@ def _part_mismatch(first: Sequence[Part], second: Sequence[Part]) -> str:
     if len(first) != len(second):
         return f"it has {counted(len(second), 'fitting')}, and the first run {len(first)}"
     for a, b in zip(first, second, strict=True):
+        if a.fitting != b.fitting:
+            one, other = (part.fitting.to_table() for part in (a, b))
+            keys = [key for key in {**one, **other} if one.get(key) != other.get(key)]
+            differ = (f"{key} is {other.get(key)}, not {one.get(key)}" for key in keys)
+            return f"of {clipped(b.name, 60)} {'; '.join(differ) or 'the shape is another'}"
         moved = np.abs(a.pose.position - b.pose.position).max() > SAME_POSE
         turned = np.abs(a.pose.rotation - b.pose.rotation).max() > SAME_POSE
-        if a.fitting != b.fitting or moved or turned:
-            return f"{clipped(b.name, 60)} is not {clipped(a.name, 60)} of the first run"
+        if moved or turned:
+            place = "lies elsewhere" if moved else "lies in another direction"
+            return f"{clipped(b.name, 60)} {place} (start.axis, start.turn_deg, place, joints)"
     return ""
 
 
