@@ -282,32 +282,28 @@ class Mjcf(Robot):
 
     def parameters(self) -> list[Parameter]:
         """See ``Robot``; each value of a servo, joint, geom or actuator has a row."""
-        rows = [row for row in super().parameters() if row.name not in (*KINDS, "servos")]
-        rows += [
-            Parameter(
-                name=(name := f"servos.{i}.{key}"),
-                value=value,
-                unit=self.unit_at(name) or "",
-                provenance="unstated",
-                source="of motors that are added",
-            )
+        own = [
+            (f"servos.{i}.{key}", value, "of motors that are added")
             for i, servo in enumerate(self.servos)
             for key, value in servo
             if value is not None
+        ] + [
+            (f"{kind}.{element}.{key}", value, "of the file")
+            for kind in KINDS
+            for element, values in getattr(self, kind).items()
+            for key, value in values.items()
         ]
-        for kind in KINDS:
-            rows += [
-                Parameter(
-                    name=(name := f"{kind}.{element}.{key}"),
-                    value=value,
-                    unit=self.unit_at(name) or "",
-                    provenance="unstated",
-                    source="of the file",
-                )
-                for element, values in getattr(self, kind).items()
-                for key, value in values.items()
-            ]
-        return rows
+        rows = [row for row in super().parameters() if row.name not in (*KINDS, "servos")]
+        return rows + [
+            Parameter(
+                name=name,
+                value=value,
+                unit=self.unit_at(name) or "",
+                provenance="unstated",
+                source=source,
+            )
+            for name, value, source in own
+        ]
 
     def spec(self) -> mujoco.MjSpec:
         """See ``Robot``."""
