@@ -92,3 +92,28 @@ class Drive:
     def weight(self):
         """Weight of the robot, N."""
         return 9.81 * self.model.body_mass.sum()
+
+
+def swing_period(spec: mujoco.MjSpec, start, ball: float, pendulum: float, angle: float) -> tuple:
+    """The period, s, of a ball without friction that swings along y, and that of a pendulum.
+
+    Args:
+        spec: of the pipes, with a step of 1 ms.
+        start: (3,) m, where the ball is let go.
+        ball: its radius, m.
+        pendulum: length of that, m.
+        angle: by which both swing out, rad.
+    """
+    body = spec.worldbody.add_body(pos=start)
+    body.add_freejoint()
+    body.add_geom(size=[ball, 0, 0], condim=1)
+    model = spec.compile()
+    data, across = mujoco.MjData(model), []
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+        across.append(data.qpos[1])
+    y = np.array(across)
+    (down,) = np.nonzero((y[:-1] > 0) & (y[1:] <= 0))
+    times = 0.001 * (down + y[down] / (y[down] - y[down + 1]))
+    period = 2 * math.pi * math.sqrt(pendulum / 9.81) * (1 + angle**2 / 16)
+    return np.diff(times).mean(), period

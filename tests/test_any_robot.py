@@ -17,6 +17,7 @@ import mujoco.rollout
 import numpy as np
 import pytest
 import thrown_bodies
+from in_pipes import swing_period
 from mujoco import batch
 from scipy.spatial import ConvexHull
 
@@ -421,19 +422,8 @@ def test_a_ball_swings_in_a_bore_like_a_pendulum():
     )
     ot.add_pipes(spec, network, priority=1, solref=[0.004, 1])
     start = [0.5, length * math.sin(angle), -length * math.cos(angle)]
-    body = spec.worldbody.add_body(pos=start)
-    body.add_freejoint()
-    body.add_geom(size=[0.02, 0, 0], condim=1)
-    model = spec.compile()
-    data, across = mujoco.MjData(model), []
-    for _ in range(4000):
-        mujoco.mj_step(model, data)
-        across.append(data.qpos[1])
-    y = np.array(across)
-    (down,) = np.nonzero((y[:-1] > 0) & (y[1:] <= 0))
-    times = 0.001 * (down + y[down] / (y[down] - y[down + 1]))
-    period = 2 * math.pi * math.sqrt(length / 9.81) * (1 + angle**2 / 16)
-    assert np.diff(times).mean() == pytest.approx(period, rel=1e-3)
+    measured, period = swing_period(spec, start, 0.02, length, angle)
+    assert measured == pytest.approx(period, rel=1e-3)
 
 
 def test_a_wheel_rolls_down_an_inclined_pipe_without_slipping():
