@@ -70,7 +70,7 @@ def test_climbing_up_and_down_tells_losses_from_weight():
     time, robot = result.trajectory.time, result.scenario.robot
     motor = robot.motor
     current = result.trajectory["motor_current"].mean(axis=1)
-    up, down = (current[(time > a) & (time < b)].mean() for a, b in ((1.2, 1.9), (3.3, 3.9)))
+    up, down = (current[(time > a) & (time < b)].mean() for a, b in ((1.0, 1.45), (2.4, 2.95)))
     torque = robot.mass * GRAVITY / 3 * robot.lug_radius
     constant = motor.gear_ratio * motor.winding.torque_constant
     friction = motor.friction_torque
