@@ -61,9 +61,8 @@ def seconds(work: Callable[[], None], count: int) -> float:
 
 def row(model: mujoco.MjModel, worlds: int, steps: int) -> list[str]:
     """Measure a number of worlds."""
-    device, before = wp.get_device(), 0
-    if device.is_cuda:
-        before = device.free_memory
+    device = wp.get_device()
+    before = device.free_memory
     m = exact.put_model(model)
     d = mjw.make_data(model, nworld=worlds, nconmax=CONTACTS, njmax=ROWS)
     d.ctrl.fill_(4.0)
@@ -72,7 +71,7 @@ def row(model: mujoco.MjModel, worlds: int, steps: int) -> list[str]:
     walls = graph(lambda: m.callback.contactfilter(m, d))
     d.nacon.zero_()
     part = seconds(walls, 20)
-    memory = (before - device.free_memory) / worlds / 1024 if device.is_cuda else float("nan")
+    memory = (before - device.free_memory) / worlds / 1024
     # What is timed has to be right: as far as MuJoCo's robot comes in as many steps.
     data = mujoco.MjData(model)
     data.ctrl[:] = 4.0
@@ -82,7 +81,7 @@ def row(model: mujoco.MjModel, worlds: int, steps: int) -> list[str]:
     return [
         f"{worlds:,}",
         f"{worlds / whole:,.0f}",
-        f"{memory:.0f}",
+        f"{memory:.0f}" if device.is_cuda else "-",
         f"{100 * part / whole:.0f} %",
         f"{1e6 * apart:.0f}",
     ]

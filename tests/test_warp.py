@@ -216,6 +216,22 @@ def test_a_model_without_walls_is_refused():
         omnitrack_sim.warp.put_model(spec.compile())
 
 
+def test_long_networks_take_no_more_room_than_short_ones():
+    """Pairs that can be near at once, of a ball, are those of some neighbours, not of all pipes."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    body.add_geom(size=[0.03, 0, 0])
+    fittings = [{"kind": "straight", "name": f"s{i}", "length": 0.5} for i in range(60)]
+    joints = [{"ports": (f"s{i}.end", f"s{i + 1}.start")} for i in range(59)]
+    ot.add_pipes(spec, ot.Network(fittings=fittings, joints=joints))
+    m = omnitrack_sim.warp.put_model(spec.compile())
+    d = mjw.make_data(spec.compile(), nworld=3, nconmax=8, njmax=24)
+    walls = m.callback.contactfilter
+    assert len(walls.pairs) == 62  # with two open ends
+    assert 3 * 3 <= len(walls.work(d).near) <= 3 * 7
+
+
 def test_contacts_by_lot_are_those_of_mujoco():
     """None is missing or in vain by more than 10 um, and depths are alike."""
     assert_alike(700, seed=1)

@@ -36,8 +36,6 @@ CONTACT_FIELDS = (
     *("dim", "geom", "efc_address", "worldid", "type", "geomcollisionid", "adhesion"),
 )
 """Fields of its contacts, in the order of ``add_contacts``."""
-NEAR_EACH = 8
-"""Walls, rims and plates that one geom is near to on average, at most."""
 
 
 class Work(NamedTuple):
@@ -119,6 +117,7 @@ class Walls:
         self._still = wp.array(still, dtype=int)
         self._places = wp.array(data.geom_xpos[still], dtype=wp.vec3d)
         self.origins: Any = None
+        self._max_near = _max_near(self.pairs, data.geom_xpos, half, model)
         roots = np.flatnonzero(model.jnt_bodyid == model.body_rootid[model.jnt_bodyid])
         is_free = model.jnt_type[roots] == mujoco.mjtJoint.mjJNT_FREE
         places = model.jnt_qposadr[roots]
@@ -161,7 +160,7 @@ class Walls:
         """Return the arrays for some data; those of the same size share them."""
         key = d.nworld, d.naconmax
         if key not in self._work:
-            near = d.nworld * min(len(self.pairs), NEAR_EACH * len(set(self.pairs[:, 1])))
+            near = d.nworld * self._max_near
             found = kernels.Found()
             found.numbers = wp.zeros((d.naconmax, CONTACT_SIZE), dtype=float)
             found.geoms = wp.zeros(d.naconmax, dtype=wp.vec2i)
@@ -237,6 +236,34 @@ def _check(model: mujoco.MjModel, pairs: NDArray[Any]) -> None:
             faults.append(Fault(f"model.geoms.{name}", f"is a {what}, which walls cannot touch"))
     if faults:
         raise InputError(faults)
+
+
+def _max_near(
+    pairs: NDArray[Any], places: NDArray[Any], half: NDArray[Any], model: mujoco.MjModel
+) -> int:
+    """Return how many pairs of one world can be near each other at once, at most.
+
+    Walls near the same geom are near each other.
+
+    Args:
+        pairs: see ``Walls``.
+        places: (geoms, 3) m.
+        half: (n, 3) m, half sizes of the box around the wall of each pair.
+        model: of the geoms.
+    """
+    walls, first = np.unique(pairs[:, 0], return_index=True)
+    geoms = np.unique(pairs[:, 1])
+    if model.body_weldid[model.geom_bodyid[walls]].any():
+        return len(pairs)  # walls that move may come near others
+    reach = (model.geom_margin + model.geom_gap)[walls].max(initial=0.0)
+    each = model.geom_rbound + model.geom_margin + model.geom_gap
+    most = 2 * (each[geoms].max(initial=0.0) + reach)
+    radius, place = np.linalg.norm(half[first], axis=1), places[walls]
+    near = [
+        np.count_nonzero(np.linalg.norm(place - at, axis=1) <= radius + own + most)
+        for at, own in zip(place, radius, strict=True)
+    ]
+    return min(len(pairs), len(geoms) * int(max(near, default=0)))
 
 
 def _fitting(number: int) -> type[Fitting]:
