@@ -20,8 +20,9 @@ from documents import page
 
 import omnitrack_sim as ot
 import omnitrack_sim.warp
-from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.base.rotations import unit
+from omnitrack_sim.base.errors import GeometryError, InputError
+from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, SIGNATURES, c_function, pointers, row
 from omnitrack_sim.warp.contacts import intrinsics
@@ -74,6 +75,8 @@ def tuples(x, y, out):
     whole = (*both, product)
     out[0] = out[1] = whole[0] - whole[2]
     first, second = (a, b) if x < y else (whole[2], 1.0)
+    for k in range(3):
+        first += whole[k] * k
     return first + 2.0 * second + pair(y, x)[0][1]
 
 
@@ -213,6 +216,29 @@ def test_a_model_without_walls_is_refused():
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(size=[1, 1, 1])
     with pytest.raises(InputError, match="has no exact walls"):
+        omnitrack_sim.warp.put_model(spec.compile())
+
+
+def test_a_fitting_that_cannot_be_translated_is_refused_by_its_kind(tmp_path, monkeypatch):
+    """One of one's own, with a wall that numba takes and C++ does not."""
+    (tmp_path / "listed.py").write_text(
+        "import omnitrack_sim as ot\n"
+        "from omnitrack_sim.pipes.compiled import Wall, compiled\n"
+        "from omnitrack_sim.pipes.fittings.straight import span, surface as round_one\n"
+        "@compiled\n"
+        "def surface(sizes, x, y, z, out):\n"
+        "    values = [x, y]\n"
+        "    return round_one(sizes, values[0], values[1], z, out)\n"
+        "class Listed(ot.Straight):\n"
+        "    kind = 'listed'\n"
+        "    wall = Wall(surface, span)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    listed = importlib.import_module("listed").Listed
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_geom(size=[0.03, 0, 0])
+    ot.add_pipes(spec, ot.Assembly((Part("pipe", listed(0.4), Pose()),)))
+    with pytest.raises(GeometryError, match=r"listed:Listed: its wall cannot be .*listed\.py:6"):
         omnitrack_sim.warp.put_model(spec.compile())
 
 
