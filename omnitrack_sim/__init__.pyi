@@ -18,6 +18,7 @@ from .base.naming import shipped_files as shipped_files
 from .paper.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting
+from .pipes.fittings.coupling import Coupling as Coupling
 from .pipes.fittings.cross import Cross as Cross
 from .pipes.fittings.elbow import Elbow as Elbow
 from .pipes.fittings.mitre import Mitre as Mitre
