@@ -54,7 +54,7 @@ from omnitrack_sim.pipes.shapes import (
 MAX_OFFSET, MAX_STEP, MAX_EDGE = 0.25, 0.25, 1 / 16
 """Largest offset, difference of the bores, and radius of the edges, in bores."""
 MAX_ANGLE_DEG = 10.0
-"""Largest deflection, degrees: pipes are laid with 4 at most, a mitre turns by more."""
+"""Largest deflection, degrees, assumed; mitres and elbows turn by more."""
 FLUSH = 0.1
 """Part of its radius by which an edge in meshes lies before its place, without a gap."""
 TINY = 1e-12
@@ -409,7 +409,7 @@ class Coupling(Fitting):
         place = self.offset * X + (self._collar + self._space) * Z
         return Pose(rotation_about([0, 1, 0], self.angle), place)
 
-    @cached_property
+    @property
     def ports(self) -> Mapping[str, Pose]:
         """``start`` at the origin, ``end`` aside and deflected towards x.
 
@@ -442,10 +442,10 @@ class Coupling(Fitting):
         """
         way, onward = self.ports["end"].position, self.ports["end"].rotation[:, 2]
         both = Z + onward
-        along, square = way @ both, way @ way
-        tangent = square / (along + math.sqrt(along**2 + square * (4 - both @ both)))
-        middle = way - tangent * both
-        first = math.atan2(middle[0], middle[2])
+        along, square = float(way @ both), float(way @ way)
+        tangent = square / (along + math.sqrt(along**2 + square * (4 - float(both @ both))))
+        x, _, z = (way - tangent * both).tolist()
+        first = math.atan2(x, z)
         turns = (first, self.angle - first)
         if max(map(abs, turns)) < TINY:
             return ((float(np.linalg.norm(way)), 0.0),)
@@ -478,7 +478,7 @@ class Coupling(Fitting):
         corners = np.array([(centre - reach, centre + reach) for centre, reach in discs])
         return corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
 
-    @cached_property
+    @property
     def sizes(self) -> tuple[float, ...]:
         """See ``surface``."""
         return (
