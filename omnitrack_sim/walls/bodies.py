@@ -24,7 +24,7 @@ from omnitrack_sim.walls.curves import (
     slope_at,
 )
 from omnitrack_sim.walls.deepest import LINE, corner_ball, edge_no_deeper, is_in_ball, no_deeper
-from omnitrack_sim.walls.record import BOX, ENDS, SIZE, SIZES
+from omnitrack_sim.walls.record import BOX, ENDS, SIZE
 from omnitrack_sim.walls.rims import CYLINDER, ELLIPSOID
 
 SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
@@ -47,7 +47,7 @@ square: 1e-9 m."""
 
 
 @compiled
-def wall_of(surface, span, records, w, depth, margin, reach):
+def wall_of(surface, span, sizes, records, w, depth, margin, reach):
     """Return what all contacts of a pair need.
 
     Addresses of ``surface`` and ``span``, sizes, ends, depth of the wall, margin, distance up to
@@ -56,6 +56,7 @@ def wall_of(surface, span, records, w, depth, margin, reach):
     Args:
         surface: address.
         span: address.
+        sizes: of the wall.
         records: user data of all geoms.
         w: where that of the wall begins.
         depth: m, to which the wall is solid.
@@ -67,7 +68,7 @@ def wall_of(surface, span, records, w, depth, margin, reach):
     return (
         surface,
         span,
-        at(records, w + SIZES),
+        sizes,
         at(records, w + ENDS),
         depth,
         margin,

@@ -20,17 +20,21 @@ from llvmlite import binding, ir
 
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import (
-    FLOAT,
     INTEGER,
     NUMBER,
     NUMBERS,
     WORD,
     WORDS,
+    at,
     c_function,
     call_surface,
     calling,
+    doubles,
+    floats,
+    integers,
     intrinsic,
     scratch,
+    words,
 )
 from omnitrack_sim.walls.bodies import (
     box,
@@ -50,13 +54,17 @@ from omnitrack_sim.walls.record import (
     DEPTH,
     DEPTH_IN_BORE,
     KIND,
+    LONG,
     MARK,
     ORDER,
     PARTS,
     PLATE,
     RECORD_SIZE,
+    SIZES,
     WALL_BEFORE,
+    LongSizes,
     kinds,
+    long_sizes,
 )
 from omnitrack_sim.walls.record import SIZE as SIZE_OF_BORE
 from omnitrack_sim.walls.rims import (
@@ -77,7 +85,6 @@ _PLANE, _FIELD, _TYPES = (
 _COLLIDE = CFUNCTYPE(INTEGER, WORDS, WORDS, NUMBERS, INTEGER, INTEGER, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
-_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
@@ -128,12 +135,13 @@ MODEL_FIELDS = (
 POSITIONS = SOLREF + 1
 MATRICES = POSITIONS + 1
 RAISE, MESSAGES = MATRICES + 1, MATRICES + 2
-BLOCK_SIZE = MESSAGES + 3
+LONG_SIZES = MESSAGES + 4
+BLOCK_SIZE = LONG_SIZES + 1
 """Indices in the block, and its size: functions that were there before for height fields, those
 for planes, both by the type of the other geom, and that before for lines; address of the table of
 kinds; words of MuJoCo's mjModel that hold the length of user data, the number of geoms and the
 fields; those of mjData that hold positions and orientations of geoms; addresses of MuJoCo's
-function that raises an error, and of the messages of ``guard``."""
+function that raises an error, of the messages of ``guard``, and of the table of long sizes."""
 SOFT_IN_BORE, FIRM_TIME = 0.1, 0.005
 """Depth, in radii of the bore, below which a wall is as stiff as by this contact time, s, at least.
 A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 ms, which a step of
@@ -154,22 +162,6 @@ def word(_context, _index):
     return CFUNCTYPE(WORD, WORD), code
 
 
-def _pointer(kind: Any) -> Any:
-    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
-
-    @intrinsic
-    def pointer(_context, _address):
-        def code(context, builder, signature, arguments):
-            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-        return CFUNCTYPE(kind, WORD), code
-
-    return pointer
-
-
-doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
-
-
 @intrinsic
 def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _margin):
     """Call the collision function at an address."""
@@ -184,6 +176,28 @@ def functions_of(number):
         if table[1 + 3 * i] == number:
             return table[2 + 3 * i], table[3 + 3 * i]
     return 0, 0
+
+
+_ROOM = LongSizes.ROOM
+
+
+@compiled
+def long_sizes_at(records, w):
+    """Address of the long sizes of the wall whose record begins at ``w``; 0 where unknown."""
+    table, first = words(word(LONG_SIZES)), int(records[w + SIZES])
+    for k in range(_ROOM):
+        row = 3 * ((first + k) % _ROOM)
+        if table[row + 2] == 0:
+            break
+        if table[row] == first and table[row + 1] == int(records[w + SIZES + 1]):
+            return table[row + 2]
+    return 0
+
+
+@compiled
+def sizes_of(records, w):
+    """Sizes of the wall whose record begins at ``w``."""
+    return doubles(long_sizes_at(records, w)) if records[w + LONG] > 0.0 else at(records, w + SIZES)
 
 
 @compiled
@@ -310,7 +324,7 @@ def _from_others(model, data, wall, x, y, z, enough, out):
             w = length * (other + 1) - RECORD_SIZE
             px, py, pz = point_in(records, w, position, matrix, x, y, z, other)
             surface, span = functions_of(records[w + KIND])
-            walls = wall_of(surface, span, records, w, 0.0, 0.0, 0.0)
+            walls = wall_of(surface, span, sizes_of(records, w), records, w, 0.0, 0.0, 0.0)
             if holds(walls, px, py, pz, out):
                 farthest = max(farthest, call_surface(surface, walls[2], px, py, pz, out))
                 if farthest > enough:
@@ -353,7 +367,8 @@ def collide(model, data, contacts, wall, geom, margin):
         reach = doubles(model[word(BOUND)])[geom]
         out = scratch()
         depth = records[w + DEPTH]
-        walls = wall_of(surface, span, records, w, depth, margin, reach)
+        sizes = sizes_of(records, w)
+        walls = wall_of(surface, span, sizes, records, w, depth, margin, reach)
         x, y, z = frame[0], frame[1], frame[2]
         whole = DEPTH_IN_BORE * records[w + SIZE_OF_BORE]
         # Beside another pipe a point in the wall may be one of a body in that pipe. The body's
@@ -364,7 +379,7 @@ def collide(model, data, contacts, wall, geom, margin):
             x, y, z = position[a], position[a + 1], position[a + 2]
             if d <= -depth and _from_others(model, data, wall, x, y, z, d, out) > d:
                 return 0
-            walls = wall_of(surface, span, records, w, whole, margin, reach)
+            walls = wall_of(surface, span, sizes, records, w, whole, margin, reach)
         n = _contacts(model, contacts, walls, frame, geom, kind, out)
     for i in range(n):
         in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
@@ -440,6 +455,7 @@ def block_of_process() -> Any:
     """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
     block[KINDS] = kinds.table.ctypes.data
+    block[LONG_SIZES] = long_sizes.table.ctypes.data
     block[USER_SIZE:RAISE] = [
         *words_of("mjModel", ("nuser_geom", "ngeom", *MODEL_FIELDS)),
         *words_of("mjData", ("geom_xpos", "geom_xmat")),

@@ -40,11 +40,12 @@ from omnitrack_sim.walls.collider import (
     doubles,
     enter,
     functions_of,
+    sizes_of,
     word,
 )
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, in_world, put_contact
 from omnitrack_sim.walls.curves import PLATEAU, minimum, rim_begins, slope_at
-from omnitrack_sim.walls.record import ENDS, KIND, MARK, RECORD_SIZE, SIZES
+from omnitrack_sim.walls.record import ENDS, KIND, MARK, RECORD_SIZE
 
 PITCH, SCALE, SIDE, OTHER = 1, 2, 3, 4
 """Indices in the record of a track: distance of its lugs, m, the robot's scale, and the side of
@@ -199,7 +200,7 @@ def line_contacts(
         half: half the length of the capsule's axis, m.
         margin: distance up to which contacts count, m.
     """
-    sizes, out = at(wall, w + SIZES), scratch()
+    sizes, out = sizes_of(wall, w), scratch()
     # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
     # end.
     frame = frame_in(wall, w, position, matrix, g_line, g_wall)
