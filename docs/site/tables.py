@@ -28,8 +28,8 @@ from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli.complete import comment
 from omnitrack_sim.gym.options import TERMS, EnvOptions
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
-from omnitrack_sim.pipes.relief import relief_kinds
 from omnitrack_sim.pipes.network import Joint, Network, Origin
+from omnitrack_sim.pipes.relief import relief_kinds
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.kinds import default_robot

@@ -339,6 +339,7 @@ class Patch:
         begin: m along the pipe, of the first row of nodes. spacing: m, of rows.
         first: rad about the axis, of the first column. step: rad, of columns.
         coefficients: (rows, columns) m, inward.
+        bumps: m, width of its bumps into the bore; 0 without any.
     """
 
     begin: float
@@ -346,10 +347,17 @@ class Patch:
     first: float
     step: float
     coefficients: Array
+    bumps: float = 0.0
 
     @classmethod
     def through(
-        cls, begin: float, spacing: float, first: float, step: float, samples: Array
+        cls,
+        begin: float,
+        spacing: float,
+        first: float,
+        step: float,
+        samples: Array,
+        bumps: float = 0.0,
     ) -> Patch:
         """Return the patch with heights ``samples`` (rows, columns) m at the nodes.
 
@@ -357,7 +365,8 @@ class Patch:
         """
         rows, columns = (2 + np.cos(2 * np.pi * np.fft.fftfreq(n)) for n in samples.shape)
         gain = np.outer(rows, columns) / 9
-        return cls(begin, spacing, first, step, np.fft.ifft2(np.fft.fft2(samples) / gain).real)
+        coefficients = np.fft.ifft2(np.fft.fft2(samples) / gain).real
+        return cls(begin, spacing, first, step, coefficients, bumps)
 
     @classmethod
     def over(
@@ -367,6 +376,7 @@ class Patch:
         spacing: float,
         arc: tuple[float, float] | None,
         step: float,
+        bumps: float = 0.0,
     ) -> Patch:
         """Return the patch of a function of place, m, and angle, rad, that is 0 beyond its ends.
 
@@ -376,6 +386,7 @@ class Patch:
             spacing: m, of rows, at most.
             arc: middle and half width, rad, beyond which it is 0; None: all round.
             step: rad, of columns, at most.
+            bumps: m, width of its bumps into the bore; 0 without any.
         """
         rows = math.ceil((ends[1] - ends[0]) / spacing - 1e-9)
         spacing = (ends[1] - ends[0]) / rows
@@ -389,7 +400,7 @@ class Patch:
             first = arc[0] - arc[1] - PAD * step
         s: Array = begin + spacing * np.arange(count, dtype=float)
         angle: Array = first + step * np.arange(columns, dtype=float)
-        return cls.through(begin, spacing, first, step, height(s[:, None], angle[None, :]))
+        return cls.through(begin, spacing, first, step, height(s[:, None], angle[None, :]), bumps)
 
     def numbers(self, radius: float = 0.0, total: Array | None = None) -> Array:
         """Return its numbers, see ``ROWS``.

@@ -216,6 +216,12 @@ class Obstacle:
         """The numbers of ``nearest``."""
         return (self.s, math.cos(self.angle), math.sin(self.angle), *self.sizes())
 
+    @property
+    def bumps(self) -> float:
+        """Width, m, of what of it bulges all round: the ends of a bead; 0 where nothing does."""
+        code, _, tube, half = self.shape[:4]
+        return tube if code == BEAD and half < math.pi else 0.0
+
     def pose(self, frame: Pose) -> Pose:
         """Return its frame, from that of the pipe's axis at its place: z along, x to one side."""
         return frame @ Pose(rotation_about([0, 0, 1], self.angle), np.zeros(3))

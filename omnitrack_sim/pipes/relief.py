@@ -18,7 +18,7 @@ from pydantic import Field
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Angle, Positive, Table, Unit
-from omnitrack_sim.pipes.heights import Patch, total_height
+from omnitrack_sim.pipes.heights import PAD, Patch, total_height
 from omnitrack_sim.pipes.obstacles import Obstacle, bead, bed
 
 if TYPE_CHECKING:
@@ -209,6 +209,95 @@ class Deposit(Relief):
             self._angle,
             self.friction,
         )
+
+
+class Dent(Relief):
+    """A dent: the wall pushed into the bore, by a smooth bump."""
+
+    kind: Literal["dent"]
+    """The wall pushed into the bore: depth (1 - q²)³ at the part q of the way to its edge."""
+    at: At
+    """Its middle, from the port `start`."""
+    angle_deg: Annotated[Angle, Unit("deg")] = 0.0
+    """Of its middle, about the axis from the x axis."""
+    depth: Annotated[Positive, Unit("m")]
+    """In its middle, at most half the bore's radius, and a quarter of length and width."""
+    length: Annotated[float, Field(ge=0.01, le=1000), Unit("m")]
+    """Along the pipe, from edge to edge."""
+    width: Annotated[float, Field(ge=0.01, le=1000), Unit("m")]
+    """Round the pipe, from edge to edge, less than the way round."""
+
+    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+        """See ``Relief``."""
+        yield from super().problems(pipe)
+        yield from _beyond(self.at, self.length / 2, pipe)
+        least = min(pipe.radius * 2, self.length, self.width) / 4
+        what = "half the bore's radius, and a quarter of length and width"
+        yield from _not_over("depth", self.depth, least, what)
+        yield from _not_over("width", self.width, 1.9 * math.pi * pipe.radius, "round the pipe")
+
+    def patch(self, pipe: Straight) -> Patch:
+        """See ``Relief``."""
+        turn, half = math.radians(self.angle_deg), self.width / 2 / pipe.radius
+
+        def height(s: Array, angle: Array) -> Array:
+            aside = (angle - turn + math.pi) % (2 * math.pi) - math.pi
+            square = (2 * (s - self.at) / self.length) ** 2 + (aside / half) ** 2
+            return self.depth * np.maximum(1 - square, 0.0) ** 3
+
+        ends = self.at - self.length / 2, self.at + self.length / 2
+        bumps = min(self.length, self.width) / 4
+        return Patch.over(height, ends, self.length / 16, (turn, half), half / 8, bumps)
+
+
+MAX_NODES = 400_000
+"""Nodes of the heights of a pipe: corrosion on 40 m at a wavelength of 20 mm."""
+
+
+class Corrosion(Relief):
+    """A wall that is rough by random waves."""
+
+    kind: Literal["corrosion"]
+    """Random waves all over the pipe, which die out over one wavelength at both ports."""
+    roughness: Annotated[Positive, Unit("m")] = 0.001
+    """Standard deviation of the height, at most a sixteenth of the wavelength; 1 mm is assumed."""
+    wavelength: Annotated[float, Field(ge=0.005, le=10), Unit("m")] = 0.02
+    """Of the waves, most of which are within a fifth of it; 20 mm is assumed."""
+    seed: Annotated[int, Field(ge=0, le=2**32), Unit("1")] = 0
+    """Other waves for each."""
+
+    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+        """See ``Relief``."""
+        yield from super().problems(pipe)
+        what = "a sixteenth of the wavelength"
+        yield from _not_over("roughness", self.roughness, self.wavelength / 16, what)
+        if self.wavelength > min(pipe.length / 3, pipe.radius):
+            yield "wavelength", f"is {self.wavelength:g} m; at most a third of the pipe, or R"
+        elif math.prod(self._grid(pipe)) > MAX_NODES:
+            yield "wavelength", f"is {self.wavelength:g} m, too fine for {pipe.length:g} m of pipe"
+
+    def _grid(self, pipe: Straight) -> tuple[int, int]:
+        """Return how many nodes there are along and round the pipe, five in a wavelength."""
+        rows = math.ceil(5 * pipe.length / self.wavelength) + 1
+        return rows, 4 * math.ceil(5 * 2 * math.pi * pipe.radius / self.wavelength / 4)
+
+    def patch(self, pipe: Straight) -> Patch:
+        """See ``Relief``: white noise, of which a band of wavelengths is kept."""
+        rows, columns = self._grid(pipe)
+        spacing, step = pipe.length / (rows - 1), 2 * math.pi / columns
+        more = 5  # that its ends do not know each other
+        noise = np.random.default_rng(self.seed).normal(size=(rows + more, columns))
+        along = np.fft.fftfreq(rows + more, spacing)[:, None]
+        around = np.fft.fftfreq(columns, step * pipe.radius)[None]
+        waves = np.hypot(along, around) * self.wavelength
+        band = np.exp(-(((waves - 1) / 0.2) ** 2))
+        height = np.fft.ifft2(np.fft.fft2(noise) * band).real[:rows]
+        s: Array = spacing * np.arange(rows, dtype=float)
+        height *= self.roughness / height.std()
+        fade = smooth((s - spacing) / self.wavelength)
+        height *= (fade * fade[::-1])[:, None]
+        padded = np.pad(height, ((PAD, PAD), (0, 0)))
+        return Patch.through(-PAD * spacing, spacing, 0.0, step, padded, self.wavelength / 4)
 
 
 def smooth(part: Array) -> Array:

@@ -359,6 +359,14 @@ class Fitting(ABC):
         """What stands on the wall as solids of their own, and counts in ``sizes``."""
         return ()
 
+    @property
+    def bumps(self) -> float:
+        """Width, m, of the narrowest bumps of the wall into the bore; 0 without any.
+
+        At them a flat face may touch that is not near with its edges.
+        """
+        return 0.0
+
     def axis_frame(self, s: float) -> Pose:
         """Return the frame (fitting frame) of obstacles at arc length ``s`` m: z along the axis."""
         return Pose(np.eye(3), s * Z)

@@ -6,7 +6,7 @@ Its bore is a circle, or one of the other ``sections``; its wall may have ``reli
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
@@ -134,7 +134,7 @@ class Straight(Axial):
     section: SectionName = "circle"
     ovality: float = 0.0
     direction: float = 0.0
-    relief: tuple[Relief, ...] = ()
+    relief: Sequence[Any] = ()
     kind: ClassVar[str] = "straight"
     is_plain: ClassVar[bool] = True
     wall: ClassVar[Wall] = Wall(surface, span, clear)
@@ -201,7 +201,7 @@ class Straight(Axial):
     def to_table(self) -> dict[str, Any]:
         """See ``Fitting``."""
         table = super().to_table()
-        relief = [one.model_dump(exclude_none=True) for one in self.relief]
+        relief = [one.model_dump(exclude_none=True) for one in table.pop("relief")]
         return table | ({"relief": relief} if relief else {})
 
     def settled(self, down: Array) -> Self:
@@ -253,6 +253,11 @@ class Straight(Axial):
     def _obstacles(self) -> tuple[Obstacle, ...]:
         solids = (one.obstacle(self) for one in self.relief)
         return tuple(solid for solid in solids if solid is not None)
+
+    @property
+    def bumps(self) -> float:
+        """See ``Fitting``."""
+        return min((patch.bumps for patch in self.patches if patch.bumps > 0), default=0.0)
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
