@@ -43,8 +43,9 @@ FITTINGS = {
 }
 ROLLED = (0.003, -0.002, 0.03, 0.02)
 """Offset, m, and tilt, rad, of the robot."""
-BOTH = ("elbow", "tee over", "wye sharp", "reducer", "closed end")
-"""Fittings that both cameras are tried on: pictures of light take twice as long to read."""
+BOTH = ("wye sharp", "reducer")
+"""Fittings that both cameras are tried on, beside those of their approaches and ends below:
+pictures of light take twice as long to read."""
 KNOWN = [("depth", name) for name in FITTINGS] + [("headlight", name) for name in BOTH]
 BESIDE = {"depth": (0.002, 0.015), "headlight": (0.006, 0.05)}
 """Errors of both, m and rad: in a picture of light, dirt of the wall looks like either."""
@@ -363,8 +364,7 @@ def test_a_straight_pipe_is_straight(camera):
         sighting = recogniser(camera).single(taken[0])
         assert sighting.kind == "straight" or sighting.confidence < 0.95
         assert sighting.distance < 1.0
-    taken, _ = pictures(camera, "straight", [0.3], stands=ROLLED)
-    assert recogniser(camera).single(taken[0]).distance > 0.2, "nothing nearer can be there"
+        assert name != "straight" or sighting.distance > 0.2, "nothing nearer can be there"
 
 
 def test_the_same_picture_gives_the_same_sighting():

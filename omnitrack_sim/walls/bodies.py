@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
-from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
+from omnitrack_sim.pipes.native import at, call_span, call_surface, row
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, MAX_OF_PAIR, point_at, touch
 from omnitrack_sim.walls.curves import (
     along_circle,
@@ -163,7 +163,7 @@ def _corner(a, b, c, i):
 @compiled
 def box(con, n, wall, frame, a, b, c, out):
     """Add the contacts of a box: along its edges, those along x with the vertices."""
-    distances = scratch()
+    distances = row()
     for i in range(8):
         px, py, pz = _corner(a, b, c, i)
         x, y, z = point_at(frame, px, py, pz)
@@ -182,14 +182,14 @@ def box(con, n, wall, frame, a, b, c, out):
     n = _box_edges(con, n, wall, frame, a, b, c, distances, out)
     if wall[9] > 0.0:
         for side in (-1.0, 1.0):
-            n = _face(con, n, wall, frame, 0, side * a, b, c, 0.0, out)
-            n = _face(con, n, wall, frame, 1, side * b, c, a, 0.0, out)
-            n = _face(con, n, wall, frame, 2, side * c, a, b, 0.0, out)
+            n = face_of(con, n, wall, frame, 0, side * a, b, c, 0.0, out)
+            n = face_of(con, n, wall, frame, 1, side * b, c, a, 0.0, out)
+            n = face_of(con, n, wall, frame, 2, side * c, a, b, 0.0, out)
     return n
 
 
 @compiled
-def _face(con, n, wall, frame, axis, height, half_a, half_b, shape, out):
+def face_of(con, n, wall, frame, axis, height, half_a, half_b, shape, out):
     """Add the contacts within a face across an axis of a geom, ``height`` m from its middle."""
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
     x, y, z = (xx, yx, zx), (xy, yy, zy), (xz, yz, zz)
@@ -268,12 +268,12 @@ def mesh(con, n, wall, frame, hull, out):
     n = _mesh_edges(con, n, wall, frame, hull, out) if is_known else n
     if wall[9] > 0.0:
         for polygon in range(count):
-            n = _mesh_face(con, n, wall, frame, hull, polygon, out)
+            n = mesh_face(con, n, wall, frame, hull, polygon, out)
     return n
 
 
 @compiled
-def _mesh_face(con, n, wall, frame, hull, polygon, out):
+def mesh_face(con, n, wall, frame, hull, polygon, out):
     """Add the contacts within a polygon of a hull: those within its triangles from one corner."""
     vertices, _, _, _, begins, sizes, numbers = hull
     first, size = begins[polygon], sizes[polygon]
@@ -337,7 +337,7 @@ def cylinder(con, n, wall, frame, radius, half, out):
     n = _mantle(con, n, wall, frame, radius, half, out)
     if wall[9] > 0.0:
         for side in (-half, half):
-            n = _face(con, n, wall, frame, 2, side, radius, radius, 1.0, out)
+            n = face_of(con, n, wall, frame, 2, side, radius, radius, 1.0, out)
     return no_deeper(con, n, wall, frame, (CYLINDER, radius, half, 0.0), 0.0, out)
 
 
@@ -526,7 +526,7 @@ def ellipsoid(con, n, wall, frame, a, b, c, out):
 
     They are reached from those of 14 places that are nearer to the wall than their neighbours.
     """
-    distances = scratch()
+    distances = row()
     for i in range(SEEDS):
         distances[i] = _ellipsoid_point(wall, frame, a, b, c, _seed(i), out)[0]
     for i in range(SEEDS):

@@ -31,7 +31,7 @@ from omnitrack_sim.pipes.fittings.base import (
 )
 from omnitrack_sim.pipes.heights import Patch, numbers_of, total_height
 from omnitrack_sim.pipes.heights import distance as from_heights
-from omnitrack_sim.pipes.native import SIGNATURES, at, c_function, call_surface, scratch
+from omnitrack_sim.pipes.native import SIGNATURES, at, c_function, call_surface, row, scratch
 from omnitrack_sim.pipes.obstacles import PLACED, Obstacle
 from omnitrack_sim.pipes.obstacles import nearest as nearest_obstacle
 from omnitrack_sim.pipes.relief import MAX_RELIEF, Deposit, Relief, relief_kind
@@ -79,11 +79,16 @@ def relieved(sizes, x, y, z, out):
 
 
 @compiled
+def from_relief(sizes, x, y, z, out):
+    """Call ``relieved`` by its address, so that what every wheel in a plain pipe calls is small."""
+    return call_surface(int(sizes[ADDRESS]), sizes, x, y, z, out)
+
+
+@compiled
 def surface(sizes, x, y, z, out):
     """See ``compiled.Wall``. Sizes: radius, length, m, and the numbers of the section."""
     if sizes[SECTION] < 0.0:
-        # By an address, so that this function stays small: every wheel in a plain pipe calls it.
-        return call_surface(int(sizes[ADDRESS]), sizes, x, y, z, out)
+        return from_relief(sizes, x, y, z, out)
     return _from_bore(sizes, SECTION, x, y, out)
 
 
@@ -101,7 +106,7 @@ def clear(sizes, px, py, _pz, ax, ay, _az):
     """See ``compiled.Wall``: up to the cylinder."""
     radius = sizes[0]
     if sizes[SECTION] > 0.0:
-        return out_of_section(at(sizes, SECTION), px, py, ax, ay, scratch())
+        return out_of_section(at(sizes, SECTION), px, py, ax, ay, row())
     if sizes[SECTION] < 0.0:
         radius = sizes[CLEAR]
     low, high = in_bore(px, py, ax, ay, radius)
