@@ -9,6 +9,7 @@ from typing import Any
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.fittings import straight
 from omnitrack_sim.pipes.native import (
     ROW,
     SCRATCH,
@@ -22,7 +23,7 @@ from omnitrack_sim.pipes.native import (
 from omnitrack_sim.robots.omnitrack.track import collide_line
 from omnitrack_sim.walls import bodies, collider, rims
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_OF_PAIR
-from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, kind_number
+from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, SIZES, kind_number
 from omnitrack_sim.warp.planes import with_plane
 from omnitrack_sim.warp.translation import (
     INT,
@@ -157,11 +158,23 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
         call_span: lambda body, node: _dispatch(body, node, "span"),
         call_clear: lambda body, node: _dispatch(body, node, "clear"),
         collider.call_collide: _call_collide,
+        # Models with relief are refused.
+        collider.sizes_of: lambda body, node: _at(body, _sizes_in(node)),
+        straight.from_relief: lambda body, node: Code("0", REAL),  # noqa: ARG005
+        bodies.face_of: lambda body, node: body.value(node.args[1]),
+        bodies.mesh_face: lambda body, node: body.value(node.args[1]),
         collider.doubles: lambda body, node: _pointer(body, node, 8),
         collider.floats: lambda body, node: _pointer(body, node, 4),
         collider.integers: lambda body, node: _pointer(body, node, 4),
         MODEL: _word,
     }
+
+
+def _sizes_in(node: ast.Call) -> ast.Call:
+    """``at(records, w + SIZES)`` for ``sizes_of(records, w)``."""
+    records, w = node.args
+    place = ast.BinOp(w, ast.Add(), ast.Constant(SIZES))
+    return ast.Call(node.func, [records, place], [])
 
 
 def _at(body: _Body, node: ast.Call) -> Code:
