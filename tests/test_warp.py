@@ -219,6 +219,17 @@ def test_a_model_without_walls_is_refused():
         omnitrack_sim.warp.put_model(spec.compile())
 
 
+def test_pipes_with_relief_are_refused():
+    """Also where the relief is one bead of a weld."""
+    bead = {"kind": "weld", "at": 0.2, "height": 0.003}
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_geom(size=[0.03, 0, 0])
+    pipe = {"kind": "straight", "name": "pipe", "length": 0.4, "relief": [bead]}
+    ot.add_pipes(spec, ot.Network(fittings=[pipe]))
+    with pytest.raises(InputError, match="has pipes with relief"):
+        omnitrack_sim.warp.put_model(spec.compile())
+
+
 def test_a_fitting_that_cannot_be_translated_is_refused_by_its_kind(tmp_path, monkeypatch):
     """One of one's own, with a wall that numba takes and C++ does not."""
     (tmp_path / "listed.py").write_text(
