@@ -47,7 +47,9 @@ from omnitrack_sim.walls.geoms import add_exact_walls
 from omnitrack_sim.walls.record import (
     ENDS,
     KIND,
+    KIND_SIZE,
     RECORD_SIZE,
+    SIZES,
     bounding_box,
     kinds,
 )
@@ -67,7 +69,17 @@ FITTINGS = {
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
 LINE_CONTACTS = CFUNCTYPE(
-    WORD, NUMBERS, WORD, WORD, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3
+    WORD,
+    NUMBERS,
+    WORD,
+    WORD,
+    *[NUMBERS] * 2,
+    WORD,
+    WORD,
+    *[NUMBERS] * 2,
+    WORD,
+    WORD,
+    *[NUMBER] * 3,
 )
 DEPTH = 0.03
 install_lines()
@@ -80,13 +92,16 @@ def wall_record(fitting, ends):
 
 def line_contacts(records, position, matrix, margin=0.0, half=HALF):
     """Contacts (k, 10) of geom 1, a line, with geom 0; the first two ``records`` are theirs."""
-    con = np.zeros((track.MAX_CONTACTS, track.CONTACT_SIZE))
+    con, sizes = (
+        np.zeros((track.MAX_CONTACTS, track.CONTACT_SIZE)),
+        np.ravel(records)[SIZES:].copy(),
+    )
     kind = int(np.ravel(records)[KIND])
     room, records, *frames = pointers(con, records, position, matrix)
-    (row,) = np.flatnonzero(kinds.table[1::3] == kind)
-    addresses = map(int, kinds.table[3 * row + 2 : 3 * row + 4])
+    (row,) = np.flatnonzero(kinds.table[1::KIND_SIZE] == kind)
+    addresses = map(int, kinds.table[KIND_SIZE * row + 2 : KIND_SIZE * row + 4])
     call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
-    geoms = records, 0, RECORD_SIZE, *frames, 1, 0
+    geoms = *pointers(sizes), records, 0, RECORD_SIZE, *frames, 1, 0
     return con[: call(room, *addresses, *geoms, RADIUS, half, margin)]
 
 
@@ -585,3 +600,21 @@ def test_a_line_across_the_wide_end_is_held_where_the_cone_is_nearest(fitting):
         assert (held != inside).sum() <= 2
         twice += held.any() and not held[0] and not held[-1]
     assert twice > 20
+
+
+def test_a_row_of_lugs_touches_neither_edge_nor_closed_end():
+    """In pipes around any robot these are no walls that carry it."""
+    spec = mujoco.MjSpec()
+    spec.nuser_geom = RECORD_SIZE
+    body = spec.worldbody.add_body(pos=[0.055, 0, 0.1])
+    body.add_freejoint()
+    kind, record = mujoco.mjtGeom.mjGEOM_CAPSULE, line_record(PITCH, 1.0)
+    body.add_geom(type=kind, size=[RADIUS, 0.12, 0], userdata=record)
+    install_lines()
+    ot.add_pipes(spec, ot.Network(fittings=[{"kind": "cap", "name": "end", "length": 0.2}]))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    names = {model.geom(number).name for number in data.contact.geom[:, 0]}
+    assert {"rim_end_start", "plate_end_end"} <= {model.geom(i).name for i in range(model.ngeom)}
+    assert names == {"wall_end"}

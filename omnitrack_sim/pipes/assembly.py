@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import islice
 from typing import NamedTuple
@@ -168,7 +168,7 @@ class Part:
 
         A straight one by its ends, an arc by points at most ``DRAWN_TURN`` apart.
         """
-        turns = [sum(s * k for s, k in axis.curve.segments) for axis in self.fitting.axes]
+        turns = [sum(s * abs(k) for s, k in axis.curve.segments) for axis in self.fitting.axes]
         return [
             line.at(np.linspace(0, line.length, 2 + int(turn / DRAWN_TURN)))[0]
             for (line, _, _), turn in zip(self.axes, turns, strict=True)
@@ -184,7 +184,7 @@ class Part:
         point, t, n = self.pose.apply(curve.point), turn @ curve.tangent, turn @ curve.normal
         segments = []
         for s, k in curve.segments:
-            segments.append(Segment(s, k, point, t, n))
+            segments.append(Segment(s, abs(k), point, t, -n if k < 0 else n))
             if k == 0:
                 point = point + s * t
             else:
@@ -290,9 +290,23 @@ class Assembly:
         return f"Assembly({len(self.parts)} parts, {len(self.joints)} joints)"
 
     def __post_init__(self) -> None:
+        self._settle()
         faults = [*self._mismatches(), *self._overlaps(), *self._closures()]
         if faults:
             raise GeometryError(faults)
+
+    def _settle(self) -> None:
+        """Have what lies on the floor of a part lie where that is, by its pose."""
+        parts, faults = [], []
+        for i, part in enumerate(self.parts):
+            try:
+                fitting = part.fitting.settled(-part.pose.rotation[2])
+                parts.append(part if fitting is part.fitting else replace(part, fitting=fitting))
+            except GeometryError as error:
+                faults += [f.at(f"pipes.{i}.{f.where.partition('.')[2]}") for f in error.faults]
+        if faults:
+            raise GeometryError(faults)
+        object.__setattr__(self, "parts", tuple(parts))
 
     @classmethod
     def unchecked(
@@ -393,7 +407,7 @@ class Assembly:
                 problem = (
                     f"joins {a.name!r} ({port_i}) of {bore_a:.6g} m to {b.name!r} ({port_j}) of "
                     f"{bore_b:.6g} m; "
-                    "a reducer joins bores of two sizes"
+                    "a reducer joins bores of two sizes, a coupling as a step"
                 )
                 faults.append(Fault(f"pipes.{j}.{b.fitting.bore_key(port_j)}", problem))
         return faults

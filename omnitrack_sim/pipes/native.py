@@ -135,8 +135,8 @@ SIGNATURES = {
     "clear": CFUNCTYPE(NUMBER, NUMBERS, *[NUMBER] * 6),
 }
 """C types of the functions of ``compiled.Wall``."""
-SCRATCH = 1300
-"""Numbers that ``scratch`` has room for."""
+SCRATCH, ROW = 1300, 16
+"""Numbers that ``scratch`` and ``row`` have room for."""
 
 
 def in_numba(signature: Any) -> Any:
@@ -384,11 +384,40 @@ def at(context, array, index):
 @intrinsic
 def scratch(context):
     """Room for SCRATCH numbers, on the stack of the calling function."""
+    return _room(SCRATCH)
+
+
+@intrinsic
+def row(context):
+    """Room for ROW numbers, on the stack of the calling function."""
+    return _room(ROW)
+
+
+def _room(count: int) -> tuple[Any, Any]:
+    """Signature and code of an intrinsic that returns room for some numbers."""
 
     def code(context, builder, signature, arguments):
         # Numba's own way would set it all to zero, each time.
         with builder.goto_entry_block():
-            room = builder.alloca(ir.ArrayType(ir.DoubleType(), SCRATCH))
+            room = builder.alloca(ir.ArrayType(ir.DoubleType(), count))
         return builder.bitcast(room, context.get_value_type(signature.return_type))
 
     return CFUNCTYPE(NUMBERS), code
+
+
+def _pointer_to(kind: Any) -> Any:
+    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
+
+    @intrinsic
+    def pointer(_context, _address):
+        def code(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return CFUNCTYPE(kind, WORD), code
+
+    return pointer
+
+
+_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
+doubles, words, floats, integers = map(_pointer_to, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
+"""Pointers to numbers of a kind at an address."""

@@ -18,19 +18,25 @@ from typing import Any
 import mujoco
 from llvmlite import binding, ir
 
-from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.compiled import SOLID, compiled
+from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import (
-    FLOAT,
     INTEGER,
     NUMBER,
     NUMBERS,
     WORD,
     WORDS,
+    at,
     c_function,
     call_surface,
     calling,
+    doubles,
+    floats,
+    integers,
     intrinsic,
+    row,
     scratch,
+    words,
 )
 from omnitrack_sim.walls.bodies import (
     box,
@@ -43,20 +49,25 @@ from omnitrack_sim.walls.bodies import (
     sphere,
     wall_of,
 )
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, in_world
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, add_apart, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.layout import library, words_of
 from omnitrack_sim.walls.record import (
     DEPTH,
     DEPTH_IN_BORE,
     KIND,
+    KIND_SIZE,
+    LONG,
     MARK,
     ORDER,
     PARTS,
     PLATE,
     RECORD_SIZE,
+    SIZES,
     WALL_BEFORE,
+    LongSizes,
     kinds,
+    long_sizes,
 )
 from omnitrack_sim.walls.record import SIZE as SIZE_OF_BORE
 from omnitrack_sim.walls.rims import (
@@ -77,7 +88,6 @@ _PLANE, _FIELD, _TYPES = (
 _COLLIDE = CFUNCTYPE(INTEGER, WORDS, WORDS, NUMBERS, INTEGER, INTEGER, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
-_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
@@ -128,12 +138,13 @@ MODEL_FIELDS = (
 POSITIONS = SOLREF + 1
 MATRICES = POSITIONS + 1
 RAISE, MESSAGES = MATRICES + 1, MATRICES + 2
-BLOCK_SIZE = MESSAGES + 3
+LONG_SIZES = MESSAGES + 4
+BLOCK_SIZE = LONG_SIZES + 1
 """Indices in the block, and its size: functions that were there before for height fields, those
 for planes, both by the type of the other geom, and that before for lines; address of the table of
 kinds; words of MuJoCo's mjModel that hold the length of user data, the number of geoms and the
 fields; those of mjData that hold positions and orientations of geoms; addresses of MuJoCo's
-function that raises an error, and of the messages of ``guard``."""
+function that raises an error, of the messages of ``guard``, and of the table of long sizes."""
 SOFT_IN_BORE, FIRM_TIME = 0.1, 0.005
 """Depth, in radii of the bore, below which a wall is as stiff as by this contact time, s, at least.
 A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 ms, which a step of
@@ -154,22 +165,6 @@ def word(_context, _index):
     return CFUNCTYPE(WORD, WORD), code
 
 
-def _pointer(kind: Any) -> Any:
-    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
-
-    @intrinsic
-    def pointer(_context, _address):
-        def code(context, builder, signature, arguments):
-            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-        return CFUNCTYPE(kind, WORD), code
-
-    return pointer
-
-
-doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
-
-
 @intrinsic
 def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _margin):
     """Call the collision function at an address."""
@@ -178,16 +173,42 @@ def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _ma
 
 @compiled
 def functions_of(number):
-    """Addresses of ``surface`` and ``span`` of the kind of a number; 0 where it is not known."""
+    """Addresses of ``surface`` and ``span`` of the kind of a number, and its number of solids.
+
+    They are 0 where it is not known.
+    """
     table = words(word(KINDS))
     for i in range(table[0]):
-        if table[1 + 3 * i] == number:
-            return table[2 + 3 * i], table[3 + 3 * i]
-    return 0, 0
+        k = 1 + KIND_SIZE * i
+        if table[k] == number:
+            return table[k + 1], table[k + 2], table[k + 3]
+    return 0, 0, 0
+
+
+_ROOM = LongSizes.ROOM
 
 
 @compiled
-def _hull(model, geom):
+def long_sizes_at(records, w):
+    """Address of the long sizes of the wall whose record begins at ``w``; 0 where unknown."""
+    table, first = words(word(LONG_SIZES)), int(records[w + SIZES])
+    for k in range(_ROOM):
+        row = 3 * ((first + k) % _ROOM)
+        if table[row + 2] == 0:
+            break
+        if table[row] == first and table[row + 1] == int(records[w + SIZES + 1]):
+            return table[row + 2]
+    return 0
+
+
+@compiled
+def sizes_of(records, w):
+    """Sizes of the wall whose record begins at ``w``."""
+    return doubles(long_sizes_at(records, w)) if records[w + LONG] > 0.0 else at(records, w + SIZES)
+
+
+@compiled
+def hull_of(model, geom):
     """Return the hull of a mesh geom, see ``bodies.mesh``, and normals of its polygons.
 
     For a geom below 0, it is nothing that may be read.
@@ -234,14 +255,31 @@ def _contacts(model, con, wall, frame, geom, kind, out):
         return cylinder(con, 0, wall, frame, a, b, out)
     if kind == ELLIPSOID:
         return ellipsoid(con, 0, wall, frame, a, b, c, out)
-    return mesh(con, 0, wall, frame, _hull(model, geom)[0], out)
+    return mesh(con, 0, wall, frame, hull_of(model, geom)[0], out)
+
+
+@compiled
+def _contacts_of_each(model, con, wall, solids, frame, geom, kind, out):
+    """Find the contacts of a geom with each of the solids of a wall; returns their number."""
+    surface, span, whole, ends, depth, margin, same, spacing, size, bumps = wall
+    sizes, kept, total = row(), scratch(), 0
+    for i in range(MAX_SIZES):
+        sizes[i] = whole[i]
+    for k in range(solids):
+        sizes[SOLID] = k + 1.0
+        one = surface, span, sizes, ends, depth, margin, same, spacing, size, bumps
+        n = _contacts(model, con, one, frame, geom, kind, out)
+        total = add_apart(kept, total, con, n, same)
+    for i in range(total * CONTACT_SIZE):
+        con[i] = kept[i]
+    return total
 
 
 @compiled
 def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
     """Find the contacts of a geom with the edge of a wall, see ``rims``."""
     sizes = doubles(model[word(SIZE)] + 24 * geom)
-    hull, normals = _hull(model, geom if kind == MESH else -1)
+    hull, normals = hull_of(model, geom if kind == MESH else -1)
     bound = doubles(model[word(BOUND)])[geom]
     return rim_contacts(
         con, records, w, kind, sizes, bound, hull, normals, frame, margin, MAX_KEPT, out
@@ -286,7 +324,7 @@ def _touch_plate(model, data, con, records, w, plate, geom, kind, margin):
     own, wall = min(before, within), plate - int(records[w + WALL_BEFORE])
     if before <= -depth or within <= -DEPTH_IN_BORE * size:
         return 0
-    if own < 0.0 and _from_others(model, data, wall, x, y, z, own, scratch()) > own:
+    if own < 0.0 and _from_others(model, data, wall, x, y, z, own, row()) > own:
         return 0
     n = call_collide(word(PLANE_PREVIOUS + kind), model, data, con, plate, geom, margin)
     for i in range(n):
@@ -309,8 +347,8 @@ def _from_others(model, data, wall, x, y, z, enough, out):
         if other != wall:
             w = length * (other + 1) - RECORD_SIZE
             px, py, pz = point_in(records, w, position, matrix, x, y, z, other)
-            surface, span = functions_of(records[w + KIND])
-            walls = wall_of(surface, span, records, w, 0.0, 0.0, 0.0)
+            surface, span, _ = functions_of(records[w + KIND])
+            walls = wall_of(surface, span, sizes_of(records, w), records, w, 0.0, 0.0, 0.0)
             if holds(walls, px, py, pz, out):
                 farthest = max(farthest, call_surface(surface, walls[2], px, py, pz, out))
                 if farthest > enough:
@@ -347,13 +385,14 @@ def collide(model, data, contacts, wall, geom, margin):
         return _touch_plate(model, data, contacts, records, w, wall, geom, kind, margin)
     frame = frame_in(records, w, position, matrix, geom, wall)
     if records[w + KIND] == RIM:
-        n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, scratch())
+        n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, row())
     else:
-        surface, span = functions_of(records[w + KIND])
+        surface, span, solids = functions_of(records[w + KIND])
         reach = doubles(model[word(BOUND)])[geom]
-        out = scratch()
+        out = row()
         depth = records[w + DEPTH]
-        walls = wall_of(surface, span, records, w, depth, margin, reach)
+        sizes = sizes_of(records, w)
+        walls = wall_of(surface, span, sizes, records, w, depth, margin, reach)
         x, y, z = frame[0], frame[1], frame[2]
         whole = DEPTH_IN_BORE * records[w + SIZE_OF_BORE]
         # Beside another pipe a point in the wall may be one of a body in that pipe. The body's
@@ -364,8 +403,11 @@ def collide(model, data, contacts, wall, geom, margin):
             x, y, z = position[a], position[a + 1], position[a + 2]
             if d <= -depth and _from_others(model, data, wall, x, y, z, d, out) > d:
                 return 0
-            walls = wall_of(surface, span, records, w, whole, margin, reach)
-        n = _contacts(model, contacts, walls, frame, geom, kind, out)
+            walls = wall_of(surface, span, sizes, records, w, whole, margin, reach)
+        if solids > 1:
+            n = _contacts_of_each(model, contacts, walls, solids, frame, geom, kind, out)
+        else:
+            n = _contacts(model, contacts, walls, frame, geom, kind, out)
     for i in range(n):
         in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
     size, thin = records[w + SIZE_OF_BORE], records[w + DEPTH]
@@ -376,7 +418,7 @@ def collide(model, data, contacts, wall, geom, margin):
             if records[w + KIND] == RIM:
                 depth = thin
             elif thin < depth:
-                depth = max(thin, _depth_at(model, data, contacts, k, wall, depth, scratch()))
+                depth = max(thin, _depth_at(model, data, contacts, k, wall, depth, row()))
             _make_firm(model, contacts, k, size, depth, wall, geom)
     return n
 
@@ -440,6 +482,7 @@ def block_of_process() -> Any:
     """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
     block[KINDS] = kinds.table.ctypes.data
+    block[LONG_SIZES] = long_sizes.table.ctypes.data
     block[USER_SIZE:RAISE] = [
         *words_of("mjModel", ("nuser_geom", "ngeom", *MODEL_FIELDS)),
         *words_of("mjData", ("geom_xpos", "geom_xmat")),

@@ -25,6 +25,7 @@ from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
+from omnitrack_sim.pipes.obstacles import Obstacle
 from omnitrack_sim.pipes.sections import Section
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid, stave_count
 
@@ -63,7 +64,8 @@ class AxisCurve:
         tangent: (3,) unit vector there, its direction.
         normal: (3,) unit vector there, to the side that it bends to, or, where it does not bend,
             the one that an opening is on.
-        segments: length m and curvature 1/m of each line (curvature 0) or arc, in order.
+        segments: length m and curvature 1/m of each line (curvature 0) or arc, in order. Arcs that
+            bend away from the normal, carried along, have a curvature below 0.
     """
 
     point: Array
@@ -282,7 +284,7 @@ class Fitting(ABC):
     def sharpest_bend(self, arcs: Arcs) -> float:
         """Bore radius over the radius of the sharpest arc between any two ports; 0 without one."""
         return max(
-            self.port_radius(enter) / (1 / curvature) if curvature else 0.0
+            self.port_radius(enter) / (1 / abs(curvature)) if curvature else 0.0
             for enter, leave in permutations(self.port_names, 2)
             for _, curvature in self.axis_curve(enter, leave, arcs).segments
         )
@@ -346,7 +348,39 @@ class Fitting(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[float, ...]:
-        """The numbers that the functions of ``wall`` get, at most ``MAX_SIZES``."""
+        """The numbers that the functions of ``wall`` get; over ``MAX_SIZES`` are kept for good."""
+
+    @property
+    def wall_sizes(self) -> tuple[float, ...]:
+        """The sizes of the wall without its ``obstacles``, which touch bodies by themselves."""
+        return self.sizes
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands on the wall as solids of their own, and counts in ``sizes``."""
+        return ()
+
+    @property
+    def bumps(self) -> float:
+        """Width, m, of the narrowest bumps of the wall into the bore; 0 without any.
+
+        At them a flat face may touch that is not near with its edges.
+        """
+        return 0.0
+
+    def axis_frame(self, s: float) -> Pose:
+        """Return the frame (fitting frame) of obstacles at arc length ``s`` m: z along the axis."""
+        return Pose(np.eye(3), s * Z)
+
+    def settled(self, down: Array) -> Self:
+        """Return the fitting with what lies on its lowest side.
+
+        ``down``: (3,) unit vector, fitting frame.
+
+        Raises:
+            GeometryError: it has no lowest side.
+        """
+        return self
 
     def flare(self, port: str) -> float:
         """Growth of the bore radius, m/m, on the way into the fitting right behind a port."""
@@ -402,8 +436,9 @@ class Fitting(ABC):
         return self.fill(kit, 0.0)
 
 
-MAX_SIZES, MAX_PORTS = 10, 4
-"""Room in the exact collider for the numbers and ports of a fitting."""
+MAX_SIZES, MAX_PORTS, ADDRESS = 10, 4, 3
+"""Room in the exact collider for the numbers and ports of a fitting; and index, in sizes that are
+longer, of one that is an address in this process."""
 MAX_BORE = 20.0
 """Bore, m, beyond which a diameter was meant in millimetres: water and road tunnels have 15 m."""
 MILLIMETRES = ": is it in millimetres? Lengths are in metres"
