@@ -161,7 +161,7 @@ def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
     network = NETWORKS[name]
     model, _ = body_in(network, shape, margin=MARGIN)
     data, points = mujoco.MjData(model), surface(model, shape)
-    poses = poses_near_the_wall(network, points, 12, seed=len(name + shape))
+    poses = poses_near_the_wall(network, points, 6, seed=len(name + shape))
     for position, rotation, sampled in poses:
         # MuJoCo turns a mesh into its principal axes: the geom is what is placed.
         turned = np.empty(9)
@@ -175,10 +175,10 @@ def test_the_deepest_contact_is_as_deep_as_the_body(name, shape):
 
 
 @pytest.mark.parametrize("shape", contact_accuracy.SHAPES)
-@pytest.mark.parametrize("walls", ["tee", "reducer's joints", "open end"])
+@pytest.mark.parametrize("walls", ["reducer's joints", "open end"])
 def test_the_min_distance_is_that_of_an_independent_search(walls, shape):
     """To 0.02 mm, up to 0.5 mm off walls and edges; 0.1 mm deep across an edge to 0.03 mm."""
-    worst = np.abs(contact_accuracy.errors(walls, shape, 4, seed=2)).max()
+    worst = np.abs(contact_accuracy.errors(walls, shape, 3, seed=2)).max()
     assert worst < (0.03e-3 if walls == "open end" else 0.02e-3)
 
 

@@ -465,12 +465,11 @@ def _results(out, workers: int) -> tuple[bytes, ...]:
 
 
 def test_the_table_is_the_same_whoever_runs_it(tmp_path):
-    """By one process and two, and where some batches were lost: every file, to the byte."""
+    """Where some batches were lost, and by other processes: every file, to the byte."""
     whole = _results(tmp_path / "one", workers=1)
     next((tmp_path / "one" / "parts").glob("*.parquet")).unlink()
     (tmp_path / "one" / "results.csv").unlink()
-    assert _results(tmp_path / "one", workers=1) == whole
-    assert _results(tmp_path / "two", workers=2) == whole
+    assert _results(tmp_path / "one", workers=2) == whole
 
 
 def test_a_folder_of_another_form_is_left_alone(tmp_path):

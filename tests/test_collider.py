@@ -127,6 +127,10 @@ def touching_lines(fitting, count, seed=0):
         for _ in range(200):
             centre = box + rng.uniform(-1, 1, 3) * half
             points = centre + places[:, None] * direction
+            # A few of them tell within 0.3 mm how near the line comes.
+            near = fitting.signed_distance(points[::20])[0].min()
+            if not 0.85 * RADIUS - 0.3e-3 < near < RADIUS + 0.3e-3:
+                continue
             d, _ = fitting.signed_distance(points)
             if fitting.extent(points).min() > 0.001 and 0.85 * RADIUS < d.min() < RADIUS:
                 yield centre, direction, places, d
@@ -149,11 +153,11 @@ def test_mujoco_has_the_contacts_of_the_line(name):
     model = spec.compile()
     data = mujoco.MjData(model)
     rng = np.random.default_rng(4)
-    inside = box + rng.uniform(-1, 1, (600, 3)) * half
+    inside = box + rng.uniform(-1, 1, (250, 3)) * half
     distance, gradient = fitting.signed_distance(inside)
-    near = inside - (distance - rng.uniform(0.015, 0.03, 600))[:, None] * gradient
+    near = inside - (distance - rng.uniform(0.015, 0.03, 250))[:, None] * gradient
     seen = 0
-    for centre, direction in zip(near[distance > 0], rng.normal(size=(600, 3)), strict=False):
+    for centre, direction in zip(near[distance > 0], rng.normal(size=(250, 3)), strict=False):
         data.qpos[:3] = centre
         data.qpos[3:] = quaternion_from_matrix(frame_along(direction, 0.0))
         mujoco.mj_forward(model, data)

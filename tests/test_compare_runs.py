@@ -215,7 +215,6 @@ def test_the_command_prints_json_and_nothing_else(folders, tmp_path):
 @pytest.mark.parametrize(
     ("out", "files"),
     [
-        ("a.png", ["a.png"]),
         ("a.PDF", ["a.PDF"]),
         ("new/both", ["new", "new/both", "new/both/comparison.json", "new/both/comparison.png"]),
         ("there.v1", ["there.v1", "there.v1/comparison.json", "there.v1/comparison.png"]),

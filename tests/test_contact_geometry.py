@@ -64,7 +64,7 @@ def test_wall_distance_is_that_of_marching_outward(turn_angle, length):
     """Against the first sample outside the union of the two bores, along 101 places of the
     module."""
     rng = np.random.default_rng(4)
-    path, angles = turn_path(R, turn_angle, poses=5), rng.uniform(-np.pi, np.pi, 8)
+    path, angles = turn_path(R, turn_angle, poses=5), rng.uniform(-np.pi, np.pi, 4)
     exact = wall_distance(path, angles, R, length)  # (T, A)
     outward = np.cos(angles)[:, None] * path.turning_direction[:, None] + np.sin(angles)[
         :, None
@@ -94,7 +94,7 @@ def test_all_touch_at_the_radius_in_a_straight_pipe():
 
 def test_longer_modules_and_longer_reach_have_smaller_sectors():
     """More line, less to lose; more reach likewise."""
-    by_length = [outer_sector(PIVOT, 0.0961, R, length) for length in (0.0, 0.03, 0.06, 0.09, 0.12)]
+    by_length = [outer_sector(PIVOT, 0.0961, R, length) for length in (0.0, 0.06, 0.12)]
     assert (np.diff(by_length) < 0).all()
     assert (np.diff(outer_sector(PIVOT, R * np.linspace(1.01, 1.5, 30), R, 0.09)) < 0).all()
 

@@ -346,8 +346,11 @@ def test_by_depth_a_fitting_is_better_known_than_a_picture_tells(seen, told, std
     assert known.covariance == pytest.approx(0.25 * np.eye(1))
 
 
-def test_arms_of_a_robot_off_the_middle_measure_no_bore():
+def test_arms_of_a_robot_off_the_middle_measure_no_bore(monkeypatch):
     """One of them hangs free there, and tells nothing of the wall."""
+    ahead = Detection("straight", "", {}, 0.2, 0.0, np.eye(2), 1.0, np.zeros(2), np.zeros(2))
+    reader = SimpleNamespace(single=lambda picture, prior: ahead)  # takes no second a picture
+    monkeypatch.setattr(camera_sight, "_recogniser", lambda table, bore: reader)
     simulation = ot.Simulation([directly()])
     senses = simulation.senses
     assert isinstance(senses, Onboard)

@@ -155,29 +155,27 @@ def test_a_robot_that_falls_now_and_then_has_the_right_map_as_well(seed):
 
 
 @pytest.mark.parametrize(
-    ("kind", "same", "complete"),
+    ("kind", "complete"),
     [
-        ("WrongFromAfar", 5, 3),
-        ("Imagining", 5, 4),
-        ("Slipping", 5, 4),
-        ("Lagging", 5, 2),  # 3 with NumPy 2.4: one hangs on the last bits
-        ("Outlying", 5, 4),
-        ("Overlooking", 5, 5),
-        ("Guessing", 5, 4),
-        ("FirstLookWrong", 5, 5),
+        ("WrongFromAfar", 3),
+        ("Imagining", 4),
+        ("Slipping", 4),
+        ("Lagging", 2),  # 3 with NumPy 2.4: one hangs on the last bits
+        ("Outlying", 4),
+        ("Overlooking", 5),
+        ("Guessing", 4),
+        ("FirstLookWrong", 5),
     ],
 )
-def test_a_map_is_right_in_spite_of_gross_errors_of_one_kind(kind, same, complete):
-    """Of five networks: the robot is home and its map the network, or it names what may be wrong;
-    and it doubts few that are right."""
-    tours = [Exploration(seed, getattr(wrong_senses, kind)(seed)) for seed in SEEDS[kind]]
-    assert all(tour.home for tour in tours)
-    assert not [tour.difference for tour in tours if tour.complete and not tour.difference.same]
-    assert sum(tour.difference.same for tour in tours) >= same
-    assert sum(tour.complete for tour in tours) >= complete
+@pytest.mark.parametrize("count", [2, pytest.param(5, marks=pytest.mark.long)])
+def test_a_map_is_right_in_spite_of_gross_errors_of_one_kind(kind, complete, count):
+    """The robot is home and its map the network; and it doubts few that are right, of five."""
+    tours = [Exploration(seed, getattr(wrong_senses, kind)(seed)) for seed in SEEDS[kind][:count]]
+    assert all(tour.home and tour.difference.same for tour in tours)
+    assert sum(tour.complete for tour in tours) >= complete - 5 + count
 
 
-@pytest.mark.parametrize("seed", range(67000, 67004))
+@pytest.mark.parametrize("seed", half_long(range(67000, 67004)))
 def test_a_plate_that_is_not_seen_is_taken_for_closed_and_named(seed):
     """The robot hangs there, comes once more from elsewhere, and goes home with a map of all that
     it can reach; of what lies beyond it says that it has not been explored."""
@@ -191,7 +189,7 @@ def test_a_plate_that_is_not_seen_is_taken_for_closed_and_named(seed):
     assert max(sum(event.port == other.port for other in taken) for event in taken) == 2
 
 
-@pytest.mark.parametrize("seed", range(67100, 67104))
+@pytest.mark.parametrize("seed", half_long(range(67100, 67104)))
 def test_finding_ends_at_the_goal(seed):
     """Wherever it is, the run is over when the nose is there, and its name is on the map."""
     done = Exploration(seed, finds="open")
@@ -211,7 +209,7 @@ def test_a_goal_that_is_cut_off_is_missed_when_all_else_is_explored(seed):
     assert done.difference.same, done.difference
 
 
-@pytest.mark.parametrize("seed", [67300, 67301, 67304, 67305])
+@pytest.mark.parametrize("seed", half_long([67300, 67301, 67304, 67305]))
 def test_what_no_look_shows_is_left_and_named(seed):
     """No elbow is recognised: the robot assumes a little free pipe where it should see on, does not
     go through what it cannot see, and goes home."""
@@ -221,7 +219,7 @@ def test_what_no_look_shows_is_left_and_named(seed):
     assert {row.kind for row in done.map.fittings}.isdisjoint({"elbow"})
 
 
-@pytest.mark.parametrize("seed", range(67400, 67403))
+@pytest.mark.parametrize("seed", half_long(range(67400, 67403)))
 def test_pipe_in_which_a_shallow_reducer_may_hide_is_in_doubt_until_arms_have_read_it(seed):
     """A lamp shows free pipe, and hardly shows such a cone."""
     felt, unfelt = (Exploration(seed, Shallow(), arms=arms) for arms in (True, False))
@@ -243,6 +241,7 @@ def test_a_robot_that_always_falls_in_one_part_goes_home_or_gives_up(seed):
     assert done.difference.same or "has fallen too often on the way there" in done.unexplored
 
 
+@pytest.mark.long
 def test_by_depth_camera_nearly_all_maps_are_right_and_none_that_is_wrong_is_called_complete():
     """Of 12 networks, with errors of pictures, belts and arms as measured by physics; lengths are
     right to some millimetres each."""
@@ -258,6 +257,7 @@ def test_standard_deviations_that_a_robot_states_are_those_of_its_errors():
     """Of sizes by a depth camera, normalised: most errors are within two, and they are not much
     greater than the errors are."""
     tours = [Exploration(seed, CameraErrors(seed)) for seed in range(63000, 63008)]
+    assert all(tour.home for tour in tours)
     errors = [
         size.error / size.std
         for tour in tours

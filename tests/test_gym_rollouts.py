@@ -47,7 +47,7 @@ def told_by(env, actions, seed):
 def test_robots_of_a_vector_see_what_single_ones_see(name, observation):
     """Bit for bit, over several episodes of different lengths that follow in the same step."""
     options = {"observation": observation, "changes": {"run.time_limit": 0.4}}
-    n, steps = 3, 20
+    n, steps = 2, 20
     actions = drive_ahead(n, steps)
     many = vector(n, name, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     seen, _ = many.reset(seed=SEED)

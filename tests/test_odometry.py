@@ -32,7 +32,7 @@ theta5_deg = 30.0
 friction = 0.8
 [control]
 kind = "my_rover:Forward"
-cruise_speed = 0.08
+cruise_speed = 0.12
 [sensing]
 kind = "onboard"
 [mission]

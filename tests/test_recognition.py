@@ -363,8 +363,7 @@ def test_a_straight_pipe_is_straight(camera):
         sighting = recogniser(camera).single(taken[0])
         assert sighting.kind == "straight" or sighting.confidence < 0.95
         assert sighting.distance < 1.0
-    taken, _ = pictures(camera, "straight", [0.3], stands=ROLLED)
-    assert recogniser(camera).single(taken[0]).distance > 0.2, "nothing nearer can be there"
+        assert name != "straight" or sighting.distance > 0.2, "nothing nearer can be there"
 
 
 def test_the_same_picture_gives_the_same_sighting():

@@ -1,6 +1,7 @@
 """The same robot for pipes of other bores: the law of dynamic similarity under gravity."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -227,6 +228,12 @@ def _turn_of(s: float) -> ot.Scenario:
     )
 
 
+@cache
+def _turned(s: float) -> ot.Result:
+    """A robot of that size, turned into a branch."""
+    return ot.run(_turn_of(s), no_load=False)
+
+
 @pytest.mark.parametrize("s", [0.625, 1.875, 3.0])
 def test_robots_of_four_sizes_turn_into_a_branch_alike(s: float) -> None:
     """They take similar arcs, roll by the same angle, and go the same way in the same time over the
@@ -234,7 +241,7 @@ def test_robots_of_four_sizes_turn_into_a_branch_alike(s: float) -> None:
     one, other = _turn_of(1.0), _turn_of(s)
     bends = [scenario.route.passages[1].bend_radius for scenario in (one, other)]
     assert bends[1] == pytest.approx(s * bends[0])
-    small, large = (ot.run(scenario, no_load=False) for scenario in (one, other))
+    small, large = _turned(1.0), _turned(s)
     assert small.success
     assert large.success
     assert large.duration_s == pytest.approx(math.sqrt(s) * small.duration_s, rel=0.02)

@@ -71,6 +71,7 @@ def test_a_base_leaves_a_turn_that_slips_to_the_decisions():
         assert not [event for event in result.events if isinstance(event, BackedOff)]
 
 
+@pytest.mark.long
 def test_they_run_in_a_sweep_in_another_process(tmp_path):
     """To the same table as in this one."""
     tee = (Path(__file__).parents[1] / "scenarios" / "tee_turn.toml").read_text(encoding="utf-8")

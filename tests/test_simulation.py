@@ -34,7 +34,7 @@ def runs() -> dict[str, ot.Result]:
     return {"tee": ot.run(rolling_tee()), "mission": ot.run(there_and_back())}
 
 
-@pytest.mark.parametrize("others", [0, 15], ids=["alone", "among_16"])
+@pytest.mark.parametrize("others", [0, 3], ids=["alone", "among_4"])
 @pytest.mark.parametrize(("name", "make"), [("tee", rolling_tee), ("mission", there_and_back)])
 def test_steps_by_hand_give_the_bytes_of_a_run(
     runs: dict[str, ot.Result], name: str, make: Callable[..., ot.Scenario], others: int

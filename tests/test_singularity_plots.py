@@ -1,5 +1,7 @@
 """Figures of the motion singularity region show the numbers of their case."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -11,8 +13,9 @@ from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 CASE = TurnCase()
 
 
-def _axes(name, case=CASE):
-    return plot_singularity(case, figure=name).axes
+@cache
+def _axes(name):
+    return plot_singularity(CASE, figure=name).axes
 
 
 def test_sections_are_the_ellipses_of_the_cuts():
@@ -78,12 +81,11 @@ ODD = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("case", "name"), [*((case, "all") for case in ODD), *((ODD[0], name) for name in FIGURES)]
-)
-def test_any_case_can_be_drawn(case, name):
+@pytest.mark.parametrize("case", ODD)
+def test_any_case_can_be_drawn(case):
     """No contact at all, no sector, another tee, one module; "all" has the panels of each."""
-    assert plot_singularity(case, figure=name).axes
+    panels = sum(len(_axes(name)) for name in FIGURES)
+    assert len(plot_singularity(case, figure="all").axes) == panels
 
 
 def test_same_case_same_bytes(tmp_path, monkeypatch):

@@ -175,8 +175,7 @@ def test_a_robot_that_would_slide_past_a_branch_begins_its_turn_again() -> None:
     base = ot.override(base, {"world.gravity": down.tolist(), "world.friction": 0.52})
     turns = [
         ot.override(base, {"robot.preload": preload, "start.theta5_deg": theta5_deg})
-        for preload in (24.0, 26.0)
-        for theta5_deg in (-7.0, 7.0)
+        for preload, theta5_deg in ((24.0, -7.0), (26.0, 7.0))
     ]
     never = {"control.parameters.sway.begin_again": 1e3}
     results = ot.run_batch([*turns, *(ot.override(turn, never) for turn in turns)], no_load=False)

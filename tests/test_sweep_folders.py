@@ -35,8 +35,10 @@ def done(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def place(done, tmp_path) -> Path:
-    """A copy to be damaged."""
+def place(done, tmp_path, monkeypatch) -> Path:
+    """A copy to be damaged; its figure, which takes a second, is not drawn again."""
+    figure = (done / "success_map.png").read_bytes()
+    monkeypatch.setattr(sweep_figure, "draw_map", lambda *_: figure)
     return Path(shutil.copytree(done, tmp_path / "sweep"))
 
 
@@ -68,9 +70,7 @@ def test_a_damaged_description_is_named(place, text):
 def test_damaged_tables_are_made_anew(place, done, monkeypatch):
     """Wherever a few bytes of the table are other ones, it is made from the batches again."""
     draw, data = random.Random(1), (place / "trials.parquet").read_bytes()
-    figure = (place / "success_map.png").read_bytes()
     monkeypatch.setattr(dispatch, "run_rows", None)
-    monkeypatch.setattr(sweep_figure, "draw_map", lambda *_: figure)  # drawing takes a second
     for size in (0, 10, len(data) // 2, len(data) - 1):
         (place / "trials.parquet").write_bytes(data[:size])
         run_trials(tiny_sweep(), out=place)

@@ -31,6 +31,7 @@ FRICTION = Spread("world.friction", "1", RNG.uniform(0.3, 1.2, N))
 KIND = Spread("control.kind", "", ["a", "b"] * (N // 2), ("a", "b"), compared=True)
 WORD = replace(KIND, compared=False)
 ORIENTATION = Spread(THETA5, "deg", np.linspace(-60, 59, N))
+SINGULAR = TurnCase().singular_range
 PASSED = (np.asarray(PRELOAD.values, float) > 20).astype(float)
 FORMS = {
     "orientation": [ORIENTATION],
@@ -58,8 +59,7 @@ def test_every_form_is_drawn_and_repeats(form, left_out):
         {"none": PASSED < 0, "some": PASSED > 0, "all": PASSED >= 0}[left_out], np.nan, PASSED
     )
     times = 2 if left_out == "some" else 1
-    singular = TurnCase().singular_range
-    files = [figure_bytes(sweep_figure(FORMS[form], passed, singular)) for _ in range(times)]
+    files = [figure_bytes(sweep_figure(FORMS[form], passed, SINGULAR)) for _ in range(times)]
     assert files[0] == files[-1]
     assert len(files[0]) > 5_000
 
@@ -69,7 +69,7 @@ def test_rates_near_one_are_seen_apart(failed, lowest):
     """Where nearly all have passed the scale begins little below the lowest interval, at a whole
     5 %; otherwise at 0. No interval is cut."""
     passed = (np.arange(N) >= failed).astype(float)
-    for panel in sweep_figure(FORMS["effects"], passed, TurnCase().singular_range).axes[:3]:
+    for panel in sweep_figure(FORMS["effects"], passed, SINGULAR).axes[:3]:
         low, high = panel.get_ylim()
         assert (low > 50) == lowest
         assert high > 100

@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -29,7 +30,7 @@ from omnitrack_sim.record.metrics import Metric
 from omnitrack_sim.record.statistics import wilson_interval
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
 from omnitrack_sim.sim.run import run_batch
-from omnitrack_sim.trials import batches, dispatch
+from omnitrack_sim.trials import batches, dispatch, sweep_figure
 from omnitrack_sim.trials.table import to_parquet
 
 ALL = {*FILES, "parts"}
@@ -195,9 +196,11 @@ def test_a_finished_sweep_runs_nothing_again(calm, monkeypatch):
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "name", "empty", "other", "foreign"])
-def test_a_damaged_part_is_run_again(calm, tmp_path, damage):
+def test_a_damaged_part_is_run_again(calm, tmp_path, damage, monkeypatch):
     """A part is run again that is cut, has a wrong byte, in its rows or in a column's name, is
     empty, belongs to other trials, or to trials of the same numbers with other values."""
+    figure = (calm / "success_map.png").read_bytes()
+    monkeypatch.setattr(sweep_figure, "draw_map", lambda *_: figure)  # takes half a second
     place = tmp_path / "sweep"
     run_trials(small_sweep(), out=place, shard=(1, 2))
     file = parts(place)[0]
@@ -230,8 +233,7 @@ def test_another_sweep_is_refused_and_the_difference_named(calm):
 def test_a_renamed_sweep_is_told_anew_and_not_run_again(calm, tmp_path, monkeypatch):
     """Name and groups of a finished sweep may change: summary and sweep.json follow, no trial is
     run."""
-    place = tmp_path / "sweep"
-    run_trials(small_sweep(), out=place)
+    place = shutil.copytree(calm, tmp_path / "sweep")
     monkeypatch.setattr(dispatch, "run_rows", None)
     run_trials(small_sweep(name="renamed", group_by=[]), out=place)
     summary = json.loads((place / "summary.json").read_text())

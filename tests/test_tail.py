@@ -63,6 +63,25 @@ def test_a_pull_accelerates_what_nothing_holds():
         assert run.metrics["pull_held_n"] == pull
 
 
+def test_a_drag_pointer_keeps_the_largest_force():
+    """The largest force so far rises with the force, stays where it falls, and begins anew."""
+    held = {"robot.tether": {"weight": 0.0, "friction": 0.0, "stiffness": 40.0, "length": 0.2}}
+    orders = [{"time": 0.0, "speed": 0.06}, {"time": 1.0, "speed": -0.06}]
+    changes = {"control.parameters.orders": orders, "run.time_limit": 1.8}
+    own = held | changes | {"start.distance": 0.25, "start.axis": [1.0, 0.0, 0.0]}
+    base = ot.load_scenario("calibration/climb", own)
+    record = ot.run(base).trajectory
+    force, largest = record["tail_force"], record["tail_force_max"]
+    assert force[-1] < 0.8 * force.max()
+    np.testing.assert_allclose(largest, np.maximum.accumulate(force), rtol=0.01)
+    sim = ot.Simulation([base], recording=False)
+    for _ in range(80):
+        sim.step()
+    assert sim._tail.max_force[0] > 1.0
+    sim.reset([0], [base])
+    assert sim._tail.max_force[0] == sim._tail.force[0] == 0.0
+
+
 @pytest.mark.parametrize("kind", ["omnitrack", "presser", "inchworm"])
 def test_the_pull_acts_at_the_tail(kind):
     """The plant's wrench is that of a force at the tail, also of a robot that lies askew."""

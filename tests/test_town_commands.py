@@ -30,19 +30,23 @@ def invoked(*arguments: str):
 @pytest.mark.parametrize(
     ("options", "made"),
     [
-        ([], {}),
-        (["--friction", "0.5"], {"friction": (0.5, 0.5)}),
+        ("", {}),
         (
-            ["--friction", "0.4:0.8", "--from", "low", "--from", "top", "--launches", "1"],
-            {"friction": (0.4, 0.8), "launches": ["low", "top"], "openings": 1},
+            "--friction 0.4:0.8 --from low --from top --launches 1 "
+            "--battery-wh 0.05 --efficiency 0.2 --base-w 1",
+            {
+                "friction": (0.4, 0.8),
+                "launches": ["low", "top"],
+                "openings": 1,
+                "supply": ot.Supply(0.05, 0.2, 1.0),
+            },
         ),
         (
-            ["--battery-wh", "0.05", "--efficiency", "0.2", "--base-w", "1"],
-            {"supply": ot.Supply(0.05, 0.2, 1.0)},
-        ),
-        (
-            ["--tether-m", "3", "--tether", "friction=0.4", "--tether", "weight=2"],
-            {"tether": ot.Tether(length=3.0, friction=0.4, weight=2.0)},
+            "--friction 0.5 --tether-m 3 --tether friction=0.4 --tether weight=2",
+            {
+                "friction": (0.5, 0.5),
+                "tether": ot.Tether(length=3.0, friction=0.4, weight=2.0),
+            },
         ),
     ],
 )
@@ -52,7 +56,7 @@ def test_reach_prints_what_its_map_holds(options, made, tmp_path):
     launches = made.pop("launches", [])
     usual = {"friction": (0.6, 0.9), "supply": ot.Supply(math.inf, 0.3, 5.0), "tether": None}
     reach = ot.map_reach(network, ot.load_passport("omnitrack"), launches, **{**usual, **made})
-    run = invoked("reach", "fig14", *options, "--out", tmp_path / "map", "--json")
+    run = invoked("reach", "fig14", *options.split(), "--out", tmp_path / "map", "--json")
     assert run.exit_code == 0, run.output
     assert json.loads(run.stdout) == json.loads(json.dumps(summary_of(reach)))
     assert {path.name for path in (tmp_path / "map").iterdir()} >= {"reach.csv", "reach.html"}

@@ -306,6 +306,7 @@ def shipped_files(kind: ShippedKind) -> ByName[Path]:
     folder = _scenario_folder()
     if kind != "scenarios":
         return ByName((path.stem, path) for path in sorted((folder / kind).glob("*.*")))
-    groups = ("*.toml", "paper/*.toml", "missions/*.toml", "robots/*.toml")
+    folders = ("paper", "missions", "robots", "calibration")
+    groups = ("*.toml", *(f"{one}/*.toml" for one in folders))
     files = [path for group in groups for path in sorted(folder.glob(group))]
     return ByName((path.relative_to(folder).with_suffix("").as_posix(), path) for path in files)

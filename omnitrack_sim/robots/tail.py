@@ -139,6 +139,14 @@ TAIL_CHANNELS = (
         "route",
         source="route",
     ),
+    Channel(
+        "tail_force_max",
+        (),
+        "N",
+        "largest `tail_force` so far, as the drag pointer of a spring balance shows it",
+        "route",
+        source="route",
+    ),
 )
 """Recorded where something pulls at robots' tails."""
 TETHER_CHANNELS = (

@@ -52,6 +52,7 @@ class TailLoad:
     Attributes:
         channels: whose values ``values`` returns.
         force: (n,) N, backward along the pipe.
+        max_force: (n,) N, the largest so far.
     """
 
     def __init__(self, scenarios: Sequence[Scenario], legs: Legs, plant: Plant) -> None:
@@ -63,7 +64,7 @@ class TailLoad:
         if first.robot.tether is not None:
             self._tethers = Tethers(first.robot.tether, scenarios, legs)
             self.channels += TETHER_CHANNELS
-        self.force, self._pull, self._rate = np.zeros((3, n))
+        self.force, self.max_force, self._pull, self._rate = np.zeros((4, n))
         self.reset(np.arange(n))
 
     def reset(self, rows: NDArray[np.intp]) -> None:
@@ -74,6 +75,7 @@ class TailLoad:
         if self._tethers is not None:
             self._tethers.reset(rows, self._legs.near[rows] - self._half)
             self.force = with_rows(self.force, rows, (self.force + self._tethers.tension)[rows])
+        self.max_force = with_rows(self.max_force, rows, self.force[rows])
 
     def act(self, time: Array, location: Location) -> None:
         """Pull at all robots, at ``time`` (n,) s and where they are, until this is called again."""
@@ -83,13 +85,14 @@ class TailLoad:
         self.force = self._pull + self._rate * time
         if self._tethers is not None:
             self.force += legs.gear * self._tethers.pull(tail)
+        self.max_force = np.maximum(self.max_force, self.force)
         backward = -legs.routes.tangents(tail[:, None], location.route)[:, 0]
         self._plant.pull(self.force[:, None] * backward)
 
     def values(self) -> Mapping[str, NDArray]:
         """Return the values (n,) of ``channels``."""
         out = {} if self._tethers is None else {"tether_out": self._tethers.out}
-        return {"tail_force": self.force, **out}
+        return {"tail_force": self.force, "tail_force_max": self.max_force, **out}
 
     def cause(self, robot: int, cause: Outcome) -> Outcome:
         """Return the cause for which a robot makes no headway, its own diagnosis or its tether."""

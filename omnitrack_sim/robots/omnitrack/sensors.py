@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaternion, ordered_sum
+from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
-from omnitrack_sim.robots.omnitrack.channels import CHANNELS
+from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import Drive
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.sensor import Sensor, State
@@ -153,6 +155,18 @@ def _slip_ratio(state: State) -> Array:
     return np.where(scale > AT_REST, np.minimum(np.maximum(ratio, -1.0), 1.0), 0.0)
 
 
+def _motor_current(state: State) -> Array:
+    drive, motor = state.at.drive, state.robot.motor
+    if motor.winding is None:
+        fault = f"is {motor.name!r}, which has no winding to tell its current"
+        raise InputError(Fault("robot.motor", fault))
+    torque = drive.motor_forces(state["motor_torque"]) / drive.size
+    speed = drive.motor_values(state["belt_speed"]) / state.robot.lug_radius
+    current = drive.size * motor.current(torque, speed)  # (n, m)
+    driven = np.where(drive.matrix, current[..., None], 0.0)  # (n, m, 3)
+    return driven.max(axis=-2)
+
+
 _READ: dict[str, Callable[[State], Array]] = {
     "time": lambda state: state.time,
     "position": lambda state: state.qpos[:, :3],
@@ -179,3 +193,17 @@ SENSORS = tuple(
     if channel.source == "plant"
 )
 """One sensor for each channel of the schema that the plant measures."""
+MOTOR_CURRENT = Sensor(
+    Channel(
+        "motor_current",
+        (MODULES,),
+        "A",
+        "size of the current of the motor that drives each belt, the largest where several do",
+        tail_first="swapped",
+    ),
+    _motor_current,
+)
+"""Sensor for ``record.sensors`` of a robot whose motor has a ``winding``, as a motor driver has it.
+
+By name it is ``omnitrack_sim.robots.omnitrack.sensors:MOTOR_CURRENT``.
+"""

@@ -15,7 +15,7 @@ theta5 is the angle of module 1 from the turning direction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -252,11 +252,10 @@ class TurnCase:
         """Best theta5, rad."""
         return float(best_theta5(self.modules))
 
-    @cached_property
+    @property
     def real_sector(self) -> float:
         """Outer sector in the exact two-cylinder geometry, rad."""
-        path = self.path(721)
-        return float(outer_sector(path, self.reach, self.pipe_radius, self.contact_length))
+        return _real_sector(self)
 
     @property
     def singular_range(self) -> SingularRange:
@@ -321,3 +320,10 @@ class TurnCase:
             "failure_rate": float(failure_rate(sector, self.modules)),
             "success_rate": float(success_rate(sector, self.modules)),
         }
+
+
+@cache
+def _real_sector(case: TurnCase) -> float:
+    """``TurnCase.real_sector``, which takes half a second, once for equal cases."""
+    path = case.path(721)
+    return float(outer_sector(path, case.reach, case.pipe_radius, case.contact_length))
