@@ -85,7 +85,7 @@ class TrackingTable(Table):
     turn_speed: Annotated[Part, Unit("1")] = 1.3
     """Speed in a turn from a tee's run into its branch, as a part of the cruise speed."""
     # Up to stall, at 15 to 35 N, all of 40 turns pass with 0 and with 2, with 12.4 and 10.4 N of
-    # internal traction. With 0.4 N m at 20 to 35 N 33 pass with 0, 31 with 2, 28 with 4: belts that
+    # internal traction. With 0.6 N m at 20 to 35 N 39 pass with 0 and with 2, 31 with 4: belts that
     # give way so much no longer bend the robot (docs/explanation/control.md).
     turn_yield: Annotated[NotNegative, Unit("1")] = 2.0
     """Speed by which a belt gives way in such a turn to torque beyond the mean of all, in addition
