@@ -15,6 +15,11 @@ from .base.errors import ScenarioError as ScenarioError
 from .base.errors import StudyError as StudyError
 from .base.errors import SweepError as SweepError
 from .base.naming import shipped_files as shipped_files
+from .calibration.calibration import Calibration as Calibration
+from .calibration.calibration import load_calibration as load_calibration
+from .calibration.fit import calibrate as calibrate
+from .calibration.logs import Log as Log
+from .calibration.logs import load_log as load_log
 from .paper.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting

@@ -585,3 +585,21 @@ def test_a_line_across_the_wide_end_is_held_where_the_cone_is_nearest(fitting):
         assert (held != inside).sum() <= 2
         twice += held.any() and not held[0] and not held[-1]
     assert twice > 20
+
+
+def test_a_row_of_lugs_touches_neither_edge_nor_closed_end():
+    """In pipes around any robot these are no walls that carry it."""
+    spec = mujoco.MjSpec()
+    spec.nuser_geom = RECORD_SIZE
+    body = spec.worldbody.add_body(pos=[0.055, 0, 0.1])
+    body.add_freejoint()
+    kind, record = mujoco.mjtGeom.mjGEOM_CAPSULE, line_record(PITCH, 1.0)
+    body.add_geom(type=kind, size=[RADIUS, 0.12, 0], userdata=record)
+    install_lines()
+    ot.add_pipes(spec, ot.Network(fittings=[{"kind": "cap", "name": "end", "length": 0.2}]))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    names = {model.geom(number).name for number in data.contact.geom[:, 0]}
+    assert {"rim_end_start", "plate_end_end"} <= {model.geom(i).name for i in range(model.ngeom)}
+    assert names == {"wall_end"}

@@ -189,7 +189,9 @@ def _settings_in(file: Path, where: str) -> dict[str, Any]:
     if not is_file(file):
         raise InputError(Fault(where, "cannot be read: there is no such file"))
     try:
-        return dict(_leaves(table_of(file, "file of values", InputError), ""))
+        table = table_of(file, "file of values", InputError)
+        # The doubt of values that were calibrated, which no scenario has a key for.
+        return dict(_leaves({k: v for k, v in table.items() if k != "calibration"}, ""))
     except InputError as error:
         raise InputError([fault.at(where) for fault in error.faults]) from None
 

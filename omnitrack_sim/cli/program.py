@@ -17,10 +17,10 @@ import omnitrack_sim
 from omnitrack_sim.base.errors import Fault, InputError, OmnitrackError
 from omnitrack_sim.base.text import clipped
 from omnitrack_sim.base.workers import name_glfw_library
-from omnitrack_sim.cli import networks, package, paper, runs, towns, trials, view
+from omnitrack_sim.cli import calibrate, networks, package, paper, runs, towns, trials, view
 from omnitrack_sim.cli.common import app, err, plain
 
-__all__ = ["app", "networks", "package", "paper", "runs", "towns", "trials", "view"]
+__all__ = ["app", "calibrate", "networks", "package", "paper", "runs", "towns", "trials", "view"]
 _LONGEST = 4000
 """Characters of a line of a message; a list of faults bounds its lines itself."""
 

@@ -135,8 +135,8 @@ SIGNATURES = {
     "clear": CFUNCTYPE(NUMBER, NUMBERS, *[NUMBER] * 6),
 }
 """C types of the functions of ``compiled.Wall``."""
-SCRATCH = 1300
-"""Numbers that ``scratch`` has room for."""
+SCRATCH, ROW = 1300, 16
+"""Numbers that ``scratch`` and ``row`` have room for."""
 
 
 def in_numba(signature: Any) -> Any:
@@ -384,11 +384,22 @@ def at(context, array, index):
 @intrinsic
 def scratch(context):
     """Room for SCRATCH numbers, on the stack of the calling function."""
+    return _room(SCRATCH)
+
+
+@intrinsic
+def row(context):
+    """Room for ROW numbers, on the stack of the calling function."""
+    return _room(ROW)
+
+
+def _room(count: int) -> tuple[Any, Any]:
+    """Signature and code of an intrinsic that returns room for some numbers."""
 
     def code(context, builder, signature, arguments):
         # Numba's own way would set it all to zero, each time.
         with builder.goto_entry_block():
-            room = builder.alloca(ir.ArrayType(ir.DoubleType(), SCRATCH))
+            room = builder.alloca(ir.ArrayType(ir.DoubleType(), count))
         return builder.bitcast(room, context.get_value_type(signature.return_type))
 
     return CFUNCTYPE(NUMBERS), code

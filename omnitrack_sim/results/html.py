@@ -35,9 +35,7 @@ def sketch(trajectory: Trajectory) -> str:
         for i, name in enumerate(known)
     ]
     end = float(trajectory.time[-1])
-    axis = _text(_LEFT, height - 8, "0 s") + _text(
-        _LEFT + _WIDTH, height - 8, f"{end:.2f} s", "end"
-    )
+    axis = text(_LEFT, height - 8, "0 s") + text(_LEFT + _WIDTH, height - 8, f"{end:.2f} s", "end")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 12}" height="{height}" '
         f'font-family="sans-serif" font-size="10">{"".join(rows)}{axis}</svg>'
@@ -58,12 +56,12 @@ def _row(trajectory: Trajectory, channel: str, top: int) -> str:
     y = top + _HEIGHT * (1.0 - (values - low) / max(high - low, 1e-9))
     modules = ["#" + bytes(round(255 * part) for part in rgb).hex() for rgb in MODULE_COLOURS]
     colours = cycle(modules if values.shape[1] > 1 else (_INK,))
-    lines = [_line(x, column, colour) for column, colour in zip(y.T, colours, strict=False)]
+    lines = [line(x, column, colour) for column, colour in zip(y.T, colours, strict=False)]
     name = f"{channel.replace('_', ' ')}, {display.unit}"
     texts = [
-        _text(2, top + _HEIGHT / 2 + 3, name, "start"),
-        _text(_LEFT - 4, top + 8, f"{high:.3g}", "end"),
-        _text(_LEFT - 4, top + _HEIGHT, f"{low:.3g}", "end"),
+        text(2, top + _HEIGHT / 2 + 3, name, "start"),
+        text(_LEFT - 4, top + 8, f"{high:.3g}", "end"),
+        text(_LEFT - 4, top + _HEIGHT, f"{low:.3g}", "end"),
     ]
     return "".join([_phases(trajectory, x, top), *texts, *lines])
 
@@ -76,7 +74,8 @@ def _phases(trajectory: Trajectory, x: NDArray, top: int) -> str:
     )
 
 
-def _line(x: NDArray, y: NDArray, colour: str) -> str:
+def line(x: NDArray, y: NDArray, colour: str) -> str:
+    """Return a line through the finite ones of some points as an element of SVG."""
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(*_thinned(x, y), strict=True))
     return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.2"/>'
 
@@ -93,8 +92,9 @@ def _thinned(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     return np.repeat(x[starts], 2), ends.ravel()
 
 
-def _text(x: float, y: float, text: str, anchor: str = "start") -> str:
-    return f'<text x="{x:g}" y="{y:g}" fill="{_GREY}" text-anchor="{anchor}">{text}</text>'
+def text(x: float, y: float, words: str, anchor: str = "start") -> str:
+    """Return a text, which is escaped already, as an element of SVG."""
+    return f'<text x="{x:g}" y="{y:g}" fill="{_GREY}" text-anchor="{anchor}">{words}</text>'
 
 
 def table_html(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

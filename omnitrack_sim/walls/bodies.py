@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
-from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
+from omnitrack_sim.pipes.native import at, call_span, call_surface, row
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, MAX_OF_PAIR, point_at, touch
 from omnitrack_sim.walls.curves import (
     along_circle,
@@ -156,7 +156,7 @@ def _corner(a, b, c, i):
 @compiled
 def box(con, n, wall, frame, a, b, c, out):
     """Add the contacts of a box: along its edges, those along x with the vertices."""
-    distances = scratch()
+    distances = row()
     for i in range(8):
         px, py, pz = _corner(a, b, c, i)
         x, y, z = point_at(frame, px, py, pz)
@@ -479,7 +479,7 @@ def ellipsoid(con, n, wall, frame, a, b, c, out):
 
     They are reached from those of 14 places that are nearer to the wall than their neighbours.
     """
-    distances = scratch()
+    distances = row()
     for i in range(SEEDS):
         distances[i] = _ellipsoid_point(wall, frame, a, b, c, _seed(i), out)[0]
     for i in range(SEEDS):

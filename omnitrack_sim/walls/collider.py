@@ -30,7 +30,7 @@ from omnitrack_sim.pipes.native import (
     call_surface,
     calling,
     intrinsic,
-    scratch,
+    row,
 )
 from omnitrack_sim.walls.bodies import (
     box,
@@ -187,7 +187,7 @@ def functions_of(number):
 
 
 @compiled
-def _hull(model, geom):
+def hull_of(model, geom):
     """Return the hull of a mesh geom, see ``bodies.mesh``, and normals of its polygons.
 
     For a geom below 0, it is nothing that may be read.
@@ -234,14 +234,14 @@ def _contacts(model, con, wall, frame, geom, kind, out):
         return cylinder(con, 0, wall, frame, a, b, out)
     if kind == ELLIPSOID:
         return ellipsoid(con, 0, wall, frame, a, b, c, out)
-    return mesh(con, 0, wall, frame, _hull(model, geom)[0], out)
+    return mesh(con, 0, wall, frame, hull_of(model, geom)[0], out)
 
 
 @compiled
 def _touch_rim(model, con, records, w, frame, geom, kind, margin, out):
     """Find the contacts of a geom with the edge of a wall, see ``rims``."""
     sizes = doubles(model[word(SIZE)] + 24 * geom)
-    hull, normals = _hull(model, geom if kind == MESH else -1)
+    hull, normals = hull_of(model, geom if kind == MESH else -1)
     bound = doubles(model[word(BOUND)])[geom]
     return rim_contacts(
         con, records, w, kind, sizes, bound, hull, normals, frame, margin, MAX_KEPT, out
@@ -286,7 +286,7 @@ def _touch_plate(model, data, con, records, w, plate, geom, kind, margin):
     own, wall = min(before, within), plate - int(records[w + WALL_BEFORE])
     if before <= -depth or within <= -DEPTH_IN_BORE * size:
         return 0
-    if own < 0.0 and _from_others(model, data, wall, x, y, z, own, scratch()) > own:
+    if own < 0.0 and _from_others(model, data, wall, x, y, z, own, row()) > own:
         return 0
     n = call_collide(word(PLANE_PREVIOUS + kind), model, data, con, plate, geom, margin)
     for i in range(n):
@@ -347,11 +347,11 @@ def collide(model, data, contacts, wall, geom, margin):
         return _touch_plate(model, data, contacts, records, w, wall, geom, kind, margin)
     frame = frame_in(records, w, position, matrix, geom, wall)
     if records[w + KIND] == RIM:
-        n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, scratch())
+        n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, row())
     else:
         surface, span = functions_of(records[w + KIND])
         reach = doubles(model[word(BOUND)])[geom]
-        out = scratch()
+        out = row()
         depth = records[w + DEPTH]
         walls = wall_of(surface, span, records, w, depth, margin, reach)
         x, y, z = frame[0], frame[1], frame[2]
@@ -376,7 +376,7 @@ def collide(model, data, contacts, wall, geom, margin):
             if records[w + KIND] == RIM:
                 depth = thin
             elif thin < depth:
-                depth = max(thin, _depth_at(model, data, contacts, k, wall, depth, scratch()))
+                depth = max(thin, _depth_at(model, data, contacts, k, wall, depth, row()))
             _make_firm(model, contacts, k, size, depth, wall, geom)
     return n
 

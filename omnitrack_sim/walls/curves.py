@@ -16,6 +16,8 @@ PLATEAU = 0.02
 """Slope along a line up to which a wall that ends at a rim counts as carrying it."""
 POSITION = 1e-7
 """Accuracy of a minimum along a curve, m."""
+FLAT = 1e-9
+"""Slope along a curve that is none: at a minimum."""
 SAME_PLACE = 1e-9
 """Room about a point, m, that keeps it in one fitting or the other at a joint in spite of
 rounding."""
@@ -67,7 +69,7 @@ def minimum(surface, sizes, curve, a, slope_a, b, slope_b, out):
             if side == 1:
                 slope_a *= 0.5
             side = 1
-        if b - a < POSITION or abs(slope) < 1e-9:
+        if b - a < POSITION or abs(slope) < FLAT:
             break
     return s
 

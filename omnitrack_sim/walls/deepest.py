@@ -48,6 +48,9 @@ BALLS, CELLS = 4, 256
 """Balls that are remembered, and cells that wait at most."""
 QUEUE = BALL * BALLS
 """Where the cells begin, in a room of numbers that begins with the balls."""
+AS_FAR, AT_RIM = 1e-9, 1e-9
+"""Distances, m, that differ by less are the same; part of a cylinder's half length by which a cell
+may miss its end."""
 SETTLED, MOVES = 1e-7, 400
 """Of the search for a minimum: its last step, m, and its steps at most."""
 
@@ -154,7 +157,7 @@ def _ball(wall, x, y, z, d, out):
     for _ in range(BALL_TRIES):
         px, py, pz = x + r * gx, y + r * gy, z + r * gz
         away = call_surface(wall[0], wall[2], px, py, pz, out)
-        if away > d + r - 1e-9:
+        if away > d + r - AS_FAR:
             break
         # Another wall is nearer: of a narrower bore its middle is half of the way back.
         r = max(min(WIDE * 0.5 * (away - d + r), 0.6 * r), 0.2 * r)
@@ -343,7 +346,7 @@ def no_deeper(con, n, wall, frame, body, reach, out):
         if is_clear:
             continue
         h = _radius(body, u, v, du, dv)
-        if kind == CYLINDER and h < leaf and abs(v) + dv >= b * (1.0 - 1e-9):
+        if kind == CYLINDER and h < leaf and abs(v) + dv >= b * (1.0 - AT_RIM):
             # At a rim it need not be level across it: there the rim itself is looked at.
             v, dv = math.copysign(b, v), 0.0
         x, y, z = _point(body, side, u, v)

@@ -49,7 +49,7 @@ class Kinds:
 
     def __init__(self) -> None:
         self.table = np.zeros(1 + 3 * self.MAX_KINDS, np.int64)
-        self._names: dict[int, str] = {}
+        self.names: dict[int, str] = {}
 
     def add(self, kind: type[Fitting]) -> int:
         """Enter a kind, or enter its functions anew; returns its number.
@@ -58,16 +58,16 @@ class Kinds:
             GeometryError: its wall does not compile, its number is another kind's, or no room.
         """
         name, number = kind.file_kind(), kind_number(kind.file_kind())
-        if self._names.setdefault(number, name) != name:
-            problem = f"shares its number with {self._names[number]!r}: give the class another name"
+        if self.names.setdefault(number, name) != name:
+            problem = f"shares its number with {self.names[number]!r}: give the class another name"
             raise GeometryError(Fault(name, problem))
-        if len(self._names) > self.MAX_KINDS:
+        if len(self.names) > self.MAX_KINDS:
             raise GeometryError(Fault(name, f"is one kind more than {self.MAX_KINDS}"))
-        row = 1 + 3 * list(self._names).index(number)
+        row = 1 + 3 * list(self.names).index(number)
         addresses = kind.wall_address("surface"), kind.wall_address("span")
         self.table[row : row + 3] = number, *addresses
         # Last, since another thread may be stepping a model.
-        self.table[0] = len(self._names)
+        self.table[0] = len(self.names)
         return number
 
 

@@ -22,6 +22,7 @@ from omnitrack_sim.pipes.sections import Section
 from omnitrack_sim.pipes.sections import distance as from_section
 from omnitrack_sim.pipes.sections import leaving as out_of_section
 from omnitrack_sim.walls.contacts import CONTACT_SIZE
+from omnitrack_sim.walls.curves import FLAT
 from omnitrack_sim.walls.record import DEPTH, KIND, MARK, RECORD_SIZE, SIZE, SIZES
 
 RIM = 1.0
@@ -322,7 +323,7 @@ def _may_hide(d_a, slope_a, d_b, slope_b, step, turn, radius, margin):
 def _minimum(con, n, low, high, frame, body, slants, depth, margin, out):
     """Add the contact at the minimum of the distance between two angles."""
     slope = 1.0
-    while high - low > ACCURACY and abs(slope) > 1e-9:
+    while high - low > ACCURACY and abs(slope) > FLAT:
         middle = 0.5 * (low + high)
         _, slope = _at(middle, frame, body, out)
         low, high = (middle, high) if slope < 0.0 else (low, middle)

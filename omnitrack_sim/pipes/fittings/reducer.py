@@ -37,6 +37,9 @@ from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, stav
 
 MAX_CONE_ANGLE = math.radians(20)
 """Largest half cone angle of a reducer, rad."""
+BEYOND_END = 0.0
+"""Distance, m, beyond its ends to which a place on the cone is no edge. In single precision it is
+over 0, for where a span ends, and what is nearest there, are told apart by rounding."""
 POSITION = 1e-7
 """Accuracy, m, of the end of a span."""
 
@@ -53,7 +56,7 @@ def surface(sizes, x, y, z, out):
     d = cosine * (radius + slope * z - from_axis)
     # Along z the foot is shifted from the point by the slope: the normal of a cone leans.
     foot = z - slope * cosine * d
-    if 0.0 <= foot <= length:
+    if -BEYOND_END <= foot <= length + BEYOND_END:
         put(out, -cosine * ox, -cosine * oy, cosine * slope, FACE)
         return d
     # Beyond the cone's ends its nearest point is on the circle that ends it, where it is an edge.

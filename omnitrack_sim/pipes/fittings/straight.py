@@ -25,7 +25,7 @@ from omnitrack_sim.pipes.fittings.base import (
     positive,
     possible_bore,
 )
-from omnitrack_sim.pipes.native import at, scratch
+from omnitrack_sim.pipes.native import at, row
 from omnitrack_sim.pipes.sections import CODES, MAX_OVALITY, Section, SectionName
 from omnitrack_sim.pipes.sections import distance as from_section
 from omnitrack_sim.pipes.sections import leaving as out_of_section
@@ -62,7 +62,7 @@ def span(sizes, ends, _px, _py, pz, _ax, _ay, az, out):
 def clear(sizes, px, py, _pz, ax, ay, _az):
     """See ``compiled.Wall``: up to the cylinder."""
     if sizes[SECTION] != 0.0:
-        return out_of_section(at(sizes, SECTION), px, py, ax, ay, scratch())
+        return out_of_section(at(sizes, SECTION), px, py, ax, ay, row())
     low, high = in_bore(px, py, ax, ay, sizes[0])
     # A start in the wall has no clear length; the tracing then goes on by distances.
     return high if low < 0.0 < high else 0.0

@@ -44,6 +44,7 @@ from omnitrack_sim.pipes.compiled import (
 EQUAL = 1e-9
 """Bores whose radii differ by less, m, are equal."""
 _CLOSE = 1e-7  # rad; Newton's method squares the error once more after a step as small as this
+_SAME_DIRECTION = 1e-15  # rad; Newton's bracket is as narrow as numbers can tell
 _ROOTS = 4  # square roots: the edge is sampled at 2 ** _ROOTS + 1 places
 
 
@@ -173,7 +174,7 @@ def _step(g, slope, k, l, low_k, low_l, high_k, high_l):
     # The sum of two unit vectors halves the angle between them.
     k, l = low_k + high_k, low_l + high_l
     size = math.sqrt(k * k + l * l)
-    return k / size, l / size, low_k * high_l - low_l * high_k < 1e-15
+    return k / size, l / size, low_k * high_l - low_l * high_k < _SAME_DIRECTION
 
 
 @compiled

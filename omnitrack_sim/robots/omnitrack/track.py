@@ -27,7 +27,7 @@ import numpy as np
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
-from omnitrack_sim.pipes.native import at, call_span, call_surface, scratch
+from omnitrack_sim.pipes.native import at, call_span, call_surface, row
 from omnitrack_sim.walls.bodies import frame_in
 from omnitrack_sim.walls.collider import (
     LINE_PREVIOUS,
@@ -199,7 +199,7 @@ def line_contacts(
         half: half the length of the capsule's axis, m.
         margin: distance up to which contacts count, m.
     """
-    sizes, out = at(wall, w + SIZES), scratch()
+    sizes, out = at(wall, w + SIZES), row()
     # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
     # end.
     frame = frame_in(wall, w, position, matrix, g_line, g_wall)
@@ -266,6 +266,9 @@ def collide_line(model, data, contacts, wall, line, margin):
     if records[w] != MARK or records[track] != MARK:
         return call_collide(word(LINE_PREVIOUS), model, data, contacts, wall, line, margin)
     surface, span = functions_of(records[w + KIND])
+    # Edges and closed ends, which pipes around any robot have, are no wall that carries a row.
+    if surface == 0:
+        return 0
     # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
     sizes = doubles(model[word(SIZE)])
     radius, half = sizes[3 * line], sizes[3 * line + 1]

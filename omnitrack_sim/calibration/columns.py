@@ -1,0 +1,152 @@
+"""Columns of numbers in files that loggers write: CSV and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from omnitrack_sim.base.bounds import MAX_SAMPLES
+from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.reading import read_bytes
+from omnitrack_sim.base.rotations import Array
+
+MAX_LOG_BYTES = 500_000_000
+"""Largest file of a log that is read: five columns at 1 kHz for a day of work."""
+_NOTHING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+"""Texts of cells in which nothing was read, in lower case."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file.
+
+    Attributes:
+        values: (T,) each by their heads; NaN where nothing was read.
+        line: from the index of a sample to its line, row or message in the file, from 1.
+    """
+
+    values: Mapping[str, Array]
+    line: Callable[[int], int]
+
+
+def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
+    """Read columns of numbers from a file of CSV or Parquet, by the ending of its name.
+
+    Args:
+        path: a regular file.
+        wanted: heads of the columns to be read; None: all that hold numbers.
+
+    Raises:
+        InputError: it cannot be read, a column is missing, or a cell is no number; with the line.
+    """
+    readers = {".csv": _from_csv, ".txt": _from_csv, ".tsv": _from_csv}
+    readers |= {".parquet": _from_parquet}
+    ending = path.suffix.lower()
+    if ending not in readers:
+        problem = f"ends in {ending!r}; a log is a file of these, or a table that names one"
+        raise InputError(Fault(str(path), problem, (".csv", ".parquet", ".toml")))
+    try:
+        return readers[ending](path, wanted)
+    except OSError as error:
+        raise InputError(Fault(str(path), f"cannot be read: {error.strerror}")) from error
+    except ValueError as error:
+        raise InputError(Fault(str(path), str(error))) from error
+
+
+def _refuse_missing(heads: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
+    """Return the heads of the columns to be read.
+
+    Raises:
+        InputError: some of those that are wanted are not there.
+    """
+    missing = [name for name in dict.fromkeys(wanted or ()) if name not in heads]
+    if missing:
+        faults = [Fault("", f"has no column {name!r}", tuple(heads), name) for name in missing]
+        raise InputError(faults)
+    return list(heads if wanted is None else dict.fromkeys(wanted))
+
+
+def _from_csv(path: Path, wanted: Sequence[str] | None) -> Columns:
+    try:
+        text = read_bytes(path, MAX_LOG_BYTES, " of CSV").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("is no text in UTF-8") from None
+    lines = text.splitlines()
+    first = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
+    if first is None:
+        raise ValueError("is empty")
+    delimiter = max(",;\t", key=lines[first].count)
+    reader = csv.reader(io.StringIO("\n".join(lines[first:])), delimiter=delimiter)
+    heads = [head.strip() for head in next(reader)]
+    if len(set(heads)) < len(heads):
+        twice = next(head for head in heads if heads.count(head) > 1)
+        raise ValueError(f"has two columns of the name {twice!r}")
+    try:
+        chosen = _refuse_missing(heads, wanted)
+    except InputError as error:
+        raise InputError([fault.at(str(path)) for fault in error.faults]) from None
+    rows = [(first + reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    for number, row in rows:
+        if len(row) != len(heads):
+            problem = f"line {number} has {len(row)} cells; the first one has {len(heads)}"
+            raise ValueError(problem)
+    if len(rows) > MAX_SAMPLES:
+        raise ValueError(f"has {len(rows)} rows; at most {MAX_SAMPLES}")
+    comma = delimiter != ","
+    values = {}
+    for head in chosen:
+        own = _numbers(rows, heads.index(head), head, comma, strict=wanted is not None)
+        if own is not None:
+            values[head] = own
+    return Columns(values, lambda i: rows[i][0])
+
+
+def _numbers(
+    rows: Sequence[tuple[int, list[str]]], at: int, head: str, comma: bool, strict: bool
+) -> Array | None:
+    """Return the numbers of a column; None for one of words that nobody asked for."""
+    cells = [row[at].strip() for _, row in rows]
+    values, bad = np.full(len(cells), np.nan), []
+    for i, cell in enumerate(cells):
+        try:
+            values[i] = float(cell.replace(",", ".") if comma else cell)
+        except ValueError:
+            if cell.lower() not in _NOTHING:
+                bad.append(i)
+    if bad and not strict and 2 * len(bad) > len(cells):
+        return None
+    if bad:
+        number, cell = rows[bad[0]][0], cells[bad[0]]
+        raise ValueError(f"line {number}: {cell!r} in the column {head!r} is no number")
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def _from_parquet(path: Path, wanted: Sequence[str] | None) -> Columns:
+    import pyarrow as pa
+    import pyarrow.types as kinds
+
+    from omnitrack_sim.results.files import opened
+
+    try:
+        file = opened(path)
+        names = file.schema_arrow.names
+        chosen = _refuse_missing(names, wanted)
+        table = file.read(columns=chosen, use_threads=False)
+    except InputError as error:
+        raise InputError([fault.at(str(path)) for fault in error.faults]) from None
+    except pa.ArrowException as error:
+        raise ValueError(f"is damaged, or no Parquet file: {error}") from error
+    values = {}
+    for name in chosen:
+        column = table[name]
+        if kinds.is_integer(column.type) or kinds.is_floating(column.type):
+            values[name] = column.to_numpy().astype(float)
+        elif wanted is not None:
+            raise ValueError(f"holds {column.type} in the column {name!r}, no numbers")
+    return Columns(values, lambda i: i + 1)

@@ -1,0 +1,143 @@
+"""Doubt of fitted parameters: noise of residuals, covariance, and what cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+
+MIN_CORRELATION = 0.05
+"""Correlation of residuals at a distance in time, below which they count as independent."""
+UNKNOWN = 0.15
+"""Doubt of a direction of parameters, as a part of their values, from which on the logs do not tell
+it: three times the 5 % that a spring balance and a tilted pipe measure to."""
+SHARE = 0.3
+"""Share of a parameter in such a direction, from which on it is named."""
+
+
+def independent_count(residual: Array) -> float:
+    """Return the number of independent samples that residuals (m,) are worth, 1 to m.
+
+    It is m over the sum of their correlations at all distances, up to the first that is small. A
+    mean that is not zero is fully correlated: a residual that is all offset is worth one sample.
+    """
+    m, power = len(residual), float(residual @ residual)
+    if power == 0:
+        return float(m)
+    size = 1 << (2 * m - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
+    # Unbiased, since a long correlation would otherwise seem to fade by the length of the series.
+    correlation = np.fft.irfft(spectrum, size)[:m] / power * m / np.arange(m, 0, -1)
+    correlation = correlation[: max(1, m // 2)]
+    small = np.flatnonzero(correlation < MIN_CORRELATION)
+    until = int(small[0]) if len(small) else len(correlation)
+    total = 1 + 2 * float(correlation[1:until].sum())
+    return float(np.clip(m / max(total, 1.0), 1.0, m))
+
+
+@dataclass(frozen=True)
+class Indistinct:
+    """A direction in which parameters may be changed together and the logs are met as well.
+
+    Attributes:
+        weights: share of each parameter that has one worth naming, by path; its sign says whether
+            it grows or falls with the others.
+        doubt: standard deviation along it, as a part of the values.
+    """
+
+    weights: Mapping[str, float]
+    doubt: float
+
+    @property
+    def text(self) -> str:
+        """The direction in words."""
+        # Beyond its own size a doubt has no meaning as a part of it.
+        part = f"{100 * self.doubt:.0f} %" if self.doubt < 1 else "its own size or more"
+        if len(self.weights) == 1:
+            (path,) = self.weights
+            return f"the logs do not tell {path}: it is open by {part}"
+        first, *others = self.weights
+        ways = [
+            f"{path} {'up' if self.weights[path] * self.weights[first] > 0 else 'down'}"
+            for path in others
+        ]
+        return (
+            f"the logs cannot tell {' and '.join(self.weights)} apart: {first} up with "
+            f"{' and '.join(ways)} meets them as well; open by {part}"
+        )
+
+
+def indistinct_of(paths: Sequence[str], values: Array, information: Array) -> list[Indistinct]:
+    """Return the directions that an information matrix (p, p) of the data leaves open.
+
+    Args:
+        paths: of the parameters.
+        values: (p,) sizes by which their doubt is measured.
+        information: of the logs alone, without what was known before.
+    """
+    # In parts of the values, so that directions do not depend on units.
+    scaled = information * np.outer(values, values)
+    strengths, directions = np.linalg.eigh(scaled)
+    found = []
+    for strength, direction in zip(strengths, directions.T, strict=True):
+        doubt = 1 / np.sqrt(max(float(strength), 1e-12))
+        if doubt <= UNKNOWN:
+            continue
+        largest = direction[np.argmax(np.abs(direction))]
+        shares = {
+            path: float(share * np.sign(largest))
+            for path, share in zip(paths, direction, strict=True)
+            if abs(share) >= SHARE
+        }
+        ordered = dict(sorted(shares.items(), key=lambda item: -abs(item[1])))
+        found.append(Indistinct(ordered, float(min(doubt, 1e3))))
+    return found
+
+
+def draw_within(points: Array, values: Array, covariance: Array, low: Array, high: Array) -> Array:
+    """Return draws (n, p) of a normal distribution within bounds, made of points of the unit cube.
+
+    One parameter after the other is drawn, given those before it, from its distribution truncated
+    at its ends.
+
+    Args:
+        points: (n, p), each number between 0 and 1.
+        values: (p,) means.
+        covariance: (p, p).
+        low: (p,) lower ends.
+        high: (p,) upper ends.
+    """
+    from scipy.special import ndtr, ndtri
+
+    root = _root(covariance)
+    normal = np.zeros_like(points)
+    drawn = np.empty_like(points)
+    for j, u in enumerate(points.T):
+        mean, std = values[j] + normal[:, :j] @ root[j, :j], root[j, j]
+        if std <= 0:
+            drawn[:, j] = np.clip(mean, low[j], high[j])
+            continue
+        a, b = (low[j] - mean) / std, (high[j] - mean) / std
+        # Numbers are finer near 0 than near 1, so an interval above the mean is mirrored.
+        sign = np.where(a > 0, -1.0, 1.0)
+        first, last = ndtr(np.where(a > 0, -b, a)), ndtr(np.where(a > 0, -a, b))
+        share = np.where(a > 0, 1 - u, u)
+        normal[:, j] = np.clip(sign * ndtri(first + (last - first) * share), a, b)
+        drawn[:, j] = np.clip(mean + std * normal[:, j], low[j], high[j])
+    return drawn
+
+
+def _root(covariance: Array) -> Array:
+    """Lower triangular root of a covariance; parameters of no doubt have zeros."""
+    scale = np.sqrt(np.diag(covariance))
+    safe = np.where(scale > 0, scale, 1.0)
+    correlation = covariance / np.outer(safe, safe)
+    # Eigenvalues that rounding or digits of a file have made negative become zero.
+    strengths, directions = np.linalg.eigh(correlation)
+    half = directions * np.sqrt(np.maximum(strengths, 0))
+    _, upper = np.linalg.qr(half.T)
+    lower = upper.T * np.where(np.diag(upper) < 0, -1.0, 1.0)
+    return scale[:, None] * lower

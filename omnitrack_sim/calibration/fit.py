@@ -1,0 +1,500 @@
+"""Fit of parameters to logs: closed-loop runs of the scenario against what was measured."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.calibration.calibration import Calibration, FittedColumn
+from omnitrack_sim.calibration.compare import Target, targets_of
+from omnitrack_sim.calibration.contradictions import contradictions_of
+from omnitrack_sim.calibration.doubt import independent_count, indistinct_of
+from omnitrack_sim.calibration.logs import Log, as_logs
+from omnitrack_sim.calibration.parameters import (
+    Fit,
+    Parameter,
+    bounds_of,
+    parameters_of,
+    places_in,
+)
+from omnitrack_sim.record.events import Outcome
+from omnitrack_sim.scenario import Scenario, override
+from omnitrack_sim.scenario.loading import as_scenario
+from omnitrack_sim.sim.run import run_batch
+from omnitrack_sim.sim.simulation import Progress
+
+SEARCHED = 12
+"""Sets of values that are tried before the first step, to begin near the best valley: where a run
+slips or does not, a small step from a bad start changes nothing."""
+SEARCH_TIMES = 3.0
+"""They lie between the start values over this and times this, and within the ranges."""
+STARTS = 3
+"""Best ones of them from which the first steps begin: a valley may end at a pass."""
+STEP = 0.01
+"""Step of finite differences, as a part of a value: above the jitter of contacts, below the
+curvature."""
+TOLERANCE = 0.02
+"""Part of its size to which no model meets a column: beside its noise it bounds what a column is
+worth, so that the least detail of a slide does not outweigh all else."""
+SCANNED, SCAN_STDS = 2, (3.0, 10.0, 30.0)
+"""The fit looks along so many of the least known directions, so many standard deviations to both
+sides, for a better valley, and for how wide the one at hand is."""
+CLOSE = 0.1
+"""Part of their standard deviations by which values may still move when the fit is done."""
+ROUNDS, ITERATIONS = 4, 12
+"""Most estimates of the noise, and most steps of Gauss and Newton with each."""
+FAILED = 1e6
+"""Residual, in standard deviations, of values with which there is no run."""
+
+Source = Log | str | os.PathLike[str]
+ScenarioLike = Scenario | str | os.PathLike[str]
+
+
+def calibrate(
+    logs: Sequence[Source],
+    scenario: ScenarioLike | Sequence[ScenarioLike] | None = None,
+    fit: Fit = (),
+    *,
+    threads: int = 0,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fit numbers of a scenario and its robot to logs of runs.
+
+    The scenario is simulated with its controller, motors and sensors, and what of it was measured
+    is compared. Parameters are moved by Gauss-Newton steps until the sum of squares of the
+    residuals, each over its noise, is least. The noise of each column is estimated from its
+    residuals, with their correlation in time, so that a systematic misfit widens the doubt.
+
+    Args:
+        logs: of the runs: files that ``load_log`` reads, or logs.
+        scenario: of all runs, or a list with one for each log; None: the log's own.
+        fit: dotted paths of numbers, as in ``override``; or a mapping to their ranges, (low, high)
+            or None. Without a range a value stays within what its key allows, and within a tenth
+            and ten times its start.
+        threads: native threads for the physics; 0 uses all cores. The result does not depend on it.
+        progress: see ``Progress``.
+
+    Raises:
+        InputError: lists every fault of logs, scenarios and paths.
+
+    Example:
+        >>> fit = ot.calibrate(  # doctest: +SKIP
+        ...     ["slide.csv", "climb.csv"], "vertical_climb", fit=["world.friction"]
+        ... )
+        >>> fit.save("mine.toml")  # doctest: +SKIP
+    """
+    read = as_logs(logs)
+    scenarios = _scenarios_of(read, scenario)
+    parameters = parameters_of(fit, scenarios)
+    runs = _Runs(parameters, read, scenarios, threads)
+    return _Fit(runs, progress).result()
+
+
+def _scenarios_of(
+    logs: Sequence[Log], given: ScenarioLike | Sequence[ScenarioLike] | None
+) -> list[Scenario]:
+    """Return the scenario of each log, which ends with it.
+
+    Raises:
+        InputError: a log has none, or there is not one for each.
+    """
+    if isinstance(given, Sequence) and not isinstance(given, str):
+        sources: list[Any] = [*given]
+        if len(sources) != len(logs):
+            problem = f"are {len(sources)}, for {len(logs)} logs; give one, or one for each"
+            raise InputError(Fault("scenarios", problem))
+    else:
+        sources = [given] * len(logs)
+    faults: list[Fault] = []
+    scenarios: list[Scenario] = []
+    for log, source in zip(logs, sources, strict=True):
+        try:
+            scenarios.append(_scenario_of(log, source))
+        except InputError as error:
+            faults += [fault.at(f"{log.name}: {fault.where}") for fault in error.faults]
+    if faults:
+        raise InputError(list(dict.fromkeys(faults)))
+    return scenarios
+
+
+def _scenario_of(log: Log, source: ScenarioLike | None) -> Scenario:
+    """Return the scenario of a log, with the log's changes and its length of time."""
+    own = log.scenario if log.scenario is not None else source
+    if own is None:
+        raise InputError(Fault("scenario", "is missing: name one for all logs, or in its table"))
+    scenario = override(as_scenario(own), log.changes)
+    end = float(log.time[-1])
+    if end <= 0:
+        raise InputError(Fault("time", f"ends at {end:.6g} s; the simulated run begins at 0"))
+    return override(scenario, {"run.time_limit": end + scenario.record.period})
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """What was simulated with one set of values.
+
+    Attributes:
+        simulated: values (m,) of each target; None where the values allow no run.
+        ends: time, s, and outcome of each log's run.
+    """
+
+    simulated: list[Array] | None
+    ends: list[tuple[float, Outcome]]
+
+
+class _Runs:
+    """Runs of the logs' scenarios with sets of values, each set simulated once.
+
+    Attributes:
+        targets: columns of the logs that are compared.
+        notes: what of the logs is left out.
+    """
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        logs: Sequence[Log],
+        scenarios: Sequence[Scenario],
+        threads: int,
+    ) -> None:
+        self.parameters, self.logs, self.scenarios = parameters, logs, scenarios
+        self._threads = threads
+        self._paths = [
+            [one.path for one in parameters if places_in(scenario, one.path)]
+            for scenario in scenarios
+        ]
+        self._known: dict[bytes, Point] = {}
+        self.notes: list[str] = []
+        self.targets = self._targets()
+
+    def _targets(self) -> list[Target]:
+        """Return what is compared; the runs with the start values tell which columns there are."""
+        results = run_batch(self.scenarios, threads=self._threads, no_load=False)
+        targets: list[Target] = []
+        faults: list[Fault] = []
+        for i, (log, result) in enumerate(zip(self.logs, results, strict=True)):
+            channels = [*result.trajectory.schema.values()]
+            try:
+                own, unknown = targets_of(i, log, channels, result.scenario.record.period)
+            except InputError as error:
+                faults += error.faults
+                continue
+            targets += own
+            if unknown:
+                names = ", ".join(unknown)
+                self.notes.append(f"{log.name}: not compared, for the run has no such: {names}")
+        if faults:
+            raise InputError(faults)
+        return targets
+
+    def points(self, sets: Array) -> list[Point]:
+        """Return what comes of sets of values (k, p)."""
+        new = {own.tobytes(): own for own in sets if own.tobytes() not in self._known}
+        if new:
+            self._known |= dict(zip(new, self._simulate([*new.values()]), strict=True))
+        return [self._known[own.tobytes()] for own in sets]
+
+    def _simulate(self, sets: Sequence[Array]) -> list[Point]:
+        """Run all logs with each of several sets of values, those that share a model in a batch."""
+        valid: list[tuple[int, int, Scenario]] = []
+        failed: set[int] = set()
+        for k, values in enumerate(sets):
+            changes = dict(zip([one.path for one in self.parameters], values.tolist(), strict=True))
+            for i, scenario in enumerate(self.scenarios):
+                own = {path: changes[path] for path in self._paths[i]}
+                try:
+                    valid.append((k, i, override(scenario, own)))
+                except ScenarioError:
+                    failed.add(k)
+        runs = [(k, i, one) for k, i, one in valid if k not in failed]
+        results = self._results([one for _, _, one in runs])
+        of = {(k, i): result for (k, i, _), result in zip(runs, results, strict=True)}
+        return [
+            Point(None, []) if k in failed else self._point([of[k, i] for i in self._indices])
+            for k in range(len(sets))
+        ]
+
+    @property
+    def _indices(self) -> range:
+        return range(len(self.logs))
+
+    def _results(self, scenarios: Sequence[Scenario]) -> list[Any]:
+        return run_batch(scenarios, threads=self._threads, no_load=False)
+
+    def _point(self, results: Sequence[Any]) -> Point:
+        columns = [
+            {name: values for name, _, values in result.trajectory.columns()} for result in results
+        ]
+        simulated = [
+            target.simulated(results[target.log].trajectory, columns[target.log])
+            for target in self.targets
+        ]
+        if not all(np.isfinite(values).all() for values in simulated):
+            return Point(None, [])
+        return Point(simulated, [(result.duration_s, result.outcome) for result in results])
+
+
+class _Fit:
+    """Steps of a fit, and what comes of them.
+
+    Args:
+        runs: of the logs.
+        progress: told how far the fit is.
+    """
+
+    def __init__(self, runs: _Runs, progress: Progress | None) -> None:
+        self._runs, self._progress = runs, progress
+        self._parameters = runs.parameters
+        self._low, self._high = bounds_of(self._parameters)
+        self._start = np.array([one.start for one in self._parameters])
+        self._scale = np.array([one.scale for one in self._parameters])
+        # Positive values are fitted by their logarithms: what a guess is wrong by is a factor.
+        self._by_ratio = self._low > 0
+        self._prior = np.array([one.prior for one in self._parameters]) / self._scale
+        self._weights = np.ones(len(runs.targets))
+        self._sizes = np.ones(len(runs.targets))
+        self.independent: list[float] = []
+
+    def result(self) -> Calibration:
+        """Fit the parameters, and return them with their doubt."""
+        starts, number = self._search(), 0
+        while True:
+            number += 1
+            self._tell(number / (ROUNDS + 1), f"round {number} of up to {ROUNDS}")
+            before = starts[0]
+            ends = np.array([self._descend(start) for start in starts])
+            values = ends[np.argmin(self._costs(ends))]
+            self._weigh(values)
+            slopes = self._slopes(values)
+            covariance = self._covariance(values, slopes)
+            moved = np.abs(values - before) / np.sqrt(np.diag(covariance))
+            starts = values[None]
+            if (number > 1 and (moved < CLOSE).all()) or number == ROUNDS:
+                better, covariance = self._scan(values, covariance)
+                if better is None or number == ROUNDS:
+                    return self._calibration(values, slopes, covariance)
+                starts = better[None]
+
+    def _scan(self, values: Array, covariance: Array) -> tuple[Array | None, Array]:
+        """Look along the least known directions, farther than where the derivatives hold.
+
+        Returns:
+            values that meet the logs better, or None; and the covariance, wider where the sum of
+            squares grows less than by its curvature.
+        """
+        sizes = self._prior * np.where(self._by_ratio, values, self._scale)
+        # In parts of what was known before, so that directions do not depend on units.
+        variances, directions = np.linalg.eigh(covariance / np.outer(sizes, sizes))
+        chosen = np.arange(len(values))[::-1][:SCANNED]
+        (base,) = self._costs(values[None])
+        stds = np.sqrt(np.maximum(variances, 1e-16))
+        for k in chosen:
+            steps = np.array([sign * many for many in SCAN_STDS for sign in (1, -1)])
+            coordinates = self._coordinates(values) + np.outer(
+                steps * stds[k], directions[:, k] * self._prior
+            )
+            sets = self._values(coordinates)
+            gains = self._costs(sets) - base
+            if gains.min() < -1:
+                return sets[np.argmin(gains)], covariance
+            # A parabola through the point instead of the curvature at the least sum.
+            ways = np.abs(steps) * stds[k]
+            near = ways < 1  # farther, what was known before holds by itself
+            wider = ways[near] / np.sqrt(np.maximum(gains[near], 1e-2))
+            stds[k] = min(max(stds[k], *wider), 1.0) if near.any() else stds[k]
+        widened = (directions * stds**2) @ directions.T
+        return None, widened * np.outer(sizes, sizes)
+
+    def _tell(self, part: float, text: str) -> None:
+        if self._progress is not None:
+            self._progress(part, text)
+
+    def _search(self) -> Array:
+        """Return the best sets of values (k, p) around the start, and weigh columns by size."""
+        self._tell(0.0, f"{SEARCHED + 1} sets of values around the start")
+        count, p = SEARCHED, len(self._parameters)
+        rng = np.random.default_rng(0)
+        # A Latin hypercube: each parameter takes evenly spread values, in an order of its own.
+        places = np.stack([(rng.permutation(count) + 0.5) / count for _ in range(p)], axis=1)
+        sets = np.vstack([self._start, [self._between(place) for place in places]])
+        points = self._runs.points(sets)
+        known = [point.simulated for point in points if point.simulated is not None]
+        if not known:
+            raise InputError(Fault("fit", "no values in the ranges allow a run of all logs"))
+        for t, target in enumerate(self._runs.targets):
+            own = np.array([simulated[t] for simulated in known])
+            size = max(target.spread, float(np.sqrt(own.var(axis=0).mean())), 1e-12)
+            self._sizes[t] = size
+            self._weights[t] = 1 / np.hypot(target.noise, TOLERANCE * size)
+        return sets[np.argsort(self._costs(sets), kind="stable")[:STARTS]]
+
+    def _costs(self, sets: Array) -> Array:
+        """Return the sum of squares (k,) of sets of values (k, p)."""
+        return np.sum(self._residuals(sets) ** 2, axis=0)
+
+    def _coordinates(self, values: Array) -> Array:
+        """Return values (..., p) as the steps see them: of about the size of 1 each."""
+        safe = np.where(self._by_ratio, values, 1.0)
+        return np.where(self._by_ratio, np.log(safe / self._scale), values / self._scale)
+
+    def _values(self, coordinates: Array) -> Array:
+        """Return the values of coordinates (..., p), within their ranges."""
+        ratios = np.exp(np.where(self._by_ratio, coordinates, 0.0))
+        own = self._scale * np.where(self._by_ratio, ratios, coordinates)
+        return np.clip(own, self._low, self._high)
+
+    def _between(self, place: Array) -> Array:
+        """Return values at a place (p,) of the unit cube around the start."""
+        values = []
+        for one, share in zip(self._parameters, place, strict=True):
+            if one.start:
+                ends = sorted((one.start / SEARCH_TIMES, one.start * SEARCH_TIMES))
+                low, high = max(one.low, ends[0]), min(one.high, ends[1])
+            else:
+                low, high = one.low, one.high
+            # By ratios, as factors are what a guess is wrong by.
+            ratio = low * (high / low) ** share if low * high > 0 else low + (high - low) * share
+            values.append(ratio)
+        return np.array(values)
+
+    def _residuals(self, sets: Array) -> Array:
+        """Return weighted residuals (r, k) of sets of values (k, p), those of the priors last."""
+        columns = []
+        for values, point in zip(sets, self._runs.points(sets), strict=True):
+            parts = self._parts(point)
+            columns.append(np.concatenate([*parts, self._surprise(values)]))
+        return np.stack(columns, axis=1)
+
+    def _surprise(self, values: Array) -> Array:
+        """Return how far values (p,) are from what was known before, in standard deviations."""
+        return (self._coordinates(values) - self._coordinates(self._start)) / self._prior
+
+    def _parts(self, point: Point) -> list[Array]:
+        """Return the weighted residuals of each target."""
+        targets = self._runs.targets
+        if point.simulated is None:
+            return [np.full(len(target.time), FAILED) for target in targets]
+        of = zip(self._weights, targets, point.simulated, strict=True)
+        return [weight * target.residual(simulated) for weight, target, simulated in of]
+
+    def _descend(self, values: Array) -> Array:
+        """Return the values of the least sum of squares near ``values``."""
+        from mujoco import minimize
+
+        def residual(coordinates: Array) -> Array:
+            return self._residuals(self._values(coordinates.T))
+
+        found, _ = minimize.least_squares(
+            self._coordinates(values),
+            residual,
+            bounds=[self._coordinates(end) for end in (self._low, self._high)],
+            # Differences to both sides: along a valley the two sides of it must balance.
+            jacobian=lambda coordinates, _: self._jacobian(coordinates.ravel()),
+            x_scale="jac",
+            mu_min=1e-2,
+            mu_max=1e2,
+            mu_factor=10.0,
+            # With these scales a gradient is a distance from the least sum in standard deviations.
+            gtol=CLOSE,
+            max_iter=ITERATIONS,
+            verbose=minimize.Verbosity.SILENT,
+        )
+        return self._values(found.ravel())
+
+    def _weigh(self, values: Array) -> None:
+        """Weigh columns by the noise and the independent samples of their residuals."""
+        (point,) = self._runs.points(values[None])
+        assert point.simulated is not None
+        self.independent = []
+        for t, (target, simulated) in enumerate(
+            zip(self._runs.targets, point.simulated, strict=True)
+        ):
+            residual = target.residual(simulated)
+            noise = np.hypot(np.sqrt(np.mean(residual**2)), TOLERANCE * self._sizes[t])
+            independent = independent_count(residual)
+            self.independent.append(independent)
+            self._weights[t] = np.sqrt(independent / len(residual)) / noise
+
+    def _jacobian(self, coordinates: Array) -> Array:
+        """Return the derivatives (r, p) of the weighted residuals, by differences to both sides."""
+        low, high = (self._coordinates(end) for end in (self._low, self._high))
+        steps = STEP * np.eye(len(coordinates))
+        ahead, behind = np.minimum(coordinates + steps, high), np.maximum(coordinates - steps, low)
+        residuals = self._residuals(self._values(np.vstack([ahead, behind])))
+        own, other = np.split(residuals, 2, axis=1)
+        return (own - other) / (np.diag(ahead) - np.diag(behind))
+
+    def _slopes(self, values: Array) -> Array:
+        """Return the derivatives (r, p) of the weighted residuals of the logs by the values."""
+        p = len(values)
+        sizes = np.where(self._by_ratio, values, self._scale)
+        return self._jacobian(self._coordinates(values))[:-p] / sizes
+
+    def _covariance(self, values: Array, jacobian: Array) -> Array:
+        """Return the covariance (p, p) of logs and what was known before together."""
+        # In parts of what was known before, so that the inverse does not depend on units.
+        spread = self._prior * np.where(self._by_ratio, values, self._scale)
+        scaled = jacobian * spread
+        inverse = np.linalg.inv(scaled.T @ scaled + np.eye(len(spread)))
+        return inverse * np.outer(spread, spread)
+
+    def _wanted(self, values: Array, jacobian: Array) -> list[tuple[Array, Array]]:
+        """Return what each log alone would ask for of each parameter, and its doubt."""
+        residuals = self._residuals(values[None])[:, 0]
+        lengths = [len(target.time) for target in self._runs.targets]
+        of = np.repeat([target.log for target in self._runs.targets], lengths)
+        wanted = []
+        for i in range(len(self._runs.logs)):
+            own, rest = jacobian[of == i], residuals[: len(of)][of == i]
+            strength = np.sum(own**2, axis=0)
+            told = strength > 0
+            safe = np.where(told, strength, 1.0)
+            alone = values - np.where(told, own.T @ rest / safe, 0.0)
+            wanted.append((alone, np.where(told, 1 / np.sqrt(safe), np.inf)))
+        return wanted
+
+    def _calibration(self, values: Array, jacobian: Array, covariance: Array) -> Calibration:
+        """Return the values with all that the residuals say."""
+        runs = self._runs
+        (point,) = runs.points(values[None])
+        assert point.simulated is not None
+        columns = [
+            FittedColumn(
+                runs.logs[target.log].name,
+                target.name,
+                target.channel.unit,
+                target.time,
+                target.values,
+                target.values - target.residual(simulated),
+                independent,
+                target.noise,
+            )
+            for target, simulated, independent in zip(
+                runs.targets, point.simulated, self.independent, strict=True
+            )
+        ]
+        paths = [one.path for one in self._parameters]
+        sizes = np.where(values != 0, np.abs(values), self._scale)
+        return Calibration(
+            self._parameters,
+            values,
+            covariance,
+            indistinct_of(paths, sizes, jacobian.T @ jacobian),
+            contradictions_of(
+                columns,
+                runs.logs,
+                point.ends,
+                self._parameters,
+                values,
+                self._wanted(values, jacobian),
+            ),
+            runs.notes,
+            columns,
+            [log.name for log in runs.logs],
+        )

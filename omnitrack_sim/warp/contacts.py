@@ -1,0 +1,189 @@
+"""Contacts with exact walls as a native function of Warp, made of what the collider is made of."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Collection
+from functools import cache
+from typing import Any
+
+from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.native import (
+    ROW,
+    SCRATCH,
+    at,
+    call_clear,
+    call_span,
+    call_surface,
+    row,
+    scratch,
+)
+from omnitrack_sim.robots.omnitrack.track import collide_line
+from omnitrack_sim.walls import bodies, collider, rims
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_OF_PAIR
+from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, kind_number
+from omnitrack_sim.warp.planes import with_plane
+from omnitrack_sim.warp.translation import INT, INTS, REAL, REALS, Code, Translation, _Body
+
+SINGLE = {
+    "ACCURACY": 2e-6,
+    "AS_FAR": 1e-7,
+    "AT_RIM": 1e-6,
+    "BEYOND_END": 8e-7,
+    "ELLIPSE_ACCURACY": 1e-6,
+    "FLAT": 1e-6,
+    "POSITION": 5e-7,
+    "ROUNDING": 1e-6,
+    "SAME_PLACE": 3e-7,
+    "SETTLED": 1e-6,
+    "_CLOSE": 1e-4,
+    "_SAME_DIRECTION": 1e-7,
+}
+"""Accuracies of searches in single precision, by the names that those of double precision have."""
+MODEL = "Model"
+FIELDS: dict[str, str] = {
+    "SIZE": REALS,
+    "USER": REALS,
+    "TYPE": INTS,
+    "BOUND": REALS,
+    "DATA_ID": INTS,
+    "VERTICES_AT": INTS,
+    "VERTEX_COUNT": INTS,
+    "VERTICES": REALS,
+    "POLYGONS_OF": INTS,
+    "POLYGONS_AT": INTS,
+    "POLYGON_COUNT": INTS,
+    "POLYGON_BEGINS": INTS,
+    "POLYGON_SIZES": INTS,
+    "POLYGON_VERTICES": INTS,
+    "POLYGON_NORMALS": REALS,
+    "PRIORITY": INTS,
+    "SOLMIX": REALS,
+    "SOLREF": REALS,
+    "POSITIONS": REALS,
+    "MATRICES": REALS,
+}
+"""Fields of MuJoCo's structures by the names of their words in ``walls.collider``."""
+SHAPES = {
+    rims.CAPSULE: bodies.capsule,
+    rims.CYLINDER: bodies.cylinder,
+    rims.ELLIPSOID: bodies.ellipsoid,
+    rims.BOX: bodies.box,
+    rims.MESH: bodies.mesh,
+}
+"""Functions that find the contacts of a type of geom; those of spheres are always there."""
+LINE = -1
+"""Kind of geom that stands for rows of lugs, which are capsules with a record."""
+
+
+def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Translation:
+    """Return what translates the collider for some fittings and types of geoms."""
+    absent = [function for kind, function in SHAPES.items() if kind not in shapes]
+    whole = Translation(intrinsics(), SINGLE, absent, structures=(MODEL,))
+    walls = {kind_number(each.file_kind()): each.wall for each in fittings}
+    surfaces = {number: wall.surface for number, wall in walls.items()}
+    spans = {number: wall.span for number, wall in walls.items()}
+    whole.dispatcher("surface", surfaces, [REALS, REAL, REAL, REAL, REALS])
+    whole.dispatcher("span", spans, [REALS, REALS, *[REAL] * 6, REALS])
+    return whole
+
+
+def structure(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> str:
+    """Return the C++ structure ``Walls``, whose ``contacts`` finds those of one pair of geoms."""
+    whole = translation(fittings, shapes)
+    kinds = [MODEL, MODEL, REALS, INT, INT, REAL]
+    roots = [whole.function(collider.collide, kinds).name]
+    lines = ""
+    if LINE in shapes:
+        roots.append(whole.function(collide_line, kinds).name)
+        lines = f"""
+    if (model.USER[model.USER_SIZE * (geom + 1) - {RECORD_SIZE}] == real({MARK!r}))
+      return {roots[1]}(model, model, con, wall, geom, margin);"""
+    fields = " ".join(f"{kind} {name};" for name, kind in FIELDS.items())
+    return f"""struct Walls {{
+  typedef float real;
+  struct Model {{ int USER_SIZE; {fields} }};
+{whole.members(*roots)}
+  CUDA_CALLABLE static int contacts(
+    const Model& model, real* con, int wall, int geom, real margin
+  ) {{{lines}
+    return {roots[0]}(model, model, con, wall, geom, margin);
+  }}
+}};
+"""
+
+
+def room(shapes: Collection[int]) -> int:
+    """Numbers that the contacts of one pair need room for."""
+    # A mesh keeps distances of its vertices behind its contacts; all others have 24 at most.
+    return CONTACT_SIZE * (MAX_OF_PAIR if rims.MESH in shapes else 25)
+
+
+@cache
+def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
+    """Return how functions are written that numba has as instructions."""
+    return {
+        at: _at,
+        row: lambda body, _: _room(body, ROW),
+        scratch: lambda body, _: _room(body, SCRATCH),
+        call_surface: lambda body, node: _dispatch(body, node, "surface"),
+        call_span: lambda body, node: _dispatch(body, node, "span"),
+        call_clear: lambda body, node: _dispatch(body, node, "clear"),
+        collider.call_collide: _call_collide,
+        collider.functions_of: _functions_of,
+        collider.doubles: lambda body, node: _pointer(body, node, 8),
+        collider.floats: lambda body, node: _pointer(body, node, 4),
+        collider.integers: lambda body, node: _pointer(body, node, 4),
+        MODEL: _word,
+    }
+
+
+def _at(body: _Body, node: ast.Call) -> Code:
+    array, index = map(body.value, node.args)
+    return Code(f"({array.text} + {index.text})", array.kind)
+
+
+def _room(body: _Body, count: int) -> Code:
+    """Room for numbers on the stack of the function."""
+    return body.room(count)
+
+
+def _dispatch(body: _Body, node: ast.Call, name: str) -> Code:
+    arguments = ", ".join(body.value(each).text for each in node.args)
+    body.called.add(name)
+    return Code(f"{name}({arguments})", REAL, writes=True)
+
+
+def _functions_of(body: _Body, node: ast.Call) -> Code:
+    """The number of a fitting stands for the addresses of both of its functions; 0 for none."""
+    number, kind = body.temporary(body.value(node.args[0])).text, (INT, INT)
+    address = f"{number} > real({PLATE}) ? (int)({number}) : 0"
+    return Code(f"{body.whole.type_name(kind)}{{{address}, {address}}}", kind)
+
+
+def _call_collide(body: _Body, node: ast.Call) -> Code:
+    """What was in MuJoCo's table before: for plates that of planes; else it is not reached."""
+    if "PLANE_PREVIOUS" in ast.unparse(node.args[0]):
+        return body.call(with_plane, node.args[1:])
+    return Code("0", INT)
+
+
+def _word(body: _Body, node: ast.Subscript) -> Code:
+    """A field of a structure of MuJoCo's, at ``structure[word(NAME)]``."""
+    assert isinstance(node.slice, ast.Call)
+    name, base = ast.unparse(node.slice.args[0]), body.value(node.value)
+    if name == "USER_SIZE":
+        return Code(f"{base.text}.{name}", INT)
+    return Code(f"{base.text}.{name}", FIELDS[name])
+
+
+def _pointer(body: _Body, node: ast.Call, size: int) -> Code:
+    """A pointer to numbers: at a field, or some octets after it, as numba knows them."""
+    place = node.args[0]
+    if isinstance(place, ast.Constant):
+        kind = INTS if ast.unparse(node.func) == "integers" else REALS
+        return Code(f"({kind})0", kind)
+    if isinstance(place, ast.BinOp):
+        base, octets = body.value(place.left), body.value(place.right)
+        return Code(f"({base.text} + {octets.text} / {size})", base.kind)
+    return body.value(place)
