@@ -60,6 +60,12 @@ FITTINGS = {
     "mitre": ot.Mitre(),
     "flat mitre": ot.Mitre(angle=math.radians(40)),
     "sharp mitre": ot.Mitre(angle=math.radians(135)),
+    "offset": ot.Coupling(offset=0.006, direction=1.0),
+    "step": ot.Coupling(end_diameter=0.15, edge_radius=0.002),
+    "gap": ot.Coupling(gap=0.012, depth=0.015),
+    "old joint": ot.Coupling(
+        0.2, 0.156, 0.004, direction=2.0, angle=math.radians(3), gap=0.012, depth=0.01
+    ),
 }
 SHAPES = {
     **COMMON,

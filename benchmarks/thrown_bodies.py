@@ -37,6 +37,16 @@ FITTINGS = {
     "egg": {"kind": "straight", "length": 0.4, "section": "egg"},
     "mouth": {"kind": "straight", "length": 0.4, "section": "mouth"},
     "arch": {"kind": "straight", "length": 0.4, "section": "arch"},
+    "offset": {"kind": "coupling", "length": 0.4, "offset": 0.008},
+    "step": {"kind": "coupling", "length": 0.4, "end_diameter": 0.144},
+    "old joint": {
+        "kind": "coupling",
+        "length": 0.4,
+        "offset": 0.004,
+        "angle_deg": 3,
+        "gap": 0.02,
+        "depth": 0.015,
+    },
 }
 LIMB = {"kind": "straight", "length": 0.4}
 NETWORKS = {

@@ -23,6 +23,7 @@ from .calibration.logs import load_log as load_log
 from .paper.region import plot_singularity as plot_singularity
 from .pipes.assembly import Assembly as Assembly
 from .pipes.fittings.base import Fitting as Fitting
+from .pipes.fittings.coupling import Coupling as Coupling
 from .pipes.fittings.cross import Cross as Cross
 from .pipes.fittings.elbow import Elbow as Elbow
 from .pipes.fittings.mitre import Mitre as Mitre

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes import Cross, Elbow, Fitting, Mitre, Reducer, Straight, Tee
+from omnitrack_sim.pipes import Coupling, Cross, Elbow, Fitting, Mitre, Reducer, Straight, Tee
 from omnitrack_sim.pipes.fittings.wye import Wye
 
 EQUAL = 1e-9
@@ -34,6 +34,8 @@ def signed_distance(fitting: Fitting, points: Array) -> tuple[Array, Array]:
         return _mitre(fitting, points)
     if isinstance(fitting, Cross):
         return _cross(fitting, points)
+    if isinstance(fitting, Coupling):
+        return _coupling(fitting, points)
     assert isinstance(fitting, Wye)
     sizes = fitting.radius, fitting.branch_radius, fitting.fillet_radius, fitting.angle
     return wye_signed_distance(points, *sizes)
@@ -128,6 +130,34 @@ def _mitre(bend: Mitre, points: Array) -> tuple[Array, Array]:
     on_edge = np.isinf(best)
     gradient = np.where(on_edge[:, None], apart / away[:, None], gradient)
     return np.where(on_edge, away, best) - bend.fillet_radius, gradient
+
+
+def _coupling(joint: Coupling, points: Array) -> tuple[Array, Array]:
+    """The nearest of the places, in each pipe's solid, that a point in the bore is brought to.
+
+    The solids' bores are wider by the edges' radius, which the wall stands out from them.
+    """
+    edge = joint.edge_radius
+    space = joint.gap + 2 * edge if joint.gap else 0.0
+    collar, onward = (joint.length - space) / 2, np.array([0.0, 0.0, 1.0])
+    leaning = np.array([math.sin(joint.angle), 0.0, math.cos(joint.angle)])
+    first, second = np.array([0.0, 0.0, collar]), np.array([joint.offset, 0.0, collar + space])
+    bores, feet = (joint.inner_diameter / 2 + edge, joint.end_diameter / 2 + edge), []
+    for end, axis, bore, side in ((first, onward, bores[0], -1), (second, leaning, bores[1], 1)):
+        along = (points - end) @ axis
+        across = points - end - along[:, None] * axis
+        away = np.linalg.norm(across, axis=1)
+        out = across * (np.maximum(away, bore) / away)[:, None]
+        feet.append(end + out + (side * np.maximum(side * along, 0.0))[:, None] * axis)
+    if joint.gap:
+        wide = max(joint.inner_diameter / 2, joint.offset + joint.end_diameter / 2) + joint.depth
+        away = np.hypot(*points[:, :2].T)
+        out = points * ((wide + edge) / away[:, None]) * [1, 1, 0] + points * [0, 0, 1]
+        feet.append(np.where(((points - second) @ leaning < 0)[:, None], out, np.inf))
+    apart = np.linalg.norm(points - np.array(feet), axis=-1)
+    nearest = np.choose(apart.argmin(axis=0)[:, None], feet)
+    away = apart.min(axis=0)
+    return away - edge, (points - nearest) / away[:, None]
 
 
 def _cross(fitting: Cross, points: Array) -> tuple[Array, Array]:

@@ -6,6 +6,8 @@ import pytest
 import trimesh
 
 import omnitrack_sim as ot
+from omnitrack_sim.pipes import Straight
+from omnitrack_sim.pipes.fittings.straight import Cap
 from omnitrack_sim.walls.export import network_xml
 from omnitrack_sim.walls.meshes import THICKNESS, fitting_mesh, network_mesh
 from omnitrack_sim.walls.rays import RayWalls
@@ -140,3 +142,20 @@ def test_rays_end_at_a_cap():
     place, along = np.array([[0.01, 0.0, 0.1]]), np.array([[0.0, 0.0, 1.0]])
     hit = walls.trace(np.zeros(1, int), place, np.eye(3)[None], along, 2.0)
     assert hit[0, 0, 0] == pytest.approx(0.2, abs=1e-5)
+
+
+@pytest.mark.parametrize("fitting", [Cap(0.4), Straight(0.4), ot.Tee(), ot.Elbow(0.24)], ids=str)
+def test_only_bores_behind_closed_ports_go_on(fitting):
+    """Where a body sinks into an end the wall around it is that of the bore before it."""
+    longer = fitting.extended(0.1)
+    assert (longer == fitting) is not bool(fitting.closed_ports)
+    rng = np.random.default_rng(1)
+    low, high = fitting.bounds
+    points = rng.uniform(low, high, (200, 3))
+    for own, other in zip(
+        fitting.signed_distance(points), longer.signed_distance(points), strict=True
+    ):
+        np.testing.assert_allclose(own, other, atol=1e-12)
+    for name in fitting.closed_ports:
+        moved = longer.ports[name].position - fitting.ports[name].position
+        assert moved == pytest.approx(0.1 * fitting.ports[name].rotation[:, 2])

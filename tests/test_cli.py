@@ -1,5 +1,6 @@
 """The command line: files left behind, exit status, messages."""
 
+import dataclasses
 import json
 import platform
 import subprocess
@@ -10,11 +11,13 @@ from pathlib import Path
 import mujoco
 import pytest
 from commands import omnitrack
+from samples import two_legs_result
 from typer.testing import CliRunner
 
 from omnitrack_sim import load_result, load_scenario
 from omnitrack_sim.cli import app
-from omnitrack_sim.cli.runs import usual_camera
+from omnitrack_sim.cli.common import out
+from omnitrack_sim.cli.runs import print_result, usual_camera
 
 SHORT = ["--set", "run.time_limit=0.3"]
 
@@ -252,3 +255,19 @@ def test_singularity_refuses_bad_input(tmp_path, arguments, message):
     assert done.returncode == 2
     assert message in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_slip_is_printed_where_it_was_measured(measured, monkeypatch, capsys, tmp_path):
+    """A column of the passages and its words below; robots without tracks have neither."""
+    run = two_legs_result()
+    passages = run.timeline()
+    if not measured:
+        passages = [dataclasses.replace(passage, slip_ratio_mean=None) for passage in passages]
+    monkeypatch.setattr(type(run), "timeline", lambda self: passages)
+    monkeypatch.setattr(out, "_width", 200)
+    print_result(run, tmp_path)
+    text = capsys.readouterr().out
+    assert ("slip: mean ratio" in text) is measured
+    (heads,) = [line.split() for line in text.splitlines() if "theta5" in line and "tilt" in line]
+    assert ("slip" in heads) is measured

@@ -47,7 +47,9 @@ from omnitrack_sim.walls.geoms import add_exact_walls
 from omnitrack_sim.walls.record import (
     ENDS,
     KIND,
+    KIND_SIZE,
     RECORD_SIZE,
+    SIZES,
     bounding_box,
     kinds,
 )
@@ -67,7 +69,17 @@ FITTINGS = {
 }
 RADIUS, HALF, PITCH = 0.0266, 0.042, 0.006
 LINE_CONTACTS = CFUNCTYPE(
-    WORD, NUMBERS, WORD, WORD, NUMBERS, WORD, WORD, NUMBERS, NUMBERS, WORD, WORD, *[NUMBER] * 3
+    WORD,
+    NUMBERS,
+    WORD,
+    WORD,
+    *[NUMBERS] * 2,
+    WORD,
+    WORD,
+    *[NUMBERS] * 2,
+    WORD,
+    WORD,
+    *[NUMBER] * 3,
 )
 DEPTH = 0.03
 install_lines()
@@ -80,13 +92,16 @@ def wall_record(fitting, ends):
 
 def line_contacts(records, position, matrix, margin=0.0, half=HALF):
     """Contacts (k, 10) of geom 1, a line, with geom 0; the first two ``records`` are theirs."""
-    con = np.zeros((track.MAX_CONTACTS, track.CONTACT_SIZE))
+    con, sizes = (
+        np.zeros((track.MAX_CONTACTS, track.CONTACT_SIZE)),
+        np.ravel(records)[SIZES:].copy(),
+    )
     kind = int(np.ravel(records)[KIND])
     room, records, *frames = pointers(con, records, position, matrix)
-    (row,) = np.flatnonzero(kinds.table[1::3] == kind)
-    addresses = map(int, kinds.table[3 * row + 2 : 3 * row + 4])
+    (row,) = np.flatnonzero(kinds.table[1::KIND_SIZE] == kind)
+    addresses = map(int, kinds.table[KIND_SIZE * row + 2 : KIND_SIZE * row + 4])
     call = c_function(track.line_contacts, LINE_CONTACTS).ctypes
-    geoms = records, 0, RECORD_SIZE, *frames, 1, 0
+    geoms = *pointers(sizes), records, 0, RECORD_SIZE, *frames, 1, 0
     return con[: call(room, *addresses, *geoms, RADIUS, half, margin)]
 
 

@@ -10,6 +10,7 @@ import typer.main
 from commands import omnitrack
 
 import omnitrack_sim as ot
+from omnitrack_sim.cli import complete
 from omnitrack_sim.show.film.render import CAMERAS
 
 
@@ -53,6 +54,34 @@ def test_words_that_begin_so_are_offered(tmp_path, line, words):
     for name in ("tee_mine.toml", "tee_mine.txt", ".hidden.toml", "mine/a.json"):
         (tmp_path / name).touch()
     assert completed(line, tmp_path) == words
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("scenarios", "sweeps", "studies", "suites", "networks", "policies", "towns", "kinds"),
+        *("reproduced", "robots", "cameras", "settings"),
+    ],
+)
+def test_what_begins_so_is_offered_of_all(name, tmp_path, monkeypatch):
+    """Of everything that is offered for nothing that which begins as what is typed, and no more; a
+    word for itself; shipped names and files of the kind that the command reads."""
+    for file in ("a.toml", "a.json", "a.npz", "a.inp", "a.pcf", "a.md"):
+        (tmp_path / file).touch()
+    monkeypatch.chdir(tmp_path)
+    offered = getattr(complete, name)
+    words = [word for word, _ in offered("")]
+    assert len(set(words)) == len(words) > 1
+    first = words[0].rstrip("=")
+    for begin in ("a", "t", "zz", first, words[-1][:-1]):
+        assert [word for word, _ in offered(begin)] == [w for w in words if w.startswith(begin)]
+    endings = {"policies": {".npz"}, "towns": {".inp", ".pcf"}}.get(name, {".toml", ".json"})
+    reads_files = name not in ("kinds", "reproduced", "cameras", "settings")
+    found = {f".{word.partition('.')[2]}" for word in words if word.startswith("a.")}
+    assert found == (endings if reads_files else set())
+    for word, meaning in offered(first):
+        assert "\n" not in meaning
+        assert len(meaning) <= 76, word
 
 
 def test_every_offered_path_can_be_set():

@@ -167,7 +167,11 @@ def test_examples_of_the_network_page_run(capsys):
     text = page("networks")
     examples = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     found = [validate_network(tomllib.loads(example)).open_ends for example in examples]
-    assert found == [("riser.start", "t1.run_end", "bend.end"), ("main.start", "end.end")]
+    assert found == [
+        ("riser.start", "t1.run_end", "bend.end"),
+        ("main.start", "end.end"),
+        ("before.start", "behind.end"),
+    ]
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
     assert "bridge" not in capsys.readouterr().out

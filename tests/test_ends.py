@@ -147,6 +147,10 @@ def test_results_of_unlike_machines_are_told_apart():
     assert unlike([own, newer]).startswith("numpy: ")
     with pytest.warns(UserWarning, match="trials were made by unlike machines .*a loom"):
         warn_of_unlike([own, other], "trials")
+    escape = own | {"processor": "a loom\x1b[2J"}
+    with pytest.warns(UserWarning, match="a loom") as told:
+        warn_of_unlike([own, escape], "trials")
+    assert str(told[0].message).isprintable(), "a file could move the cursor of a terminal"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_of_unlike([own, own], "trials")

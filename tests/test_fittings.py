@@ -60,6 +60,11 @@ MORE = {
     "egg": ("straight", {"length": 0.3, "section": "egg", "direction_deg": -100.0}),
     "mouth": ("cap", {"length": 0.3, "section": "mouth", "direction_deg": 50.0}),
     "arch": ("straight", {"length": 0.3, "section": "arch"}),
+    "step": ("coupling", {"end_diameter": 0.15}),
+    "old joint": (
+        "coupling",
+        {"offset": 0.004, "angle_deg": 2.5, "gap": 0.012, "depth": 0.01, "direction_deg": 40.0},
+    ),
 }
 """Other sizes of the same kinds."""
 

@@ -80,6 +80,10 @@ def test_a_decision_is_wall_speeds_and_a_roll_rate_for_50_ms():
     rate = np.diff(trajectory["roll_command"][:, 0])[2:] / np.diff(trajectory.time)[2:]
     assert rate == pytest.approx(scenario.robot.roll_rate)
     assert len(controller.seen) == pytest.approx(0.5 / 0.05, abs=1)
+    controller.seen.clear()
+    slower = {"physics.timestep": 0.00125, "physics.control_period": 0.0125, "record.period": 0.025}
+    _run(ot.override(scenario, slower), controller)
+    assert len(controller.seen) == pytest.approx(0.5 / 0.05, abs=1)
 
 
 def test_belts_turn_round_beyond_the_no_motion_line():

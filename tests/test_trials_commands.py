@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from types import SimpleNamespace
 
+import pyarrow as pa
 import pytest
 from sweep_samples import write_sweep
 from typer.testing import CliRunner
@@ -12,7 +14,7 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import out
-from omnitrack_sim.cli.trials import _print_bench
+from omnitrack_sim.cli.trials import _print_bench, _print_study
 from omnitrack_sim.record.statistics import wilson_interval
 
 
@@ -116,3 +118,43 @@ def test_a_bench_prints_a_table_a_course(capsys, tmp_path):
     assert ["feedback", "2 of 2", "34 to 100", "9.32"] in lines
     assert ["equal", "1 of 2", "10 to 90", "-"] in lines
     assert lines[-1][0].startswith("saved in ")
+
+
+def candidate(number: int, energy: float | None, passed: int, **values: float) -> dict:
+    figures = {"energy_j": energy, "passed": passed, "trials": 8}
+    return {"number": number, "search": figures, "check": None, "values": values}
+
+
+@pytest.mark.parametrize(
+    ("front", "told"),
+    [
+        ([3, 5], "candidate 5 of 40; 2 on the front of the search"),
+        ([3], "2 on the front of the search, not this one, which is the best in the check"),
+        ([], "none has a value in every objective, so none is better than the start"),
+    ],
+)
+def test_a_study_prints_its_start_beside_its_best(front, told, capsys, tmp_path):
+    """Figures, shares and values of both, to six digits; "-" for none, and no row for a check that
+    there was not; which candidate it is, and where its values are."""
+    start = candidate(0, None, 2, **{"robot.preload": 25.0})
+    best = candidate(5, 9.3184567, 7, **{"robot.preload": 1e-7})
+    best["check"] = start["check"] = {"energy_j": 10.0, "passed": 1, "trials": 9}
+    summary = {"start": start, "best": best, "on_front": 2, "candidates": 40}
+    result = SimpleNamespace(
+        summary=summary, tables={"front": pa.table({"number": pa.array(front, pa.int64())})}
+    )
+    _print_study(SimpleNamespace(columns=("energy_j",)), result, tmp_path / "study")
+    text = capsys.readouterr().out
+    lines = cells(text)
+    for row in (
+        ["energy_j", "-", "9.31846"],
+        ["energy_j, other trials", "10", "10"],
+        ["passed", "2 of 8", "7 of 8"],
+        ["passed, other trials", "1 of 9", "1 of 9"],
+        ["robot.preload", "25", "1e-07"],
+    ):
+        assert row in lines
+    assert told in " ".join(text.split())
+    start["check"] = best["check"] = None
+    _print_study(SimpleNamespace(columns=("energy_j",)), result, tmp_path / "study")
+    assert "other trials" not in capsys.readouterr().out

@@ -158,6 +158,19 @@ def test_a_screen_is_required(monkeypatch):
         window.require_screen()
 
 
+@pytest.mark.parametrize("name", ["DISPLAY", "WAYLAND_DISPLAY"])
+def test_a_screen_of_either_kind_will_do(name, monkeypatch):
+    """On it a window has to open; if none does, the message names the screen."""
+    for each in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(each, raising=False)
+    monkeypatch.setenv(name, "screen-7")
+    monkeypatch.setattr(window, "_opens_window", lambda glfw: True)
+    window.require_screen()
+    monkeypatch.setattr(window, "_opens_window", lambda glfw: False)
+    with pytest.raises(RenderError, match=r"opens on the screen 'screen-7' \(no reason"):
+        window.require_screen()
+
+
 class Played:
     """A player that only notes what it was made of."""
 

@@ -37,6 +37,7 @@ from omnitrack_sim.pipes.fittings.base import Z as Z
 from omnitrack_sim.pipes.fittings.base import check as check
 from omnitrack_sim.pipes.fittings.base import port_pose as port_pose
 from omnitrack_sim.pipes.fittings.base import positive as positive
+from omnitrack_sim.pipes.fittings.coupling import Coupling as Coupling
 from omnitrack_sim.pipes.fittings.cross import Cross as Cross
 from omnitrack_sim.pipes.fittings.elbow import Elbow as Elbow
 from omnitrack_sim.pipes.fittings.mitre import Mitre as Mitre

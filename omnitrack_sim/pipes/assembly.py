@@ -168,7 +168,7 @@ class Part:
 
         A straight one by its ends, an arc by points at most ``DRAWN_TURN`` apart.
         """
-        turns = [sum(s * k for s, k in axis.curve.segments) for axis in self.fitting.axes]
+        turns = [sum(s * abs(k) for s, k in axis.curve.segments) for axis in self.fitting.axes]
         return [
             line.at(np.linspace(0, line.length, 2 + int(turn / DRAWN_TURN)))[0]
             for (line, _, _), turn in zip(self.axes, turns, strict=True)
@@ -184,7 +184,7 @@ class Part:
         point, t, n = self.pose.apply(curve.point), turn @ curve.tangent, turn @ curve.normal
         segments = []
         for s, k in curve.segments:
-            segments.append(Segment(s, k, point, t, n))
+            segments.append(Segment(s, abs(k), point, t, -n if k < 0 else n))
             if k == 0:
                 point = point + s * t
             else:
@@ -393,7 +393,7 @@ class Assembly:
                 problem = (
                     f"joins {a.name!r} ({port_i}) of {bore_a:.6g} m to {b.name!r} ({port_j}) of "
                     f"{bore_b:.6g} m; "
-                    "a reducer joins bores of two sizes"
+                    "a reducer joins bores of two sizes, a coupling as a step"
                 )
                 faults.append(Fault(f"pipes.{j}.{b.fitting.bore_key(port_j)}", problem))
         return faults

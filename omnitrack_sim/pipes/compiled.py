@@ -25,6 +25,9 @@ from omnitrack_sim.pipes.native import (
     pointers,
 )
 
+SOLID = 9
+"""Index in the sizes of a wall of several solids of the one that is asked for, from 1 on; 0 for all
+together. Each touches bodies by itself: a ball in the corner between two has two contacts."""
 FACE, EDGE = 0.0, 1.0
 """Nearest part of a wall: a face such as a cylinder, cone or torus; or a rounded rim, the edge of a
 cone."""
@@ -56,11 +59,13 @@ class Wall:
             unit vector a, leads through the bore for certain, up to the wall at most; port planes
             do not count. 0.0 where p is not in the bore or it is not known. Only rays ask for it,
             which are followed the faster the farther it leads.
+        solids: number of solids that it is made of, which ``surface`` knows by ``SOLID``.
     """
 
     surface: Callable[..., float]
     span: Callable[..., float]
     clear: Callable[..., float] = unknown
+    solids: int = 1
 
 
 @compiled

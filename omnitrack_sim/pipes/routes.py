@@ -125,7 +125,7 @@ class Passage:
     @cached_property
     def _arcs(self) -> list[int]:
         """Numbers of the segments that bend."""
-        return [i for i, (_, curvature) in enumerate(self.curve.segments) if curvature > 0]
+        return [i for i, (_, curvature) in enumerate(self.curve.segments) if curvature != 0]
 
     @property
     def s_bend_start(self) -> float:
@@ -141,7 +141,7 @@ class Passage:
     def bend_radius(self) -> float:
         """Least radius of the arcs, m; nan where the route does not bend."""
         # The least radius is where the curvature is largest; nan stays nan.
-        return 1 / max((self.curve.segments[i][1] for i in self._arcs), default=nan)
+        return 1 / max((abs(self.curve.segments[i][1]) for i in self._arcs), default=nan)
 
     @property
     def opening(self) -> tuple[float, float]:

@@ -19,11 +19,13 @@ from omnitrack_sim.base.rotations import Array, Pose, frame_of, unit
 
 
 class Solid(Protocol):
-    """A closed body: ``a + b`` unites, ``a - b`` cuts away."""
+    """A closed body: ``a + b`` unites, ``a - b`` cuts away, ``a ^ b`` keeps what both hold."""
 
     def __add__(self, other: Self, /) -> Self: ...
 
     def __sub__(self, other: Self, /) -> Self: ...
+
+    def __xor__(self, other: Self, /) -> Self: ...
 
 
 class Kit(Protocol):

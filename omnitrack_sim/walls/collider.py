@@ -18,7 +18,8 @@ from typing import Any
 import mujoco
 from llvmlite import binding, ir
 
-from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.compiled import SOLID, compiled
+from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import (
     FLOAT,
     INTEGER,
@@ -31,6 +32,7 @@ from omnitrack_sim.pipes.native import (
     calling,
     intrinsic,
     row,
+    scratch,
 )
 from omnitrack_sim.walls.bodies import (
     box,
@@ -43,13 +45,14 @@ from omnitrack_sim.walls.bodies import (
     sphere,
     wall_of,
 )
-from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, in_world
+from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_KEPT, add_apart, in_world
 from omnitrack_sim.walls.curves import holds
 from omnitrack_sim.walls.layout import library, words_of
 from omnitrack_sim.walls.record import (
     DEPTH,
     DEPTH_IN_BORE,
     KIND,
+    KIND_SIZE,
     MARK,
     ORDER,
     PARTS,
@@ -178,12 +181,16 @@ def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _ma
 
 @compiled
 def functions_of(number):
-    """Addresses of ``surface`` and ``span`` of the kind of a number; 0 where it is not known."""
+    """Addresses of ``surface`` and ``span`` of the kind of a number, and its number of solids.
+
+    They are 0 where it is not known.
+    """
     table = words(word(KINDS))
     for i in range(table[0]):
-        if table[1 + 3 * i] == number:
-            return table[2 + 3 * i], table[3 + 3 * i]
-    return 0, 0
+        k = 1 + KIND_SIZE * i
+        if table[k] == number:
+            return table[k + 1], table[k + 2], table[k + 3]
+    return 0, 0, 0
 
 
 @compiled
@@ -235,6 +242,23 @@ def _contacts(model, con, wall, frame, geom, kind, out):
     if kind == ELLIPSOID:
         return ellipsoid(con, 0, wall, frame, a, b, c, out)
     return mesh(con, 0, wall, frame, hull_of(model, geom)[0], out)
+
+
+@compiled
+def _contacts_of_each(model, con, wall, solids, frame, geom, kind, out):
+    """Find the contacts of a geom with each of the solids of a wall; returns their number."""
+    surface, span, whole, ends, depth, margin, same, spacing, size = wall
+    sizes, kept, total = row(), scratch(), 0
+    for i in range(MAX_SIZES):
+        sizes[i] = whole[i]
+    for k in range(solids):
+        sizes[SOLID] = k + 1.0
+        one = surface, span, sizes, ends, depth, margin, same, spacing, size
+        n = _contacts(model, con, one, frame, geom, kind, out)
+        total = add_apart(kept, total, con, n, same)
+    for i in range(total * CONTACT_SIZE):
+        con[i] = kept[i]
+    return total
 
 
 @compiled
@@ -309,7 +333,7 @@ def _from_others(model, data, wall, x, y, z, enough, out):
         if other != wall:
             w = length * (other + 1) - RECORD_SIZE
             px, py, pz = point_in(records, w, position, matrix, x, y, z, other)
-            surface, span = functions_of(records[w + KIND])
+            surface, span, _ = functions_of(records[w + KIND])
             walls = wall_of(surface, span, records, w, 0.0, 0.0, 0.0)
             if holds(walls, px, py, pz, out):
                 farthest = max(farthest, call_surface(surface, walls[2], px, py, pz, out))
@@ -349,7 +373,7 @@ def collide(model, data, contacts, wall, geom, margin):
     if records[w + KIND] == RIM:
         n = _touch_rim(model, contacts, records, w, frame, geom, kind, margin, row())
     else:
-        surface, span = functions_of(records[w + KIND])
+        surface, span, solids = functions_of(records[w + KIND])
         reach = doubles(model[word(BOUND)])[geom]
         out = row()
         depth = records[w + DEPTH]
@@ -365,7 +389,10 @@ def collide(model, data, contacts, wall, geom, margin):
             if d <= -depth and _from_others(model, data, wall, x, y, z, d, out) > d:
                 return 0
             walls = wall_of(surface, span, records, w, whole, margin, reach)
-        n = _contacts(model, contacts, walls, frame, geom, kind, out)
+        if solids > 1:
+            n = _contacts_of_each(model, contacts, walls, solids, frame, geom, kind, out)
+        else:
+            n = _contacts(model, contacts, walls, frame, geom, kind, out)
     for i in range(n):
         in_world(contacts, i * CONTACT_SIZE, records, w, position, matrix, wall)
     size, thin = records[w + SIZE_OF_BORE], records[w + DEPTH]

@@ -104,6 +104,28 @@ def keep(con, n, wall, d, reach, x, y, z, out):
 
 
 @compiled
+def add_apart(kept, count, con, n, same):
+    """Add n contacts to others of the same geom, and return how many there are then.
+
+    Of two less than ``same`` m apart the deeper one stays, as in ``keep``.
+    """
+    before = count
+    for i in range(n):
+        k, place = i * CONTACT_SIZE, count
+        for j in range(before):
+            o, square = j * CONTACT_SIZE, 0.0
+            for axis in range(1, 4):
+                square += (con[k + axis] - kept[o + axis]) ** 2
+            if square < same * same:
+                place = j
+        if place == count or con[k] < kept[place * CONTACT_SIZE]:
+            for axis in range(CONTACT_SIZE):
+                kept[place * CONTACT_SIZE + axis] = con[k + axis]
+            count += 1 * (place == count)
+    return count
+
+
+@compiled
 def touch(con, n, wall, x, y, z, reach, out):
     """Add the contact of a ball at a point, see ``keep``."""
     d = call_surface(wall[0], wall[2], x, y, z, out)

@@ -37,18 +37,22 @@ def kind_number(kind: str) -> int:
     return 100_000 + zlib.crc32(kind.encode()) % 900_000
 
 
+KIND_SIZE = 4
+"""Words of a kind."""
+
+
 class Kinds:
     """Compiled functions of the kinds of fittings that this process knows, for compiled code.
 
     Attributes:
-        table: (1 + 3 MAX_KINDS,) words: how many there are, then number, address of ``surface``,
-            address of ``span`` of each.
+        table: (1 + KIND_SIZE MAX_KINDS,) words: how many there are, then number, addresses of
+            ``surface`` and ``span``, and number of solids of each.
     """
 
     MAX_KINDS = 100
 
     def __init__(self) -> None:
-        self.table = np.zeros(1 + 3 * self.MAX_KINDS, np.int64)
+        self.table = np.zeros(1 + KIND_SIZE * self.MAX_KINDS, np.int64)
         self.names: dict[int, str] = {}
 
     def add(self, kind: type[Fitting]) -> int:
@@ -63,9 +67,9 @@ class Kinds:
             raise GeometryError(Fault(name, problem))
         if len(self.names) > self.MAX_KINDS:
             raise GeometryError(Fault(name, f"is one kind more than {self.MAX_KINDS}"))
-        row = 1 + 3 * list(self.names).index(number)
+        row = 1 + KIND_SIZE * list(self.names).index(number)
         addresses = kind.wall_address("surface"), kind.wall_address("span")
-        self.table[row : row + 3] = number, *addresses
+        self.table[row : row + KIND_SIZE] = number, *addresses, kind.wall.solids
         # Last, since another thread may be stepping a model.
         self.table[0] = len(self.names)
         return number

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Collection
-from functools import cache
+from collections.abc import Callable, Collection, Mapping
+from functools import cache, partial
 from typing import Any
 
 from omnitrack_sim.pipes import Fitting
@@ -79,8 +79,10 @@ LINE = -1
 def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Translation:
     """Return what translates the collider for some fittings and types of geoms."""
     absent = [function for kind, function in SHAPES.items() if kind not in shapes]
-    whole = Translation(intrinsics(), SINGLE, absent, structures=(MODEL,))
     walls = {kind_number(each.file_kind()): each.wall for each in fittings}
+    solids = {number: wall.solids for number, wall in walls.items() if wall.solids > 1}
+    known = intrinsics() | {collider.functions_of: partial(_functions_of, solids)}
+    whole = Translation(known, SINGLE, absent, structures=(MODEL,))
     surfaces = {number: wall.surface for number, wall in walls.items()}
     spans = {number: wall.span for number, wall in walls.items()}
     whole.dispatcher("surface", surfaces, [REALS, REAL, REAL, REAL, REALS])
@@ -113,10 +115,12 @@ def structure(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> s
 """
 
 
-def room(shapes: Collection[int]) -> int:
+def room(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> int:
     """Numbers that the contacts of one pair need room for."""
-    # A mesh keeps distances of its vertices behind its contacts; all others have 24 at most.
-    return CONTACT_SIZE * (MAX_OF_PAIR if rims.MESH in shapes else 25)
+    # A mesh keeps distances of its vertices behind its contacts, and each solid of a wall has its
+    # own; all others have 24 at most.
+    many = rims.MESH in shapes or any(each.wall.solids > 1 for each in fittings)
+    return CONTACT_SIZE * (MAX_OF_PAIR if many else 25)
 
 
 @cache
@@ -130,7 +134,6 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
         call_span: lambda body, node: _dispatch(body, node, "span"),
         call_clear: lambda body, node: _dispatch(body, node, "clear"),
         collider.call_collide: _call_collide,
-        collider.functions_of: _functions_of,
         collider.doubles: lambda body, node: _pointer(body, node, 8),
         collider.floats: lambda body, node: _pointer(body, node, 4),
         collider.integers: lambda body, node: _pointer(body, node, 4),
@@ -154,11 +157,18 @@ def _dispatch(body: _Body, node: ast.Call, name: str) -> Code:
     return Code(f"{name}({arguments})", REAL, writes=True)
 
 
-def _functions_of(body: _Body, node: ast.Call) -> Code:
-    """The number of a fitting stands for the addresses of both of its functions; 0 for none."""
-    number, kind = body.temporary(body.value(node.args[0])).text, (INT, INT)
+def _functions_of(solids: Mapping[int, int], body: _Body, node: ast.Call) -> Code:
+    """The number of a fitting stands for the addresses of both of its functions; 0 for none.
+
+    Args:
+        solids: how many a wall is made of, by the number of the fitting, where it is more than one.
+        body: of the function that calls.
+        node: the call.
+    """
+    number, kind = body.temporary(body.value(node.args[0])).text, (INT, INT, INT)
     address = f"{number} > real({PLATE}) ? (int)({number}) : 0"
-    return Code(f"{body.whole.type_name(kind)}{{{address}, {address}}}", kind)
+    count = "".join(f"(int)({number}) == {each} ? {n} : " for each, n in solids.items()) + "1"
+    return Code(f"{body.whole.type_name(kind)}{{{address}, {address}, {count}}}", kind)
 
 
 def _call_collide(body: _Body, node: ast.Call) -> Code:

@@ -302,7 +302,7 @@ def _finder(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Any
     model.SOLREF = (float*)&wp::index(fields.solref, world % fields.solref.shape[0], 0);
     model.POSITIONS = (float*)&wp::index(fields.positions, world, 0);
     model.MATRICES = (float*)&wp::index(fields.matrices, world, 0);
-    float con[{room(shapes)}];
+    float con[{room(fittings, shapes)}];
     const int n = Walls::contacts(model, con, wall, geom, margin);
     if (n == 0)
       return;

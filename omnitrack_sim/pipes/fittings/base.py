@@ -63,7 +63,8 @@ class AxisCurve:
         tangent: (3,) unit vector there, its direction.
         normal: (3,) unit vector there, to the side that it bends to, or, where it does not bend,
             the one that an opening is on.
-        segments: length m and curvature 1/m of each line (curvature 0) or arc, in order.
+        segments: length m and curvature 1/m of each line (curvature 0) or arc, in order. Arcs that
+            bend away from the normal, carried along, have a curvature below 0.
     """
 
     point: Array
@@ -282,7 +283,7 @@ class Fitting(ABC):
     def sharpest_bend(self, arcs: Arcs) -> float:
         """Bore radius over the radius of the sharpest arc between any two ports; 0 without one."""
         return max(
-            self.port_radius(enter) / (1 / curvature) if curvature else 0.0
+            self.port_radius(enter) / (1 / abs(curvature)) if curvature else 0.0
             for enter, leave in permutations(self.port_names, 2)
             for _, curvature in self.axis_curve(enter, leave, arcs).segments
         )

@@ -79,8 +79,8 @@ class FittingEntry(Table):
     """A fitting in a list of a file; every list adds its keys, and ``table_of`` those of a kind."""
 
     kind: str
-    """Kind of fitting: "straight", "reducer", "elbow", "mitre", "tee", "wye", "cross", "cap", or
-    `module:Class` of a fitting of your own."""
+    """Kind of fitting: "straight", "reducer", "elbow", "mitre", "tee", "wye", "cross", "cap",
+    "coupling", or `module:Class` of a fitting of your own."""
     of: ClassVar[type[Fitting]]
 
     @classmethod

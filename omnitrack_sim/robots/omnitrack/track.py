@@ -26,7 +26,8 @@ import mujoco
 import numpy as np
 
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.compiled import EDGE, HIGH, HIGH_ENDS, LOW, LOW_ENDS, SOLID, compiled
+from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import at, call_span, call_surface, row
 from omnitrack_sim.walls.bodies import frame_in
 from omnitrack_sim.walls.collider import (
@@ -177,7 +178,20 @@ def _outward(position, matrix, g_line, other, g_wall):
 
 @compiled
 def line_contacts(
-    con, surface, span, wall, w, track, position, matrix, g_line, g_wall, radius, half, margin
+    con,
+    surface,
+    span,
+    sizes,
+    wall,
+    w,
+    track,
+    position,
+    matrix,
+    g_line,
+    g_wall,
+    radius,
+    half,
+    margin,
 ):
     """Contacts of a capsule's axis with one fitting, written to ``con``; returns their number.
 
@@ -188,6 +202,7 @@ def line_contacts(
             the line.
         surface: address of the fitting's function of that name.
         span: the same.
+        sizes: of the fitting.
         wall: user data of all geoms.
         w: where in ``wall`` the record of this fitting begins.
         track: where in ``wall`` the record of the line begins.
@@ -199,7 +214,7 @@ def line_contacts(
         half: half the length of the capsule's axis, m.
         margin: distance up to which contacts count, m.
     """
-    sizes, out = at(wall, w + SIZES), row()
+    out = row()
     # All is found in the fitting's frame, where the formulas are simple, and rotated once at the
     # end.
     frame = frame_in(wall, w, position, matrix, g_line, g_wall)
@@ -265,29 +280,40 @@ def collide_line(model, data, contacts, wall, line, margin):
     track, w = count * (line + 1) - RECORD_SIZE, count * (wall + 1) - RECORD_SIZE
     if records[w] != MARK or records[track] != MARK:
         return call_collide(word(LINE_PREVIOUS), model, data, contacts, wall, line, margin)
-    surface, span = functions_of(records[w + KIND])
+    surface, span, solids = functions_of(records[w + KIND])
     # Edges and closed ends, which pipes around any robot have, are no wall that carries a row.
     if surface == 0:
         return 0
     # MuJoCo has three sizes a geom; of a capsule they are its radius and half length.
-    sizes = doubles(model[word(SIZE)])
-    radius, half = sizes[3 * line], sizes[3 * line + 1]
+    bodies = doubles(model[word(SIZE)])
+    radius, half = bodies[3 * line], bodies[3 * line + 1]
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
-    return line_contacts(
-        contacts,
-        surface,
-        span,
-        records,
-        w,
-        track,
-        position,
-        matrix,
-        line,
-        wall,
-        radius,
-        half,
-        margin,
-    )
+    sizes, n = at(records, w + SIZES), 0
+    if solids > 1:
+        alone = row()
+        for i in range(MAX_SIZES):
+            alone[i] = sizes[i]
+        sizes = alone
+    for k in range(solids):
+        if solids > 1:
+            sizes[SOLID] = k + 1.0
+        n += line_contacts(
+            at(contacts, n * CONTACT_SIZE),
+            surface,
+            span,
+            sizes,
+            records,
+            w,
+            track,
+            position,
+            matrix,
+            line,
+            wall,
+            radius,
+            half,
+            margin,
+        )
+    return n
 
 
 @cache
