@@ -29,6 +29,7 @@ from omnitrack_sim.cli.complete import comment
 from omnitrack_sim.gym.options import TERMS, EnvOptions
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
+from omnitrack_sim.pipes.relief import relief_kinds
 from omnitrack_sim.record import channels, metrics
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.kinds import default_robot
@@ -139,6 +140,13 @@ def rows_of_pipes() -> Iterator[Row]:
         yield key, "all" if len(have) == len(shipped_fittings()) else ", ".join(have), *rest
 
 
+def rows_of_relief() -> Iterator[Row]:
+    """Yield the keys of each kind of relief."""
+    for name, kind in relief_kinds().items():
+        for number, (key, *rest) in enumerate(rows_of(kind)):
+            yield f"`{name}`" if number == 0 else "", key, *rest
+
+
 def rows_of_files(noun: str) -> Iterator[Row]:
     """Yield the shipped files of a kind, each with the comment at its head."""
     (kind,) = (kind for kind in KINDS if kind.noun == noun)
@@ -192,6 +200,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sweeps": lambda: table(("sweep", "what it answers"), rows_of_files("sweep")),
     "studies": lambda: table(("study", "what it answers"), rows_of_files("study")),
     "pipes": lambda: table(("key", "of", *KEYS[1:]), rows_of_pipes()),
+    "relief": lambda: table(("`kind`", *KEYS), rows_of_relief()),
     "bench.mobility": lambda: table(
         ("course", "what the robot does"), rows_of_courses(load_suite("mobility"))
     ),

@@ -382,7 +382,9 @@ def checked(
     return made
 
 
-def by_kind(model_of: Callable[[str], type[BaseModel]], default: str = "") -> WrapValidator:
+def by_kind(
+    model_of: Callable[[str], type[BaseModel]], default: str = "", *, strict: bool = False
+) -> WrapValidator:
     """Return a wrap validator that reads a table with the model of its ``kind``.
 
     Faults within a table are reported at its keys.
@@ -390,6 +392,7 @@ def by_kind(model_of: Callable[[str], type[BaseModel]], default: str = "") -> Wr
     Args:
         model_of: returns the model of a kind, or raises an ``InputError`` with the valid ones.
         default: kind of a table that does not say one.
+        strict: whether values in Python have to be of the types of the keys, as those of files.
     """
 
     def opened(data: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
@@ -409,7 +412,7 @@ def by_kind(model_of: Callable[[str], type[BaseModel]], default: str = "") -> Wr
         table = {key: value for key, value in data.items() if own or key != "kind"}
         if info.mode == "json":  # strict, as ``checked`` is
             return model.model_validate_json(json.dumps(table), strict=True)
-        return model.model_validate(table)
+        return model.model_validate(table, strict=strict or None)
 
     return WrapValidator(opened)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import islice
 from typing import NamedTuple
@@ -290,9 +290,23 @@ class Assembly:
         return f"Assembly({len(self.parts)} parts, {len(self.joints)} joints)"
 
     def __post_init__(self) -> None:
+        self._settle()
         faults = [*self._mismatches(), *self._overlaps(), *self._closures()]
         if faults:
             raise GeometryError(faults)
+
+    def _settle(self) -> None:
+        """Have what lies on the floor of a part lie where that is, by its pose."""
+        parts, faults = [], []
+        for i, part in enumerate(self.parts):
+            try:
+                fitting = part.fitting.settled(-part.pose.rotation[2])
+                parts.append(part if fitting is part.fitting else replace(part, fitting=fitting))
+            except GeometryError as error:
+                faults += [f.at(f"pipes.{i}.{f.where.partition('.')[2]}") for f in error.faults]
+        if faults:
+            raise GeometryError(faults)
+        object.__setattr__(self, "parts", tuple(parts))
 
     @classmethod
     def unchecked(

@@ -403,3 +403,21 @@ def _room(count: int) -> tuple[Any, Any]:
         return builder.bitcast(room, context.get_value_type(signature.return_type))
 
     return CFUNCTYPE(NUMBERS), code
+
+
+def _pointer_to(kind: Any) -> Any:
+    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
+
+    @intrinsic
+    def pointer(_context, _address):
+        def code(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return CFUNCTYPE(kind, WORD), code
+
+    return pointer
+
+
+_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
+doubles, words, floats, integers = map(_pointer_to, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
+"""Pointers to numbers of a kind at an address."""

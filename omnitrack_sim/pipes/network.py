@@ -521,7 +521,7 @@ class Network(Table):
             try:
                 part.fitting()
             except GeometryError as error:
-                faults += [f.at(f"fittings.{i}.{f.where.rpartition('.')[2]}") for f in error.faults]
+                faults += [f.at(f"fittings.{i}.{f.where.partition('.')[2]}") for f in error.faults]
         taken: dict[str, int] = {}
         for k, joint in enumerate(self.joints):
             for which, port in enumerate(joint.ports):

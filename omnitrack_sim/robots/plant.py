@@ -43,7 +43,7 @@ from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 if TYPE_CHECKING:
     from omnitrack_sim.robots.robot import Robot, SceneOptions
 
-PIPES = ("wall_", "rim_", "plate_")
+PIPES = ("wall_", "relief_", "rim_", "plate_")
 """Names of the geoms of pipes, which the world carries, begin like this."""
 CONTACT_TIME = 0.005
 """Time constant of contacts with the wall, s, of a robot for 160 mm."""

@@ -445,7 +445,7 @@ def faults_of(scenario: Scenario) -> list[Fault]:
     """Return the faults that concern several tables: geometry, start and goal, work."""
     faults = [*_missing(scenario)]
     for i, pipe in enumerate(scenario.pipes):
-        with gathered(faults, lambda fault, i=i: f"pipes.{i}.{fault.where.rpartition('.')[2]}"):
+        with gathered(faults, lambda fault, i=i: f"pipes.{i}.{fault.where.partition('.')[2]}"):
             pipe.step(i)
     with gathered(faults):
         scenario.robot.check()

@@ -18,8 +18,10 @@ from omnitrack_sim.base.rotations import Array, matrix_from_quaternion
 from omnitrack_sim.pipes import Assembly, Part, Port
 from omnitrack_sim.pipes.assembly import JOINED, Stretch, touching
 from omnitrack_sim.pipes.compiled import compiled
+from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import INTEGER, NUMBERS, WORD, c_function, pointers
 from omnitrack_sim.pipes.network import Network
+from omnitrack_sim.pipes.obstacles import Obstacle
 from omnitrack_sim.walls.collider import FIRM_TIME
 from omnitrack_sim.walls.geoms import (
     MIN_ROOM,
@@ -31,7 +33,7 @@ from omnitrack_sim.walls.geoms import (
 from omnitrack_sim.walls.guard import add_guard, register
 from omnitrack_sim.walls.pipe_looks import PIPE_GROUP, add_pipe_insides
 from omnitrack_sim.walls.rays import RayWalls
-from omnitrack_sim.walls.record import DEPTH_IN_BORE, kinds
+from omnitrack_sim.walls.record import DEPTH_IN_BORE, kinds, long_sizes
 
 LINE, BEGIN, LENGTH, CURVATURE, POINT, TANGENT, NORMAL, ROW = 0, 1, 2, 3, 4, 7, 10, 13
 """Indices in the row of a segment, and its size: number of the line among those of its part, arc
@@ -181,9 +183,11 @@ def add_pipes(
 
     Args:
         spec: of the robot, before or after its bodies are added; its geoms and their user data
-            stay. The world gets a geom ``wall_<part>`` for each fitting, and one
-            ``rim_<part>_<port>`` for each open end and each other sharp edge; and a sensor
-            without values, with which ``MjSpec.attach`` takes the walls' plugin along.
+            stay. The world gets a geom ``wall_<part>`` for each fitting, one
+            ``relief_<part>_<index>`` for each solid of its relief, ``deposit_<part>_<index>`` for
+            one with a friction of its own, and one ``rim_<part>_<port>`` for each open end and
+            each other sharp edge; and a sensor without values, with which ``MjSpec.attach`` takes
+            the walls' plugin along.
         network: the pipes.
         friction: sliding friction of the walls, which then decides, with a contact time of 5 ms;
             None: friction and contact time are those of the robot's geoms.
@@ -222,7 +226,8 @@ def add_pipes(
     walls = wall_attributes(friction, attributes)
     depths = solid_depths(pipes.assembly)
     ends = {end: end_depth(pipes.assembly, end, depths) for end in pipes.assembly.closed_ends}
-    add_exact_walls(spec, pipes.assembly, depths, ends, body, **walls)
+    deposits = DECIDING | dict(attributes)
+    add_exact_walls(spec, pipes.assembly, depths, ends, body, deposits, **walls)
     add_rims(spec, pipes.assembly, depths, body, **walls)
     add_ends(spec, pipes.assembly, ends, body, **walls)
     if visible:
@@ -394,11 +399,15 @@ class Pipes:
         register()
         for part in self.assembly.parts:
             kinds.add(type(part.fitting))
+            if part.fitting.obstacles:
+                kinds.add(Obstacle)
+            if len(part.fitting.wall_sizes) > MAX_SIZES:
+                long_sizes.add(part.fitting.wall_sizes)
         self._walls = RayWalls([self.assembly.parts], [self.assembly.closed_ends])
         self._axes = Axes(self.assembly.parts)
 
     def geoms(self, model: mujoco.MjModel) -> NDArray[np.intp]:
-        """Return the numbers of the pipes' geoms in a model: walls, rims, plates and looks.
+        """Return the numbers of the pipes' geoms in a model: walls, relief, rims, plates, looks.
 
         Raises:
             InputError: the model lacks the wall of a part.
@@ -414,6 +423,12 @@ class Pipes:
             for part in self.assembly.parts
             for port in part.fitting.port_names
             for kind in kinds
+        }
+        wanted |= {
+            f"{kind}_{part.name}_{index}"
+            for part in self.assembly.parts
+            for index in range(len(part.fitting.obstacles))
+            for kind in ("relief", "deposit")
         }
         return np.array(sorted(names[name] for name in wanted & set(names)), np.intp)
 

@@ -24,7 +24,8 @@ from omnitrack_sim.walls.curves import (
     slope_at,
 )
 from omnitrack_sim.walls.deepest import LINE, corner_ball, edge_no_deeper, is_in_ball, no_deeper
-from omnitrack_sim.walls.record import BOX, ENDS, SIZE, SIZES
+from omnitrack_sim.walls.faces import face_contacts, triangle_contacts
+from omnitrack_sim.walls.record import BOX, BUMPS, ENDS, SIZE
 from omnitrack_sim.walls.rims import CYLINDER, ELLIPSOID
 
 SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
@@ -47,15 +48,17 @@ square: 1e-9 m."""
 
 
 @compiled
-def wall_of(surface, span, records, w, depth, margin, reach):
+def wall_of(surface, span, sizes, records, w, depth, margin, reach):
     """Return what all contacts of a pair need.
 
     Addresses of ``surface`` and ``span``, sizes, ends, depth of the wall, margin, distance up to
-    which two contacts are one, spacing of samples, and radius of the bore, m.
+    which two contacts are one, spacing of samples, radius of the bore, and width of the bumps that
+    stand in it, 0 without any, m.
 
     Args:
         surface: address.
         span: address.
+        sizes: of the wall.
         records: user data of all geoms.
         w: where that of the wall begins.
         depth: m, to which the wall is solid.
@@ -64,16 +67,20 @@ def wall_of(surface, span, records, w, depth, margin, reach):
     """
     size = records[w + SIZE]
     same = min(SAME_IN_BORE * size, SAME_IN_REACH * reach)
+    bumps, spacing = records[w + BUMPS], SPACING_IN_BORE * size
+    if bumps > 0.0:
+        spacing = min(spacing, bumps)
     return (
         surface,
         span,
-        at(records, w + SIZES),
+        sizes,
         at(records, w + ENDS),
         depth,
         margin,
         same,
-        SPACING_IN_BORE * size,
+        spacing,
         size,
+        bumps,
     )
 
 
@@ -172,7 +179,26 @@ def box(con, n, wall, frame, a, b, c, out):
             qx, qy, qz = _corner(a, b, c, i | bit)
             ends = 1.0 if axis == 0 else 0.0
             n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, ends, 0.0, out)
-    return _box_edges(con, n, wall, frame, a, b, c, distances, out)
+    n = _box_edges(con, n, wall, frame, a, b, c, distances, out)
+    if wall[9] > 0.0:
+        for side in (-1.0, 1.0):
+            n = face_of(con, n, wall, frame, 0, side * a, b, c, 0.0, out)
+            n = face_of(con, n, wall, frame, 1, side * b, c, a, 0.0, out)
+            n = face_of(con, n, wall, frame, 2, side * c, a, b, 0.0, out)
+    return n
+
+
+@compiled
+def face_of(con, n, wall, frame, axis, height, half_a, half_b, shape, out):
+    """Add the contacts within a face across an axis of a geom, ``height`` m from its middle."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = frame
+    x, y, z = (xx, yx, zx), (xy, yy, zy), (xz, yz, zz)
+    normal = x if axis == 0 else (y if axis == 1 else z)
+    u = y if axis == 0 else (z if axis == 1 else x)
+    v = z if axis == 0 else (x if axis == 1 else y)
+    middle = px + height * normal[0], py + height * normal[1], pz + height * normal[2]
+    face = (*middle, *u, *v, half_a, half_b, shape, 0.0)
+    return face_contacts(con, n, wall, face, out)
 
 
 @compiled
@@ -239,7 +265,25 @@ def mesh(con, n, wall, frame, hull, out):
                 if not is_known or 0.5 * (distances[a] + distances[b] - length) < wall[5]:
                     n = _edge(con, n, wall, frame, px, py, pz, qx, qy, qz, 0.0, 0.0, out)
             a = b
-    return _mesh_edges(con, n, wall, frame, hull, out) if is_known else n
+    n = _mesh_edges(con, n, wall, frame, hull, out) if is_known else n
+    if wall[9] > 0.0:
+        for polygon in range(count):
+            n = mesh_face(con, n, wall, frame, hull, polygon, out)
+    return n
+
+
+@compiled
+def mesh_face(con, n, wall, frame, hull, polygon, out):
+    """Add the contacts within a polygon of a hull: those within its triangles from one corner."""
+    vertices, _, _, _, begins, sizes, numbers = hull
+    first, size = begins[polygon], sizes[polygon]
+    ax, ay, az = _vertex(frame, vertices, numbers[first])
+    for i in range(1, size - 1):
+        bx, by, bz = _vertex(frame, vertices, numbers[first + i])
+        cx, cy, cz = _vertex(frame, vertices, numbers[first + i + 1])
+        corners = ax, ay, az, bx, by, bz, cx, cy, cz
+        n = triangle_contacts(con, n, wall, corners, out)
+    return n
 
 
 @compiled
@@ -291,6 +335,9 @@ def cylinder(con, n, wall, frame, radius, half, out):
         circle = (px, py, pz, xx, yx, zx, xy, yy, zy, radius)
         n = along_circle(con, n, wall, circle, out)
     n = _mantle(con, n, wall, frame, radius, half, out)
+    if wall[9] > 0.0:
+        for side in (-half, half):
+            n = face_of(con, n, wall, frame, 2, side, radius, radius, 1.0, out)
     return no_deeper(con, n, wall, frame, (CYLINDER, radius, half, 0.0), 0.0, out)
 
 

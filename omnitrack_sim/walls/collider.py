@@ -21,18 +21,22 @@ from llvmlite import binding, ir
 from omnitrack_sim.pipes.compiled import SOLID, compiled
 from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import (
-    FLOAT,
     INTEGER,
     NUMBER,
     NUMBERS,
     WORD,
     WORDS,
+    at,
     c_function,
     call_surface,
     calling,
+    doubles,
+    floats,
+    integers,
     intrinsic,
     row,
     scratch,
+    words,
 )
 from omnitrack_sim.walls.bodies import (
     box,
@@ -53,13 +57,17 @@ from omnitrack_sim.walls.record import (
     DEPTH_IN_BORE,
     KIND,
     KIND_SIZE,
+    LONG,
     MARK,
     ORDER,
     PARTS,
     PLATE,
     RECORD_SIZE,
+    SIZES,
     WALL_BEFORE,
+    LongSizes,
     kinds,
+    long_sizes,
 )
 from omnitrack_sim.walls.record import SIZE as SIZE_OF_BORE
 from omnitrack_sim.walls.rims import (
@@ -80,7 +88,6 @@ _PLANE, _FIELD, _TYPES = (
 _COLLIDE = CFUNCTYPE(INTEGER, WORDS, WORDS, NUMBERS, INTEGER, INTEGER, NUMBER)
 """C types of MuJoCo's collision functions (mjfCollision): model, data, room for contacts, the two
 geoms, margin."""
-_FLOATS, _INTEGERS = ctypes.POINTER(FLOAT), ctypes.POINTER(INTEGER)
 BLOCK = "omnitrack_collider_block"
 """Symbol of the words that change from process to process and from one MuJoCo to the next. Compiled
 code reads them when it runs, so it can be kept on disk."""
@@ -131,12 +138,13 @@ MODEL_FIELDS = (
 POSITIONS = SOLREF + 1
 MATRICES = POSITIONS + 1
 RAISE, MESSAGES = MATRICES + 1, MATRICES + 2
-BLOCK_SIZE = MESSAGES + 3
+LONG_SIZES = MESSAGES + 4
+BLOCK_SIZE = LONG_SIZES + 1
 """Indices in the block, and its size: functions that were there before for height fields, those
 for planes, both by the type of the other geom, and that before for lines; address of the table of
 kinds; words of MuJoCo's mjModel that hold the length of user data, the number of geoms and the
 fields; those of mjData that hold positions and orientations of geoms; addresses of MuJoCo's
-function that raises an error, and of the messages of ``guard``."""
+function that raises an error, of the messages of ``guard``, and of the table of long sizes."""
 SOFT_IN_BORE, FIRM_TIME = 0.1, 0.005
 """Depth, in radii of the bore, below which a wall is as stiff as by this contact time, s, at least.
 A body at 12 m/s sinks in by 84 mm with MuJoCo's own 20 ms, and by 21 mm with 5 ms, which a step of
@@ -157,22 +165,6 @@ def word(_context, _index):
     return CFUNCTYPE(WORD, WORD), code
 
 
-def _pointer(kind: Any) -> Any:
-    """Return an intrinsic that makes a pointer to numbers of a kind of an address."""
-
-    @intrinsic
-    def pointer(_context, _address):
-        def code(context, builder, signature, arguments):
-            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-        return CFUNCTYPE(kind, WORD), code
-
-    return pointer
-
-
-doubles, words, floats, integers = map(_pointer, (NUMBERS, WORDS, _FLOATS, _INTEGERS))
-
-
 @intrinsic
 def call_collide(_context, _address, _model, _data, _contacts, _wall, _geom, _margin):
     """Call the collision function at an address."""
@@ -191,6 +183,28 @@ def functions_of(number):
         if table[k] == number:
             return table[k + 1], table[k + 2], table[k + 3]
     return 0, 0, 0
+
+
+_ROOM = LongSizes.ROOM
+
+
+@compiled
+def long_sizes_at(records, w):
+    """Address of the long sizes of the wall whose record begins at ``w``; 0 where unknown."""
+    table, first = words(word(LONG_SIZES)), int(records[w + SIZES])
+    for k in range(_ROOM):
+        row = 3 * ((first + k) % _ROOM)
+        if table[row + 2] == 0:
+            break
+        if table[row] == first and table[row + 1] == int(records[w + SIZES + 1]):
+            return table[row + 2]
+    return 0
+
+
+@compiled
+def sizes_of(records, w):
+    """Sizes of the wall whose record begins at ``w``."""
+    return doubles(long_sizes_at(records, w)) if records[w + LONG] > 0.0 else at(records, w + SIZES)
 
 
 @compiled
@@ -247,13 +261,13 @@ def _contacts(model, con, wall, frame, geom, kind, out):
 @compiled
 def _contacts_of_each(model, con, wall, solids, frame, geom, kind, out):
     """Find the contacts of a geom with each of the solids of a wall; returns their number."""
-    surface, span, whole, ends, depth, margin, same, spacing, size = wall
+    surface, span, whole, ends, depth, margin, same, spacing, size, bumps = wall
     sizes, kept, total = row(), scratch(), 0
     for i in range(MAX_SIZES):
         sizes[i] = whole[i]
     for k in range(solids):
         sizes[SOLID] = k + 1.0
-        one = surface, span, sizes, ends, depth, margin, same, spacing, size
+        one = surface, span, sizes, ends, depth, margin, same, spacing, size, bumps
         n = _contacts(model, con, one, frame, geom, kind, out)
         total = add_apart(kept, total, con, n, same)
     for i in range(total * CONTACT_SIZE):
@@ -334,7 +348,7 @@ def _from_others(model, data, wall, x, y, z, enough, out):
             w = length * (other + 1) - RECORD_SIZE
             px, py, pz = point_in(records, w, position, matrix, x, y, z, other)
             surface, span, _ = functions_of(records[w + KIND])
-            walls = wall_of(surface, span, records, w, 0.0, 0.0, 0.0)
+            walls = wall_of(surface, span, sizes_of(records, w), records, w, 0.0, 0.0, 0.0)
             if holds(walls, px, py, pz, out):
                 farthest = max(farthest, call_surface(surface, walls[2], px, py, pz, out))
                 if farthest > enough:
@@ -377,7 +391,8 @@ def collide(model, data, contacts, wall, geom, margin):
         reach = doubles(model[word(BOUND)])[geom]
         out = row()
         depth = records[w + DEPTH]
-        walls = wall_of(surface, span, records, w, depth, margin, reach)
+        sizes = sizes_of(records, w)
+        walls = wall_of(surface, span, sizes, records, w, depth, margin, reach)
         x, y, z = frame[0], frame[1], frame[2]
         whole = DEPTH_IN_BORE * records[w + SIZE_OF_BORE]
         # Beside another pipe a point in the wall may be one of a body in that pipe. The body's
@@ -388,7 +403,7 @@ def collide(model, data, contacts, wall, geom, margin):
             x, y, z = position[a], position[a + 1], position[a + 2]
             if d <= -depth and _from_others(model, data, wall, x, y, z, d, out) > d:
                 return 0
-            walls = wall_of(surface, span, records, w, whole, margin, reach)
+            walls = wall_of(surface, span, sizes, records, w, whole, margin, reach)
         if solids > 1:
             n = _contacts_of_each(model, contacts, walls, solids, frame, geom, kind, out)
         else:
@@ -467,6 +482,7 @@ def block_of_process() -> Any:
     """Return the block that compiled code reads, kept for good."""
     block = (ctypes.c_int64 * BLOCK_SIZE)()
     block[KINDS] = kinds.table.ctypes.data
+    block[LONG_SIZES] = long_sizes.table.ctypes.data
     block[USER_SIZE:RAISE] = [
         *words_of("mjModel", ("nuser_geom", "ngeom", *MODEL_FIELDS)),
         *words_of("mjData", ("geom_xpos", "geom_xmat")),

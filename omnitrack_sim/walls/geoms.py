@@ -11,12 +11,14 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Assembly, Port
 from omnitrack_sim.pipes.assembly import JOINED
+from omnitrack_sim.pipes.obstacles import corners_of
 from omnitrack_sim.pipes.shapes import Pieces
 from omnitrack_sim.walls.record import (
     DEPTH_IN_BORE,
     RECORD_SIZE,
     bounding_box,
     has_record,
+    obstacle_record,
     plate_record,
     wall_record,
 )
@@ -125,12 +127,14 @@ def add_exact_walls(
     depths: Sequence[float] | None = None,
     ends: Mapping[Port, float] | None = None,
     body: mujoco.MjsBody | None = None,
+    deposits: Mapping[str, Any] | None = None,
     **attributes: Any,
 ) -> int:
     """Add one geom a fitting to a body, for the compiled collider; returns their number.
 
     Each is a height field, of which only the box around the bore and the user data count, which say
-    what it is. Geoms are named ``wall_<part>``.
+    what it is. Geoms are named ``wall_<part>``. What stands on the walls follows, see
+    ``_add_obstacles``.
 
     Args:
         spec: to add to. User data of the robot's own stay, before the records.
@@ -139,6 +143,7 @@ def add_exact_walls(
             record of their own; None: there are no such geoms.
         ends: m, to which closed ports are solid; with ``depths``.
         body: whose frame the network stands in; None: the world.
+        deposits: attributes of those with a friction of their own, in the place of the others'.
         attributes: of the geoms, by MuJoCo's names, in the place of those of ``_add_geom``.
     """
     rows = [geom.userdata for geom in spec.geoms]
@@ -163,7 +168,42 @@ def add_exact_walls(
         own = wall_record(fitting, tuple(stops), depth, index, len(network.parts))
         record = np.append(before, own)
         _add_field(spec, body, f"wall_{part.name}", half, pose, record, attributes)
+    _add_obstacles(spec, network, depths, body, deposits, **attributes)
     return len(network.parts)
+
+
+def _add_obstacles(
+    spec: mujoco.MjSpec,
+    network: Assembly,
+    depths: Sequence[float] | None,
+    body: mujoco.MjsBody | None,
+    deposits: Mapping[str, Any] | None,
+    **attributes: Any,
+) -> None:
+    """Add a geom ``relief_<part>_<index>`` for each solid on a wall; see ``add_exact_walls``.
+
+    Those with a friction of their own are ``deposit_<part>_<index>``.
+    """
+    before = np.zeros(spec.nuser_geom - RECORD_SIZE)
+    for number, part in enumerate(network.parts):
+        radius = part.fitting.max_radius
+        limit = radius + (MIN_ROOM if depths is None else depths[number])
+        for index, solid in enumerate(part.fitting.obstacles):
+            low, high = corners_of(solid)
+            frame = part.pose @ solid.pose(part.fitting.axis_frame(solid.s))
+            pose, half = frame @ Pose(np.eye(3), (low + high) / 2), (high - low) / 2 + MIN_ROOM
+            record = np.append(before, obstacle_record(solid, radius, limit))
+            name, given = f"relief_{part.name}_{index}", attributes
+            if solid.friction is not None:
+                name = f"deposit_{part.name}_{index}"
+                given = {**attributes, **(deposits or {}), **_rubbing(solid.friction)}
+            _add_field(spec, body, name, half, pose, record, given)
+
+
+def _rubbing(friction: float) -> dict[str, Any]:
+    """Return the attributes of a geom whose friction decides over that of walls and robots."""
+    # MuJoCo divides by the friction of a contact that has one.
+    return {"priority": 2, "condim": 3 if friction else 1, "friction": [friction, 0.005, 0.0001]}
 
 
 def add_rims(

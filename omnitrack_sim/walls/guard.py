@@ -29,19 +29,22 @@ from omnitrack_sim.walls.collider import (
     functions_of,
     install,
     integers,
+    long_sizes_at,
     word,
 )
 from omnitrack_sim.walls.layout import library
-from omnitrack_sim.walls.record import KIND, MARK, PLATE, RECORD_SIZE
+from omnitrack_sim.walls.record import KIND, LONG, MARK, PLATE, RECORD_SIZE
 
 PLUGIN = "omnitrack_sim.walls"
-FIELD_OF_DISTANCES, UNKNOWN, NO_WALLS = range(3)
+FIELD_OF_DISTANCES, UNKNOWN, NO_WALLS, OTHER = range(4)
 _MESSAGES = (
     "exact walls: the model has a geom of a signed distance field, which would pass through them",
     "exact walls: the model has a fitting of a kind that this process does not know; before it is "
     "loaded, ot.Pipes(network) has to be made with the network that it was saved with",
     "exact walls: the model has none at the ends of its user data; give nuser_geom its length "
     "before ot.add_pipes",
+    "exact walls: the model has a pipe with relief that this process does not know; before it is "
+    "loaded, ot.Pipes(network) has to be made with the network that it was saved with",
 )
 """What is wrong with a model that is refused."""
 _TEXTS = [ctypes.create_string_buffer(message.encode()) for message in _MESSAGES]
@@ -102,6 +105,8 @@ def check_walls(model, _data, _instance):
             kind = records[w + KIND]
             if kind > PLATE and functions_of(kind)[0] == 0:
                 return _refuse(UNKNOWN)
+            if records[w + LONG] > 0.0 and long_sizes_at(records, w) == 0:
+                return _refuse(OTHER)
     # Rows that became longer since the walls were added have no record at their end.
     return 0 if walls > 0 else _refuse(NO_WALLS)
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Fitting, Part, Port
 from omnitrack_sim.pipes.compiled import HIGH, HIGH_ENDS, LOW, LOW_ENDS, compiled
+from omnitrack_sim.pipes.fittings.base import MAX_SIZES
 from omnitrack_sim.pipes.native import (
     INTEGER,
     NUMBER,
@@ -30,19 +31,22 @@ from omnitrack_sim.pipes.native import (
     call_clear,
     call_span,
     call_surface,
+    doubles,
     pointers,
     scratch,
 )
+from omnitrack_sim.walls.record import long_sizes
 
 SURFACE, SPAN, CLEAR, CENTRE, REACH, POSITION, ROTATION = 0, 1, 2, 3, 6, 7, 10
-PORTS, PLANES, SIZES = 19, 20, 48
+PORTS, PLANES, SIZES, LONG = 19, 20, 48, 58
 """Indices in the record of a part: addresses of its compiled functions; a ball around it (3 and its
 radius, m); its pose (3 m, and 9 row by row); the number of its ports, and for each port its place
-(3 m), its direction outward (3), world frame, and what is there; sizes."""
+(3 m), its direction outward (3), world frame, and what is there; sizes, or the address of those
+that are longer, and 0."""
 OPEN, PLATE, UNKNOWN, UNSEEN = 0.0, 1.0, 2.0, 3.0
 """An open end; a plate; unexplored space behind a fitting's port, where there is a joint; the end
 of the part of a straight that has been seen, where there may be none."""
-PORT_SIZE, PART_SIZE = 7, 58
+PORT_SIZE, PART_SIZE = 7, 59
 RANGE, NORMAL, PART, LIT, JOINT, GRAIN, HIT_SIZE = 0, 1, 4, 5, 6, 7, 8
 """Indices in what a ray has met: distance, m, infinite for nothing, NaN where it leaves through a
 port beyond which nothing is known; the wall's unit normal (3) into the bore, world frame;
@@ -71,6 +75,12 @@ def in_part(parts, p, x, y, z, row):
 
 
 @compiled
+def sizes_at(parts, p):
+    """Sizes of the part at ``p``."""
+    return doubles(int(parts[p + LONG])) if parts[p + LONG] > 0.0 else at(parts, p + SIZES)
+
+
+@compiled
 def enter(parts, p, x, y, z, ux, uy, uz, line):
     """Write the ray x + s u, world frame, to ``line`` (6,) in the frame of the part at ``p``."""
     dx, dy, dz = x - parts[p + POSITION], y - parts[p + POSITION + 1], z - parts[p + POSITION + 2]
@@ -87,7 +97,7 @@ def surface_at(parts, p, line, s, out):
     """
     return call_surface(
         int(parts[p + SURFACE]),
-        at(parts, p + SIZES),
+        sizes_at(parts, p),
         line[0] + s * line[3],
         line[1] + s * line[4],
         line[2] + s * line[5],
@@ -104,7 +114,7 @@ def clear_from(parts, near, k, s):
     p, line = int(near[NEAR * k]) * PART_SIZE, at(near, NEAR * k + 3)
     return call_clear(
         int(parts[p + CLEAR]),
-        at(parts, p + SIZES),
+        sizes_at(parts, p),
         line[0] + s * line[3],
         line[1] + s * line[4],
         line[2] + s * line[5],
@@ -122,7 +132,7 @@ def span_in(parts, p, line, ends, out):
     """
     call_span(
         int(parts[p + SPAN]),
-        at(parts, p + SIZES),
+        sizes_at(parts, p),
         ends,
         line[0],
         line[1],
@@ -198,6 +208,8 @@ NEWTON_DISTANCE, MAX_NEWTON_STEP = 5e-4, 0.01
 longest step, m."""
 EXACT = 1e-10
 """Distance from the wall, m, at which a ray is on it."""
+MET = 1e-7
+"""Distance, m, up to which a ray is on a wall with relief."""
 APART = 3e-3
 """A ray that enters another part more than this deep in that part's wall, m, has left through an
 open end before which that pipe passes, not through a joint. Walls are thicker than that, and joints
@@ -272,7 +284,11 @@ def _follow(parts, near, count, far, out):
             if k < 0 or (0 <= last != k and d < -APART):
                 return s, last, 0
             if d < NEWTON_DISTANCE:
-                return _onto_wall(parts, near, k, s, d, out), k, 1
+                there = _onto_wall(parts, near, k, s, d, out)
+                if _is_on_wall(parts, near, k, there, d, out):
+                    return there, k, 1
+                s, from_s, stretched, last = s + max(d, SHORT), s, False, k
+                continue
             clear = 0.0 if was_alone else clear_from(parts, near, k, s)
         last, stretched, at_end = k, False, False
         left = max(min(near[NEAR * k + 2], far) - s, 0.0)
@@ -289,6 +305,18 @@ def _follow(parts, near, count, far, out):
             return far, k, -1
     _widest(parts, near, count, s, out)
     return s, last, 1
+
+
+@compiled
+def _is_on_wall(parts, near, k, s, d, out):
+    """Tell whether a ray has met the wall where ``_onto_wall`` leads it from ``d`` m before it.
+
+    It passes by a bead, or is still on its way into the corner beside it, where it is farther off.
+    """
+    p = int(near[NEAR * k]) * PART_SIZE
+    if parts[p + LONG] == 0.0 or d < MET:
+        return True
+    return abs(surface_at(parts, p, at(near, NEAR * k + 3), s, out)) < MET
 
 
 @compiled
@@ -691,7 +719,10 @@ def _unplaced(fitting: Fitting) -> tuple[Array, Array, Array]:
     # Points that are measured a little outside the wall still belong to it.
     record[REACH] = float(np.linalg.norm(high - low)) / 2 + fitting.max_radius / 2
     record[PORTS] = len(fitting.port_names)
-    record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
+    if len(fitting.sizes) > MAX_SIZES:
+        record[LONG] = long_sizes.address(long_sizes.add(fitting.sizes))
+    else:
+        record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
     placed = [ports[name] for name in fitting.port_names]
     points = np.array([(low + high) / 2, *(port.position for port in placed)])
     return record, points, np.array([port.rotation[:, 2] for port in placed])

@@ -7,25 +7,29 @@ stand in ``kinds``, a table of this process.
 
 from __future__ import annotations
 
+import hashlib
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes import Fitting
-from omnitrack_sim.pipes.fittings.base import MAX_PORTS, MAX_SIZES
+from omnitrack_sim.pipes.fittings.base import ADDRESS, MAX_PORTS, MAX_SIZES
+from omnitrack_sim.pipes.obstacles import Obstacle, corners_of
 
-MARK = 402654.0
+MARK = 402656.0
 """First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
-KIND, SIZE, DEPTH, ORDER, PARTS, BOX = 1, 2, 3, 4, 5, 6
+KIND, SIZE, DEPTH, ORDER, PARTS, LONG, BUMPS, BOX = 1, 2, 3, 4, 5, 6, 7, 8
 ENDS = BOX + 3
 SIZES = ENDS + MAX_PORTS
 RECORD_SIZE = SIZES + MAX_SIZES
 """Indices in the record of a wall, and its size: mark, number of the kind, radius of the bore, m,
 depth to which the wall is solid towards other bores, m, number of the part and count of all parts,
-whose walls follow each other, centre of the bounding box (3), whether contact ends at each
-port, the fitting's ``sizes``."""
+whose walls follow each other, whether (over 0) the sizes are not here but in ``long_sizes``, width
+of bumps into the bore, m, 0 without any, centre of the bounding box (3), whether contact ends at
+each port, the fitting's ``wall_sizes`` or the two numbers of their key."""
 
 DEPTH_IN_BORE = 2.0
 """Largest depth to which a wall is solid, in radii of its bore: 160 mm at 80 mm. The middle of a
@@ -55,7 +59,7 @@ class Kinds:
         self.table = np.zeros(1 + KIND_SIZE * self.MAX_KINDS, np.int64)
         self.names: dict[int, str] = {}
 
-    def add(self, kind: type[Fitting]) -> int:
+    def add(self, kind: type[Fitting] | type[Obstacle]) -> int:
         """Enter a kind, or enter its functions anew; returns its number.
 
         Raises:
@@ -78,6 +82,56 @@ class Kinds:
 kinds = Kinds()
 
 
+class LongSizes:
+    """Sizes of walls that are longer than a record, by a key of their content, for compiled code.
+
+    The key leaves out what is one process's alone, see ``ADDRESS``.
+
+    They are kept for good, since no process knows which of its models still have them.
+
+    Attributes:
+        table: (3 ROOM,) words: key (2), and address of the numbers, which is 0 where the row is
+            free. A key's row is the first free one from its own number on.
+    """
+
+    ROOM = 1 << 14
+
+    def __init__(self) -> None:
+        self.table = np.zeros(3 * self.ROOM, np.int64)
+        self._kept: list[Array] = []
+
+    def add(self, sizes: Sequence[float]) -> tuple[int, int]:
+        """Keep sizes, and return their key: two numbers of six digits.
+
+        Raises:
+            GeometryError: no room.
+        """
+        numbers = np.array(sizes, float)
+        digest = hashlib.sha256(np.delete(numbers, ADDRESS).tobytes()).digest()
+        halves = int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")
+        first, second = (100_000 + half % 900_000 for half in halves)
+        for k in range(self.ROOM):
+            row = 3 * ((first + k) % self.ROOM)
+            if not self.table[row + 2]:
+                self._kept.append(numbers)
+                self.table[row : row + 2] = first, second
+                self.table[row + 2] = numbers.ctypes.data  # last: other threads may be stepping
+                return first, second
+            if self.table[row] == first and self.table[row + 1] == second:
+                return first, second
+        raise GeometryError(Fault("relief", f"is of one pipe more than {self.ROOM} in a process"))
+
+    def address(self, key: tuple[int, int]) -> int:
+        """Return the address of the numbers of a key that was added."""
+        row = 3 * (key[0] % self.ROOM)
+        while tuple(self.table[row : row + 2]) != key:
+            row = (row + 3) % (3 * self.ROOM)
+        return int(self.table[row + 2])
+
+
+long_sizes = LongSizes()
+
+
 def wall_record(
     fitting: Fitting, ends: tuple[bool, ...], depth: float, number: int = 0, count: int = 1
 ) -> Array:
@@ -95,9 +149,32 @@ def wall_record(
     record[0], record[KIND] = MARK, kinds.add(type(fitting))
     record[SIZE], record[DEPTH] = fitting.max_radius, depth
     record[ORDER], record[PARTS] = number, count
-    record[BOX:ENDS] = bounding_box(fitting, depth)[0]
+    record[BUMPS], record[BOX:ENDS] = fitting.bumps, bounding_box(fitting, depth)[0]
     record[ENDS : ENDS + len(ends)] = ends
-    record[SIZES : SIZES + len(fitting.sizes)] = fitting.sizes
+    put_sizes(record, fitting.wall_sizes)
+    return record
+
+
+def put_sizes(record: Array, sizes: Sequence[float]) -> None:
+    """Write sizes to a record, or the key of long ones."""
+    if len(sizes) > MAX_SIZES:
+        record[LONG], sizes = 1.0, long_sizes.add(sizes)
+    record[SIZES : SIZES + len(sizes)] = sizes
+
+
+def obstacle_record(obstacle: Obstacle, radius: float, limit: float) -> Array:
+    """Return the record (RECORD_SIZE,) of what stands on a wall, in the middle of its box.
+
+    Args:
+        obstacle: the solid.
+        radius: m, of the bore.
+        limit: m, from the axis, beyond which a point is no longer one of this pipe's.
+    """
+    record, (low, high) = np.zeros(RECORD_SIZE), corners_of(obstacle)
+    record[0], record[KIND], record[SIZE] = MARK, kinds.add(Obstacle), radius
+    record[DEPTH], record[BUMPS] = DEPTH_IN_BORE * radius, obstacle.bumps
+    record[BOX:ENDS] = (low + high) / 2
+    put_sizes(record, obstacle.sizes(limit))
     return record
 
 

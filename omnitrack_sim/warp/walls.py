@@ -18,7 +18,7 @@ from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
 from omnitrack_sim.walls.contacts import CONTACT_SIZE
 from omnitrack_sim.walls.guard import PLUGIN
-from omnitrack_sim.walls.record import KIND, MARK, PLATE, RECORD_SIZE, kinds
+from omnitrack_sim.walls.record import KIND, LONG, MARK, PLATE, RECORD_SIZE, kind_number, kinds
 from omnitrack_sim.walls.rims import CAPSULE, SPHERE
 from omnitrack_sim.warp import kernels
 from omnitrack_sim.warp.contacts import LINE, SHAPES, room, structure
@@ -71,6 +71,9 @@ class Walls:
         if not is_wall.any():
             problem = "has no exact walls: ot.add_pipes(spec, network) adds them before compilation"
             raise InputError(Fault("model", problem))
+        relief = (rows[is_wall, LONG] > 0) | (rows[is_wall, KIND] == kind_number("obstacle"))
+        if relief.any():
+            raise InputError(Fault("model", "has pipes with relief, which MuJoCo Warp has not yet"))
         pairs = _pairs(model, np.flatnonzero(is_wall))
         shapes = {int(kind) for kind in model.geom_type[pairs[:, 1]]}
         if (has_record[pairs[:, 1]] & (model.geom_type[pairs[:, 1]] == CAPSULE)).any():

@@ -25,6 +25,7 @@ from omnitrack_sim.base.rotations import Array, Pose, frame_of
 from omnitrack_sim.base.table import Size, Table, Unit
 from omnitrack_sim.pipes.compiled import Wall, distances
 from omnitrack_sim.pipes.native import SIGNATURES, CompilationError, c_function
+from omnitrack_sim.pipes.obstacles import Obstacle
 from omnitrack_sim.pipes.sections import Section
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid, stave_count
 
@@ -347,7 +348,39 @@ class Fitting(ABC):
     @property
     @abstractmethod
     def sizes(self) -> tuple[float, ...]:
-        """The numbers that the functions of ``wall`` get, at most ``MAX_SIZES``."""
+        """The numbers that the functions of ``wall`` get; over ``MAX_SIZES`` are kept for good."""
+
+    @property
+    def wall_sizes(self) -> tuple[float, ...]:
+        """The sizes of the wall without its ``obstacles``, which touch bodies by themselves."""
+        return self.sizes
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands on the wall as solids of their own, and counts in ``sizes``."""
+        return ()
+
+    @property
+    def bumps(self) -> float:
+        """Width, m, of the narrowest bumps of the wall into the bore; 0 without any.
+
+        At them a flat face may touch that is not near with its edges.
+        """
+        return 0.0
+
+    def axis_frame(self, s: float) -> Pose:
+        """Return the frame (fitting frame) of obstacles at arc length ``s`` m: z along the axis."""
+        return Pose(np.eye(3), s * Z)
+
+    def settled(self, down: Array) -> Self:
+        """Return the fitting with what lies on its lowest side.
+
+        ``down``: (3,) unit vector, fitting frame.
+
+        Raises:
+            GeometryError: it has no lowest side.
+        """
+        return self
 
     def flare(self, port: str) -> float:
         """Growth of the bore radius, m/m, on the way into the fitting right behind a port."""
@@ -403,8 +436,9 @@ class Fitting(ABC):
         return self.fill(kit, 0.0)
 
 
-MAX_SIZES, MAX_PORTS = 10, 4
-"""Room in the exact collider for the numbers and ports of a fitting."""
+MAX_SIZES, MAX_PORTS, ADDRESS = 10, 4, 3
+"""Room in the exact collider for the numbers and ports of a fitting; and index, in sizes that are
+longer, of one that is an address in this process."""
 MAX_BORE = 20.0
 """Bore, m, beyond which a diameter was meant in millimetres: water and road tunnels have 15 m."""
 MILLIMETRES = ": is it in millimetres? Lengths are in metres"

@@ -41,11 +41,12 @@ from omnitrack_sim.walls.collider import (
     doubles,
     enter,
     functions_of,
+    sizes_of,
     word,
 )
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, in_world, put_contact
 from omnitrack_sim.walls.curves import PLATEAU, minimum, rim_begins, slope_at
-from omnitrack_sim.walls.record import ENDS, KIND, MARK, RECORD_SIZE, SIZES
+from omnitrack_sim.walls.record import ENDS, KIND, MARK, RECORD_SIZE
 
 PITCH, SCALE, SIDE, OTHER = 1, 2, 3, 4
 """Indices in the record of a track: distance of its lugs, m, the robot's scale, and the side of
@@ -288,7 +289,7 @@ def collide_line(model, data, contacts, wall, line, margin):
     bodies = doubles(model[word(SIZE)])
     radius, half = bodies[3 * line], bodies[3 * line + 1]
     position, matrix = doubles(data[word(POSITIONS)]), doubles(data[word(MATRICES)])
-    sizes, n = at(records, w + SIZES), 0
+    sizes, n = sizes_of(records, w), 0
     if solids > 1:
         alone = row()
         for i in range(MAX_SIZES):

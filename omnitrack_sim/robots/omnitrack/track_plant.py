@@ -19,11 +19,13 @@ from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.robots.omnitrack import MODULES, Omnitrack
 from omnitrack_sim.robots.omnitrack.body import (
+    LINE_IMPEDANCE,
     LUG_CONAFFINITY,
     LUG_CONTYPE,
     MODULE_ENDS,
     add_robot,
     friction_tendons,
+    impedance,
     spring_free_length,
 )
 from omnitrack_sim.robots.omnitrack.channels import TRACKS
@@ -66,7 +68,10 @@ def scene(robot: Omnitrack, network: Assembly, options: SceneOptions) -> mujoco.
     spec = new_spec("omnitrack_scene")
     spec.option.timestep = options.timestep
     if options.exact:
-        add_exact_walls(spec, network)
+        # On what has a friction of its own lugs are as stiff as elsewhere.
+        stiffness = impedance(*LINE_IMPEDANCE, robot.contact_depth)
+        deposits = {"solref": [robot.contact_time, 1.0], "solimp": stiffness}
+        add_exact_walls(spec, network, deposits=deposits)
         add_guard(spec, f"wall_{network.parts[0].name}")
     else:
         add_walls(spec, network, tolerance=options.wall_tolerance, staves=options.staves)

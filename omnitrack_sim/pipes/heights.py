@@ -1,0 +1,449 @@
+"""Walls that differ from a round bore by a smooth height over length and angle.
+
+The height, inward, is the sum of patches, each a cubic B-spline over a grid: twice differentiable,
+nothing outside of the patch. The foot of a point on such a wall is found by Newton's method: from
+the foot on the round bore, and from the nodes of those patches that may hold a nearer one. No place
+of the wall nearer than what is known is farther along the pipe, or round it, than the sides of a
+triangle with the gap between the point and the highest place of the patch; so few nodes are looked
+at near the wall, and none is missed far from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from ctypes import CFUNCTYPE
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.pipes.compiled import FACE, compiled, put
+from omnitrack_sim.pipes.native import (
+    INTEGER,
+    NUMBERS,
+    WORD,
+    at,
+    c_function,
+    pointers,
+    scratch,
+)
+
+ROWS, COLUMNS, BEGIN, SPACING, FIRST, STEP, HIGHEST, BEND, LENGTH = 0, 1, 2, 3, 4, 5, 6, 7, 8
+HEAD = 9
+"""Indices in the numbers of a patch, and how many stand before its coefficients: nodes along and
+round the pipe; of the first node the place, m, and spacing along, m; its angle, rad, and spacing;
+largest inward height of the wall over the patch, m; largest curvature of its height, 1/m; count of
+all its numbers. Coefficients are followed by the wall's radius, m, at the nodes."""
+STEPS, SETTLED, MAX_STEP = 20, 1e-11, 0.01
+"""Of Newton's method: steps at most, the last step, m, and the longest one, m."""
+STARTS = 6
+"""Nodes from which the foot is looked for, of each patch, at most."""
+
+
+@compiled
+def _add_patch(patch, s, angle, height):
+    """Add height of a patch and its derivatives at a place to ``height``.
+
+    These are by s, by angle, and the second ones: s s, s angle, angle angle.
+    """
+    rows, columns = int(patch[ROWS]), int(patch[COLUMNS])
+    u, step = (s - patch[BEGIN]) / patch[SPACING], patch[STEP]
+    i = math.floor(u)
+    # A spline reaches two nodes far.
+    if i < -2 or i > rows:
+        return
+    turn = angle - patch[FIRST]
+    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi))
+    v = turn / step
+    is_ring = columns * step > 2.0 * math.pi - 0.5 * step
+    j = math.floor(v)
+    if not is_ring and j > columns:
+        # Just before the first column.
+        v -= 2.0 * math.pi / step
+        j = math.floor(v)
+        if j < -2:
+            return
+    u, v = u - i, v - j
+    # Values, first and second derivatives of the four splines that reach there.
+    a, b = 1.0 - u, 1.0 - v
+    u0, u1, u2, u3 = a * a * a / 6.0, 2.0 / 3.0 - u * u * (1.0 - 0.5 * u), 0.0, u * u * u / 6.0
+    u2 = 1.0 - u0 - u1 - u3
+    p0, p1, p3 = -0.5 * a * a, u * (1.5 * u - 2.0), 0.5 * u * u
+    p2 = -p0 - p1 - p3
+    q0, q1, q3 = a, 3.0 * u - 2.0, u
+    q2 = -q0 - q1 - q3
+    v0, v1, v3 = b * b * b / 6.0, 2.0 / 3.0 - v * v * (1.0 - 0.5 * v), v * v * v / 6.0
+    v2 = 1.0 - v0 - v1 - v3
+    w0, w1, w3 = -0.5 * b * b, v * (1.5 * v - 2.0), 0.5 * v * v
+    w2 = -w0 - w1 - w3
+    x0, x1, x3 = b, 3.0 * v - 2.0, v
+    x2 = -x0 - x1 - x3
+    for k in range(4):
+        row = i - 1 + k
+        if row < 0 or row >= rows:
+            continue
+        c0 = c1 = c2 = c3 = 0.0
+        base = HEAD + row * columns
+        j0, j1, j2, j3 = j - 1, j, j + 1, j + 2
+        if is_ring:
+            if j0 < 0:
+                j0 += columns
+            if j1 >= columns:
+                j1 -= columns
+            if j2 >= columns:
+                j2 -= columns
+            if j3 >= columns:
+                j3 -= columns
+        if 0 <= j0 < columns:
+            c0 = patch[base + j0]
+        if 0 <= j1 < columns:
+            c1 = patch[base + j1]
+        if 0 <= j2 < columns:
+            c2 = patch[base + j2]
+        if 0 <= j3 < columns:
+            c3 = patch[base + j3]
+        value = v0 * c0 + v1 * c1 + v2 * c2 + v3 * c3
+        first = (w0 * c0 + w1 * c1 + w2 * c2 + w3 * c3) / step
+        second = (x0 * c0 + x1 * c1 + x2 * c2 + x3 * c3) / (step * step)
+        f = u0 if k == 0 else (u1 if k == 1 else (u2 if k == 2 else u3))
+        g = p0 if k == 0 else (p1 if k == 1 else (p2 if k == 2 else p3))
+        h = q0 if k == 0 else (q1 if k == 1 else (q2 if k == 2 else q3))
+        g, h = g / patch[SPACING], h / (patch[SPACING] * patch[SPACING])
+        height[0] += f * value
+        height[1] += g * value
+        height[2] += f * first
+        height[3] += h * value
+        height[4] += g * first
+        height[5] += f * second
+
+
+@compiled
+def height_at(patches, count, s, angle, height):
+    """Write the height and its derivatives at a place, see ``_add_patch``, to ``height`` (6,)."""
+    for i in range(6):
+        height[i] = 0.0
+    p = 0
+    for _ in range(count):
+        _add_patch(at(patches, p), s, angle, height)
+        p += int(patches[p + LENGTH])
+
+
+@compiled
+def _squared(radius, rho, theta, z, s, angle, height):
+    """Half of the squared distance of a point from the place of the wall in ``height``."""
+    r = radius - height[0]
+    half = math.sin(0.5 * (angle - theta))
+    return 0.5 * ((r - rho) * (r - rho) + (s - z) * (s - z)) + 2.0 * rho * r * half * half
+
+
+@compiled
+def _foot(patches, count, radius, rho, theta, z, s, angle, height):
+    """Return place and squared distance of the foot that Newton's method reaches from a place.
+
+    Place along the pipe, m, and angle, rad; ``height`` is that at the foot.
+    """
+    height_at(patches, count, s, angle, height)
+    f = _squared(radius, rho, theta, z, s, angle, height)
+    for _ in range(STEPS):
+        r, delta = radius - height[0], angle - theta
+        cos, sin = math.cos(delta), math.sin(delta)
+        rs, ra = -height[1], -height[2]
+        away = r - rho * cos
+        fs, fa = rs * away + s - z, ra * away + rho * r * sin
+        fss = 1.0 + rs * rs - height[3] * away
+        fsa = -height[4] * away + rs * (ra + rho * sin)
+        faa = -height[5] * away + ra * ra + 2.0 * ra * rho * sin + rho * r * cos
+        under = fss * faa - fsa * fsa
+        if fss > 0.0 and under > 1e-6 * fss * r * r:
+            ds, da = (fsa * fa - faa * fs) / under, (fsa * fs - fss * fa) / under
+        else:
+            # Not near a minimum: downhill, as far as on a wall that is even.
+            ds, da = -fs / (1.0 + rs * rs), -fa / (r * r)
+        size = math.sqrt(ds * ds + r * r * da * da)
+        if size > MAX_STEP:
+            ds, da = ds * MAX_STEP / size, da * MAX_STEP / size
+        is_lower, there = False, f
+        for _ in range(8):
+            height_at(patches, count, s + ds, angle + da, height)
+            there = _squared(radius, rho, theta, z, s + ds, angle + da, height)
+            if there <= f + 1e-18:
+                is_lower = True
+                break
+            ds, da = 0.25 * ds, 0.25 * da
+        if not is_lower:
+            height_at(patches, count, s, angle, height)
+            break
+        s, angle, f = s + ds, angle + da, there
+        if size < SETTLED:
+            break
+    return s, angle, f
+
+
+@compiled
+def _nodes(patch, radius, rho, theta, z, best, starts):
+    """Write the nearest nodes of a patch that may lead to a nearer foot to ``starts``.
+
+    Args:
+        patch: its numbers.
+        radius: m, of the round bore.
+        rho: m, distance of the point from the axis.
+        theta: rad, its angle.
+        z: m, its place along the pipe.
+        best: m, distance of the nearest place that is known.
+        starts: room for three numbers of each start: distance, m, row and column.
+
+    Returns:
+        How many there are.
+    """
+    rows, columns, step, spacing = (
+        int(patch[ROWS]),
+        int(patch[COLUMNS]),
+        patch[STEP],
+        patch[SPACING],
+    )
+    gap = max(radius - patch[HIGHEST] - rho, 0.0)
+    square = best * best - gap * gap
+    if square <= 0.0:
+        return 0
+    aside = math.sqrt(square)
+    low = max(math.floor((z - aside - patch[BEGIN]) / spacing), 0)
+    high = min(math.ceil((z + aside - patch[BEGIN]) / spacing), rows - 1)
+    if low > high:
+        return 0
+    # The chord between the point's angle and a place's, at the lesser of both distances.
+    near = 2.0 * math.sqrt(max(rho * (radius - patch[HIGHEST]), 0.0))
+    first, last = 0, columns - 1
+    is_ring = columns * step > 2.0 * math.pi - 0.5 * step
+    turn = (theta - patch[FIRST]) / step
+    if near > aside:
+        room = 2.0 * math.asin(aside / near) / step
+        whole = 2.0 * math.pi / step
+        if is_ring:
+            if 2.0 * room + 2.0 < columns:
+                first, last = math.floor(turn - room), math.ceil(turn + room)
+        else:
+            turn -= whole * math.floor((turn + 0.5 * (whole - columns)) / whole)
+            first = max(first, math.floor(turn - room))
+            last = min(last, math.ceil(turn + room))
+    n, reach = 0, best + 0.5 * spacing * spacing * (patch[BEND] + 1.0 / max(best, spacing))
+    # Within half of the diagonal of a cell from a foot there is a node; the height bends between.
+    slack, limit = reach - best, reach * reach
+    cosine, sine = math.cos(step), math.sin(step)
+    angle = patch[FIRST] + first * step - theta
+    c, d = math.cos(angle), math.sin(angle)
+    radii = HEAD + rows * columns
+    for column in range(first, last + 1):
+        j = column % columns
+        flat = 2.0 * rho * c
+        for row in range(low, high + 1):
+            r, along = patch[radii + row * columns + j], patch[BEGIN] + row * spacing - z
+            square = rho * rho + r * (r - flat) + along * along
+            if square >= limit:
+                continue
+            # One start a neighbourhood: the nearest node of it.
+            place, is_new = n, True
+            for k in range(n):
+                apart = abs(starts[3 * k + 2] - column)
+                if abs(starts[3 * k + 1] - row) <= 1.0 and min(apart, abs(columns - apart)) <= 1.0:
+                    is_new = False
+                    place = k if square < starts[3 * k] else -1
+                    break
+            if is_new and n == STARTS:
+                place = -1
+                farthest = square
+                for k in range(n):
+                    if starts[3 * k] > farthest:
+                        place, farthest = k, starts[3 * k]
+            if place >= 0:
+                starts[3 * place], starts[3 * place + 1] = square, float(row)
+                starts[3 * place + 2] = float(column)
+                n += 1 * (is_new and n < STARTS)
+                # What is nearer lowers what may still lead to a nearer foot.
+                there = math.sqrt(square) + slack
+                limit = min(limit, there * there)
+        c, d = c * cosine - d * sine, d * cosine + c * sine
+    return n
+
+
+@compiled
+def distance(patches, count, radius, x, y, z, room, out):
+    """Return the distance, m, of a point from a wall of patches; the gradient goes to ``out``.
+
+    Args:
+        patches: numbers of the patches, one after the other.
+        count: of them.
+        radius: m, of the round bore.
+        x: m, across the pipe.
+        y: likewise.
+        z: m, along the pipe.
+        room: for 6 + 3 ``STARTS`` numbers.
+        out: see ``compiled.Wall``.
+    """
+    rho, theta = math.sqrt(x * x + y * y), math.atan2(y, x)
+    height, starts = room, at(room, 6)
+    s, angle, f = _foot(patches, count, radius, rho, theta, z, z, theta, height)
+    p = 0
+    for _ in range(count):
+        patch = at(patches, p)
+        p += int(patch[LENGTH])
+        n = _nodes(patch, radius, rho, theta, z, math.sqrt(2.0 * f), starts)
+        nearest = math.inf
+        for k in range(n):
+            nearest = min(nearest, starts[3 * k])
+        slack = 0.5 * patch[SPACING] * patch[SPACING]
+        slack *= patch[BEND] + 1.0 / max(math.sqrt(2.0 * f), patch[SPACING])
+        for k in range(n):
+            if math.sqrt(starts[3 * k]) > math.sqrt(nearest) + slack:
+                continue
+            place = patch[BEGIN] + starts[3 * k + 1] * patch[SPACING]
+            turn = patch[FIRST] + starts[3 * k + 2] * patch[STEP]
+            u, v, g = _foot(patches, count, radius, rho, theta, z, place, turn, height)
+            if g < f:
+                s, angle, f = u, v, g
+    height_at(patches, count, z, theta, height)
+    side = 1.0 if rho <= radius - height[0] else -1.0
+    height_at(patches, count, s, angle, height)
+    r, d = radius - height[0], math.sqrt(2.0 * f)
+    cos, sin = math.cos(angle), math.sin(angle)
+    if d > 1e-7:
+        scale = side / d
+        put(out, scale * (x - r * cos), scale * (y - r * sin), scale * (z - s), FACE)
+    else:
+        # On the wall: the normal of its two tangents, into the bore.
+        nx, ny, nz = -r * cos + height[2] * sin, -r * sin - height[2] * cos, -r * height[1]
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        put(out, nx / size, ny / size, nz / size, FACE)
+    return side * d
+
+
+def _at_places(patches, count, places, number, heights):
+    """Write the heights at places (number, 2) along, m, and round, rad, to ``heights``."""
+    height = scratch()
+    for i in range(number):
+        height_at(patches, count, places[2 * i], places[2 * i + 1], height)
+        heights[i] = height[0]
+    return 0
+
+
+_AT_PLACES = CFUNCTYPE(INTEGER, NUMBERS, WORD, NUMBERS, WORD, NUMBERS)
+PAD = 4
+"""Nodes beyond a height that ends, in which its spline dies out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A height over a grid along and round a pipe, as a cubic B-spline.
+
+    Attributes:
+        begin: m along the pipe, of the first row of nodes. spacing: m, of rows.
+        first: rad about the axis, of the first column. step: rad, of columns.
+        coefficients: (rows, columns) m, inward.
+        bumps: m, width of its bumps into the bore; 0 without any.
+    """
+
+    begin: float
+    spacing: float
+    first: float
+    step: float
+    coefficients: Array
+    bumps: float = 0.0
+
+    @classmethod
+    def through(
+        cls,
+        begin: float,
+        spacing: float,
+        first: float,
+        step: float,
+        samples: Array,
+        bumps: float = 0.0,
+    ) -> Patch:
+        """Return the patch with heights ``samples`` (rows, columns) m at the nodes.
+
+        They die out towards its ends; round the pipe they do so, or the columns go all round.
+        """
+        rows, columns = (2 + np.cos(2 * np.pi * np.fft.fftfreq(n)) for n in samples.shape)
+        gain = np.outer(rows, columns) / 9
+        coefficients = np.fft.ifft2(np.fft.fft2(samples) / gain).real
+        return cls(begin, spacing, first, step, coefficients, bumps)
+
+    @classmethod
+    def over(
+        cls,
+        height: Callable[[Array, Array], Array],
+        ends: tuple[float, float],
+        spacing: float,
+        arc: tuple[float, float] | None,
+        step: float,
+        bumps: float = 0.0,
+    ) -> Patch:
+        """Return the patch of a function of place, m, and angle, rad, that is 0 beyond its ends.
+
+        Args:
+            height: of arrays of both, m.
+            ends: m, along the pipe.
+            spacing: m, of rows, at most.
+            arc: middle and half width, rad, beyond which it is 0; None: all round.
+            step: rad, of columns, at most.
+            bumps: m, width of its bumps into the bore; 0 without any.
+        """
+        rows = math.ceil((ends[1] - ends[0]) / spacing - 1e-9)
+        spacing = (ends[1] - ends[0]) / rows
+        begin, count = ends[0] - PAD * spacing, rows + 1 + 2 * PAD
+        if arc is None:
+            columns, first = 4 * math.ceil(math.pi / 2 / step - 1e-9), 0.0
+            step = 2 * math.pi / columns
+        else:
+            cells = math.ceil(2 * arc[1] / step - 1e-9)
+            step, columns = 2 * arc[1] / cells, cells + 1 + 2 * PAD
+            first = arc[0] - arc[1] - PAD * step
+        s: Array = begin + spacing * np.arange(count, dtype=float)
+        angle: Array = first + step * np.arange(columns, dtype=float)
+        return cls.through(begin, spacing, first, step, height(s[:, None], angle[None, :]), bumps)
+
+    def numbers(self, radius: float = 0.0, total: Array | None = None) -> Array:
+        """Return its numbers, see ``ROWS``.
+
+        Args:
+            radius: m, of the round bore.
+            total: (rows, columns) m, height of all patches at its nodes; None: not asked for.
+        """
+        rows, columns = self.coefficients.shape
+        bend = self.bend(max(radius, 1e-9))
+        highest = 0.0 if total is None else float(total.max()) + bend * self.spacing**2 / 4
+        nodes = np.zeros(0) if total is None else radius - total.ravel()
+        head = [rows, columns, self.begin, self.spacing, self.first, self.step, highest, bend]
+        length = HEAD + self.coefficients.size + len(nodes)
+        return np.concatenate([head, [length], self.coefficients.ravel(), nodes])
+
+    def bend(self, radius: float) -> float:
+        """Return the largest curvature of its height, 1/m, about; for searches."""
+        padded = np.pad(self.coefficients, 1)
+        along = np.abs(np.diff(padded, 2, axis=0)).max() / self.spacing**2
+        around = np.abs(np.diff(padded, 2, axis=1)).max() / (radius * self.step) ** 2
+        return float(max(along, around))
+
+    @property
+    def nodes(self) -> Array:
+        """Places (rows, columns, 2) of its nodes: m along the pipe, rad round it."""
+        rows, columns = self.coefficients.shape
+        s = self.begin + self.spacing * np.arange(rows)
+        angle = self.first + self.step * np.arange(columns)
+        return np.stack(np.meshgrid(s, angle, indexing="ij"), axis=-1)
+
+
+def total_height(patches: Sequence[Patch], places: Array) -> Array:
+    """Return the height (...,) m of all patches at places (..., 2): m along the pipe, rad."""
+    places = np.ascontiguousarray(places, float)
+    numbers = np.concatenate([np.zeros(0), *(patch.numbers() for patch in patches)])
+    heights = np.zeros(places.shape[:-1])
+    evaluate = c_function(_at_places, _AT_PLACES).ctypes
+    evaluate(*pointers(numbers), len(patches), *pointers(places), heights.size, *pointers(heights))
+    return heights
+
+
+def numbers_of(patches: Sequence[Patch], radius: float) -> Array:
+    """Return the numbers of patches on a round bore, see ``distance``."""
+    each = [patch.numbers(radius, total_height(patches, patch.nodes)) for patch in patches]
+    return np.concatenate([np.zeros(0), *each])
