@@ -10,6 +10,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.calibration.compare import targets_of
 from omnitrack_sim.calibration.doubt import draw_within, independent_count, indistinct_of
+from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
 from omnitrack_sim.trials.sweep_file import resolve
@@ -246,3 +247,17 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_passport_draws_the_robots_own_parameters(found):
+    """A robot a trial, beside walls, slope and pull; what is not the robot's is left out."""
+    own = Parameter("robot.preload", 40.0, 4.0, 400.0, "N", "assumed", 28.0)
+    both = [found.parameters[0], own]
+    fit = ot.Calibration(both, np.array([6.0, 44.0]), np.diag([1.0, 4.0]))
+    plan = ot.PassportPlan.of("presser", courses=["straight"], trials=16, calibration=fit)
+    drawn = np.array(plan.sweep.trials()["robot.preload"])
+    assert drawn.mean() == pytest.approx(44.0, abs=1.0)
+    assert drawn.std() == pytest.approx(2.0, rel=0.3)
+    assert plan.hash != ot.PassportPlan.of("presser", courses=["straight"], trials=16).hash
+    with pytest.raises(ot.InputError, match="has no parameter"):
+        ot.PassportPlan.of("presser", calibration=found)
