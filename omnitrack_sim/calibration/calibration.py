@@ -284,6 +284,13 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
 
     Raises:
         InputError: there is no such file, or it is none of a calibration; lists every fault.
+
+    Example:
+        >>> try:
+        ...     ot.load_calibration("mine.toml")
+        ... except ot.InputError as error:
+        ...     print(error)
+        mine.toml: cannot be read: there is no such file
     """
     file = Path(path)
     if not is_file(file):

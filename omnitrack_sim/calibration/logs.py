@@ -140,6 +140,13 @@ def load_log(source: str | os.PathLike[str]) -> Log:
 
     Raises:
         InputError: lists every fault, of samples with their line.
+
+    Example:
+        >>> try:
+        ...     ot.load_log("run7.csv")
+        ... except ot.InputError as error:
+        ...     print(error)
+        run7.csv: cannot be read: there is no such file
     """
     path = Path(source)
     if not is_file(path):
