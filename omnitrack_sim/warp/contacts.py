@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from functools import cache, partial
 from typing import Any
 
+from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings import straight
 from omnitrack_sim.pipes.native import (
@@ -24,7 +25,16 @@ from omnitrack_sim.walls import bodies, collider, rims
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_OF_PAIR
 from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, SIZES, kind_number
 from omnitrack_sim.warp.planes import with_plane
-from omnitrack_sim.warp.translation import INT, INTS, REAL, REALS, Code, Translation, _Body
+from omnitrack_sim.warp.translation import (
+    INT,
+    INTS,
+    REAL,
+    REALS,
+    Code,
+    Translation,
+    TranslationError,
+    _Body,
+)
 
 SINGLE = {
     "ACCURACY": 2e-6,
@@ -73,12 +83,18 @@ SHAPES = {
     rims.MESH: bodies.mesh,
 }
 """Functions that find the contacts of a type of geom; those of spheres are always there."""
+SURFACE, SPAN = (REALS, REAL, REAL, REAL, REALS), (REALS, REALS, *[REAL] * 6, REALS)
+"""Types of the arguments of ``compiled.Wall``'s functions."""
 LINE = -1
 """Kind of geom that stands for rows of lugs, which are capsules with a record."""
 
 
 def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Translation:
-    """Return what translates the collider for some fittings and types of geoms."""
+    """Return what translates the collider for some fittings and types of geoms.
+
+    Raises:
+        GeometryError: the wall of a fitting cannot be translated.
+    """
     absent = [function for kind, function in SHAPES.items() if kind not in shapes]
     walls = {kind_number(each.file_kind()): each.wall for each in fittings}
     solids = {number: wall.solids for number, wall in walls.items() if wall.solids > 1}
@@ -86,8 +102,15 @@ def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) ->
     whole = Translation(known, SINGLE, absent, structures=(MODEL,))
     surfaces = {number: wall.surface for number, wall in walls.items()}
     spans = {number: wall.span for number, wall in walls.items()}
-    whole.dispatcher("surface", surfaces, [REALS, REAL, REAL, REAL, REALS])
-    whole.dispatcher("span", spans, [REALS, REALS, *[REAL] * 6, REALS])
+    for each in fittings:
+        try:
+            whole.function(each.wall.surface, SURFACE)
+            whole.function(each.wall.span, SPAN)
+        except TranslationError as error:
+            problem = f"its wall cannot be translated for a device: {error}"
+            raise GeometryError(Fault(each.file_kind(), problem)) from error
+    whole.dispatcher("surface", surfaces, SURFACE)
+    whole.dispatcher("span", spans, SPAN)
     return whole
 
 

@@ -215,7 +215,11 @@ class _Function(NamedTuple):
 @cache
 def _tree(python: FunctionType) -> ast.FunctionDef:
     """Return the source of a function as a tree."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(python))).body[0]
+    try:
+        text = inspect.getsource(python)
+    except OSError as error:
+        raise TranslationError(f"{python.__qualname__}: {error}") from error
+    tree = ast.parse(textwrap.dedent(text)).body[0]
     assert isinstance(tree, ast.FunctionDef)
     return tree
 
@@ -597,9 +601,7 @@ class _Body:
     def _of_subscript(self, node: ast.Subscript) -> Code:
         base = self.value(node.value)
         if isinstance(base.kind, tuple):
-            index = self.value(node.slice)
-            number = int(index.text)
-            return Code(f"{base.text}.a{number}", base.kind[number], base.writes)
+            return self._part(node, base)
         if base.kind in (REALS, INTS):
             index = self.value(node.slice)
             writes = base.writes or index.writes
@@ -608,6 +610,16 @@ class _Body:
         if handler is None:
             raise self.fault(node, f"a {base.kind} has no parts")
         return handler(self, node)
+
+    def _part(self, node: ast.Subscript, base: Code) -> Code:
+        """Return a part of a tuple; by a number that changes, if all are of one type."""
+        index = self.value(node.slice)
+        if index.text.isdigit():
+            number = int(index.text)
+            return Code(f"{base.text}.a{number}", base.kind[number], base.writes)
+        if len(set(base.kind)) > 1:
+            raise self.fault(node, "parts of several types have no number that changes")
+        return Code(f"(&{self.temporary(base).text}.a0)[{index.text}]", base.kind[0])
 
     def _of_call(self, node: ast.Call) -> Code:
         if node.keywords:
