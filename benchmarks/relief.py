@@ -58,7 +58,12 @@ def main() -> None:
         height = 1e3 * height_of(pipe, s, angle)
         top, cut = panels[:, column]
         picture = top.pcolormesh(s, np.degrees(angle), height, cmap="RdBu_r", vmin=-10, vmax=10)
-        top.set(title=title, xlim=(0, pipe.length), yticks=[0, 90, 180, 270, 360], ylabel="" if column else "angle, deg")
+        top.set(
+            title=title,
+            xlim=(0, pipe.length),
+            yticks=[0, 90, 180, 270, 360],
+            ylabel="" if column else "angle, deg",
+        )
         for number, sign in ((0, -1), (90, 1)):
             cut.fill_between(s[0], sign * (80 - height[number]), sign * 90, color="0.6", lw=0)
         cut.set(xlim=(0, pipe.length), xlabel="length, m", ylabel="" if column else "cut, mm")
