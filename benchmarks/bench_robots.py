@@ -56,7 +56,6 @@ from bench_tests import (
 from shape import Arguments, random_gravity, table
 
 import omnitrack_sim as ot
-from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import validate
 
 REVERSAL = {CLIMB: (1.45, 2.1)}
@@ -349,6 +348,8 @@ tail_force_max = {{ column = "Zug", unit = "kgf" }}
 {currents}
 """
 """Table of a log with other names and units; currents in mA, each module a column."""
+KGF = 9.80665
+"""N, of a kilogram-force."""
 GAP = (1.0, 1.4)
 """Times, s, in which the stranger's logger was busy."""
 
@@ -359,7 +360,7 @@ def strangers_rows(log: ot.Log) -> list[str]:
     for k, at in enumerate(log.time.tolist()):
         if GAP[0] < at < GAP[1]:
             continue
-        force = f"{log.values['tail_force_max'][k] / GRAVITY:.4f}" if k % 5 == 0 else ""
+        force = f"{log.values['tail_force_max'][k] / KGF:.4f}" if k % 5 == 0 else ""
         currents = [f"{1000 * log.values[f'motor_current_{i}'][k]:.2f}" for i in (1, 2, 3)]
         lines.append(";".join([f"{1000 * at:.1f}", force, *currents]).replace(".", ","))
     return lines

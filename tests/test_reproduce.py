@@ -165,6 +165,7 @@ def test_every_claim_can_be_measured_and_every_figure_drawn(quick):
             continue
         found = claim(runs, True)
         assert any(map(str.isdigit, found.measurement.measured)), claim.id
+        assert "Result(" not in found.measurement.measured, claim.id
         assert found.driven or claim.id.startswith("singularity_"), claim.id
     for name, (caption, draw) in command.FIGURES.items():
         assert caption

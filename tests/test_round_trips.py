@@ -285,6 +285,13 @@ RANGES = {
     "list": {"values": st.lists(st.floats(0.1, 1), min_size=1, max_size=3)},
     "uniform": {"low": st.floats(0.1, 0.5), "high": st.floats(0.6, 1)},
     "normal": {"mean": st.floats(0.1, 1), "std": st.floats(0.01, 1), "low": st.just(0.05)},
+    "calibration": {
+        "file": st.just("mine.toml"),
+        "values": st.tuples(st.floats(0.2, 1)).map(list),
+        "covariance": st.tuples(st.tuples(st.floats(0, 1)).map(list)).map(list),
+        "low": st.just([0.1]),
+        "high": st.just([2.0]),
+    },
 }
 
 

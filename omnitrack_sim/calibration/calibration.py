@@ -131,6 +131,19 @@ class Calibration:
         low, high = np.array(pairs).T
         return low, high
 
+    def part(self, start: str) -> Calibration:
+        """Return the calibration of the parameters whose paths begin with ``start``.
+
+        Raises:
+            InputError: there is none.
+        """
+        chosen = [i for i, path in enumerate(self.fit) if path.startswith(start)]
+        if not chosen:
+            raise InputError(Fault("calibration", f"has no parameter {start}*", self.fit))
+        own = [self.parameters[i] for i in chosen]
+        covariance = self.covariance[np.ix_(chosen, chosen)]
+        return Calibration(own, self.values[chosen], covariance, logs=self.logs)
+
     def interval(self, level: float = 0.95) -> NDArray[np.float64]:
         """Return lower and upper ends (p, 2) of the intervals that hold the values at a level."""
         from scipy.special import ndtri

@@ -42,9 +42,12 @@ curvature."""
 TOLERANCE = 0.02
 """Part of its size to which no model meets a column: beside its noise it bounds what a column is
 worth, so that the least detail of a slide does not outweigh all else."""
-SCANNED, SCAN_STDS = 2, (3.0, 10.0, 30.0)
-"""The fit looks along so many of the least known directions, so many standard deviations to both
-sides, for a better valley, and for how wide the one at hand is."""
+PROFILE = 0.3
+"""Way, in standard deviations of what was known before, that the fit goes along the least known
+direction to both sides, and fits all others anew there: derivatives do not see how far it is open,
+for the sum of squares is rough where a robot slides."""
+HELD = 1e3
+"""Weight of that way, in its own units, which holds it while the others are fitted."""
 CLOSE = 0.1
 """Part of their standard deviations by which values may still move when the fit is done."""
 ROUNDS, ITERATIONS = 4, 12
@@ -276,13 +279,13 @@ class _Fit:
             moved = np.abs(values - before) / np.sqrt(np.diag(covariance))
             starts = values[None]
             if (number > 1 and (moved < CLOSE).all()) or number == ROUNDS:
-                better, covariance = self._scan(values, covariance)
+                better, covariance = self._profile(values, covariance)
                 if better is None or number == ROUNDS:
                     return self._calibration(values, slopes, covariance)
                 starts = better[None]
 
-    def _scan(self, values: Array, covariance: Array) -> tuple[Array | None, Array]:
-        """Look along the least known directions, farther than where the derivatives hold.
+    def _profile(self, values: Array, covariance: Array) -> tuple[Array | None, Array]:
+        """Look along the least known direction, farther than where the derivatives hold.
 
         Returns:
             values that meet the logs better, or None; and the covariance, wider where the sum of
@@ -291,25 +294,22 @@ class _Fit:
         sizes = self._prior * np.where(self._by_ratio, values, self._scale)
         # In parts of what was known before, so that directions do not depend on units.
         variances, directions = np.linalg.eigh(covariance / np.outer(sizes, sizes))
-        chosen = np.arange(len(values))[::-1][:SCANNED]
+        direction, variance = directions[:, -1], variances[-1]
+        if variance > PROFILE**2:  # what was known before holds it there
+            return None, covariance
         (base,) = self._costs(values[None])
-        stds = np.sqrt(np.maximum(variances, 1e-16))
-        for k in chosen:
-            steps = np.array([sign * many for many in SCAN_STDS for sign in (1, -1)])
-            coordinates = self._coordinates(values) + np.outer(
-                steps * stds[k], directions[:, k] * self._prior
-            )
-            sets = self._values(coordinates)
-            gains = self._costs(sets) - base
-            if gains.min() < -1:
-                return sets[np.argmin(gains)], covariance
-            # A parabola through the point instead of the curvature at the least sum.
-            ways = np.abs(steps) * stds[k]
-            near = ways < 1  # farther, what was known before holds by itself
-            wider = ways[near] / np.sqrt(np.maximum(gains[near], 1e-2))
-            stds[k] = min(max(stds[k], *wider), 1.0) if near.any() else stds[k]
-        widened = (directions * stds**2) @ directions.T
-        return None, widened * np.outer(sizes, sizes)
+        origin = self._coordinates(values)
+        ends = []
+        for way in (PROFILE, -PROFILE):
+            at = origin + way * direction * self._prior
+            ends.append(self._descend(self._values(at), hold=(direction / self._prior, at)))
+        gains = self._costs(np.array(ends)) - base
+        if gains.min() < -1:
+            return ends[int(np.argmin(gains))], covariance
+        # A parabola through the nearer side instead of the curvature at the least sum.
+        wider = PROFILE**2 / max(float(gains.min()), PROFILE**2)
+        variances[-1] = max(variance, wider)
+        return None, (directions * variances) @ directions.T * np.outer(sizes, sizes)
 
     def _tell(self, part: float, text: str) -> None:
         if self._progress is not None:
@@ -383,19 +383,33 @@ class _Fit:
         of = zip(self._weights, targets, point.simulated, strict=True)
         return [weight * target.residual(simulated) for weight, target, simulated in of]
 
-    def _descend(self, values: Array) -> Array:
-        """Return the values of the least sum of squares near ``values``."""
+    def _descend(self, values: Array, hold: tuple[Array, Array] | None = None) -> Array:
+        """Return the values of the least sum of squares near ``values``.
+
+        Args:
+            values: (p,) to begin with.
+            hold: a direction and a place (p,), in coordinates: no step leads from there along it.
+        """
         from mujoco import minimize
 
+        def held(coordinates: Array) -> Array:
+            direction, place = hold or (np.zeros((0, len(values))), np.zeros(len(values)))
+            return HELD * (np.atleast_2d(direction) @ (coordinates - place[:, None]))
+
         def residual(coordinates: Array) -> Array:
-            return self._residuals(self._values(coordinates.T))
+            own = self._residuals(self._values(coordinates.T))
+            return np.vstack([own, held(coordinates)])
+
+        def jacobian(coordinates: Array, _: Array) -> Array:
+            # Differences to both sides: along a valley the two sides of it must balance.
+            own = self._jacobian(coordinates.ravel())
+            return np.vstack([own, held(np.eye(len(values))) - held(np.zeros((len(values), 1)))])
 
         found, _ = minimize.least_squares(
             self._coordinates(values),
             residual,
             bounds=[self._coordinates(end) for end in (self._low, self._high)],
-            # Differences to both sides: along a valley the two sides of it must balance.
-            jacobian=lambda coordinates, _: self._jacobian(coordinates.ravel()),
+            jacobian=jacobian,
             x_scale="jac",
             mu_min=1e-2,
             mu_max=1e2,

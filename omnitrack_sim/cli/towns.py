@@ -59,6 +59,14 @@ def passport(
         str, typer.Option(metavar="KIND", help="Another controller than the robot's own.")
     ] = "",
     assignments: SetOption = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Draw each trial's robot from the doubt of a calibration, which `omnitrack "
+            "calibrate` wrote.",
+        ),
+    ] = None,
     quick: QuickOption = False,
     trials: TrialsOption = None,
     courses: CoursesOption = None,
@@ -80,6 +88,7 @@ def passport(
     name = plain(Path(robot).stem if Path(robot).suffix else robot.replace(":", "."))
     target = folder or Path("out") / f"passport_{name}{'_quick' if quick else ''}"
     options = worker_options(workers, dask)
+    drawn = None if calibration is None else ot.load_calibration(calibration)
     plan = with_changes(
         lambda changes: ot.PassportPlan.of(
             robot,
@@ -88,6 +97,7 @@ def passport(
             trials=trials or (QUICK if quick else FULL),
             courses=courses,
             batch=batch or BATCH,
+            calibration=drawn,
         ),
         assignments,
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.calibration.calibration import Calibration
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.towns.features import (
@@ -24,7 +25,13 @@ from omnitrack_sim.towns.features import (
 )
 from omnitrack_sim.towns.passage_model import MODEL, KindTrials
 from omnitrack_sim.towns.passport import Passport
-from omnitrack_sim.trials.axes import DirectionAxis, NormalAxis, UniformAxis
+from omnitrack_sim.trials.axes import (
+    AxisTable,
+    CalibrationAxis,
+    DirectionAxis,
+    NormalAxis,
+    UniformAxis,
+)
 from omnitrack_sim.trials.entries import robot_entry, robot_of
 from omnitrack_sim.trials.mobility import BATCH, CourseFile
 from omnitrack_sim.trials.plan import Conclusion, Plan, Round, Rounds
@@ -55,6 +62,7 @@ class PassportPlan(Plan):
         courses: names; empty: all.
         name: of the plan.
         batch: trials that run together.
+        calibration: of the robot's own parameters, which each trial draws; none: as they are.
 
     Raises:
         InputError: there is no such course.
@@ -73,6 +81,7 @@ class PassportPlan(Plan):
     courses: tuple[str, ...] = ()
     name: str = "passport"
     batch: int = BATCH
+    calibration: Calibration | None = None
 
     @classmethod
     def of(
@@ -84,6 +93,7 @@ class PassportPlan(Plan):
         trials: int = FULL,
         courses: Sequence[str] | None = None,
         batch: int = BATCH,
+        calibration: Calibration | None = None,
     ) -> PassportPlan:
         """Return the plan for a robot by name.
 
@@ -94,12 +104,15 @@ class PassportPlan(Plan):
             trials: of each course.
             courses: names; all when not given.
             batch: trials that run together.
+            calibration: each trial draws the robot's own parameters from it.
 
         Raises:
-            InputError: there is no such robot, controller or course.
+            InputError: there is no such robot, controller or course; the calibration has no
+                parameter of a robot.
         """
         made = {**robot_entry(robot, controller).changes, **(changes or {})}
-        return cls(made, trials, tuple(courses or ()), batch=batch)
+        own = None if calibration is None else calibration.part("robot.")
+        return cls(made, trials, tuple(courses or ()), batch=batch, calibration=own)
 
     def __post_init__(self) -> None:
         known = dict(_pipes())
@@ -165,13 +178,18 @@ class PassportPlan(Plan):
                 misfits[name] = "; ".join(str(error).splitlines())
         if not bases:
             raise InputError(Fault("robot", f"fits no course: {next(iter(misfits.values()))}"))
-        return _sweep_of(bases, self.changes, self.trials, self.batch), misfits
+        axes = [] if self.calibration is None else [CalibrationAxis.of(self.calibration, "")]
+        return _sweep_of(bases, self.changes, self.trials, self.batch, axes), misfits
 
 
 def _sweep_of(
-    bases: dict[str, Scenario], changes: Mapping[str, Any], trials: int, batch: int
+    bases: dict[str, Scenario],
+    changes: Mapping[str, Any],
+    trials: int,
+    batch: int,
+    axes: Sequence[AxisTable],
 ) -> Sweep:
-    """Random trials of each base: walls, roll, slope and pull."""
+    """Random trials of each base: walls, roll, slope and pull, and what ``axes`` vary."""
     weight = robot_of(changes).mass * GRAVITY
     low, high = TRIED.friction
     return Sweep(
@@ -194,6 +212,7 @@ def _sweep_of(
                 high=TRIED.pull * weight,
                 clipped=True,
             ),
+            *axes,
         ),
         bases=bases,
         set=dict(changes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, ValidationInfo, field_validator
@@ -14,6 +14,10 @@ from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import finite
+from omnitrack_sim.calibration.doubt import draw_within
+
+if TYPE_CHECKING:
+    from omnitrack_sim.calibration.calibration import Calibration
 
 BASE = "base"
 """Name of the axis that a list of base scenarios makes."""
@@ -68,11 +72,28 @@ class PathTable(Table):
 class AxisTable(PathTable):
     """Base of all axes."""
 
-    dimensions: ClassVar[int] = 0
-    """Number of coordinates of a sampling point that the axis takes.
+    coordinates: ClassVar[int] = 0
 
-    With 0 its values are crossed with those of the other axes.
-    """
+    @property
+    def dimensions(self) -> int:
+        """Number of coordinates of a sampling point that the axis takes.
+
+        With 0 its values are crossed with those of the other axes.
+        """
+        return self.coordinates
+
+    @property
+    def columns(self) -> Mapping[str, tuple[str, ...]]:
+        """The paths that take each of its values, by the name of the value's column."""
+        return {self.name: self.paths}
+
+    def drawn(self, points: Array) -> dict[str, list[Any]]:
+        """Return the values of its columns that points (n, dimensions) of the unit cube make."""
+        return {self.name: self.draw(points)}
+
+    def draw(self, points: Array) -> list[Any]:
+        """Return the values of an axis of one column; as ``drawn``."""
+        raise NotImplementedError
 
     @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
@@ -149,7 +170,7 @@ def above_low(high: float | None, info: ValidationInfo) -> float | None:
 class UniformAxis(AxisTable):
     """Uniform between two ends."""
 
-    dimensions: ClassVar[int] = 1
+    coordinates: ClassVar[int] = 1
     kind: Literal["uniform"]
     low: Number
     high: Number
@@ -165,7 +186,7 @@ class UniformAxis(AxisTable):
 class NormalAxis(AxisTable):
     """Normal, truncated where an end is given; clipped, values beyond an end are put on it."""
 
-    dimensions: ClassVar[int] = 1
+    coordinates: ClassVar[int] = 1
     kind: Literal["normal"]
     mean: Number
     std: PositiveNumber
@@ -196,7 +217,7 @@ class NormalAxis(AxisTable):
 class DirectionAxis(AxisTable):
     """A vector of given length whose direction is uniform on the sphere."""
 
-    dimensions: ClassVar[int] = 2
+    coordinates: ClassVar[int] = 2
     kind: Literal["direction"]
     magnitude: PositiveNumber = 9.81
 
@@ -209,12 +230,72 @@ class DirectionAxis(AxisTable):
         return (self.magnitude * vectors).tolist()
 
 
+class CalibrationAxis(AxisTable):
+    """Parameters of a calibration, drawn together by their doubt, within their ranges.
+
+    In a sweep's file ``file`` alone is given; the others are what stands in it.
+
+    Attributes:
+        file: that ``omnitrack calibrate`` wrote, relative to the sweep's.
+        values: that were fitted, one a path.
+        covariance: of their doubt.
+        low: ends of their ranges; high: as well.
+    """
+
+    kind: Literal["calibration"]
+    file: str
+    values: tuple[Number, ...]
+    covariance: tuple[tuple[Number, ...], ...]
+    low: tuple[Number, ...]
+    high: tuple[Number, ...]
+
+    @field_validator("values", "covariance", "low", "high")
+    @classmethod
+    def _one_a_path(cls, values: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
+        path = info.data.get("path", ())
+        count = 1 if isinstance(path, str) else len(path)
+        rows = [values, *values] if info.field_name == "covariance" else [values]
+        if count and any(len(row) != count for row in rows):
+            raise ValueError(f"needs {count} numbers, one for each path")
+        return values
+
+    @classmethod
+    def of(cls, calibration: Calibration, file: str) -> CalibrationAxis:
+        """Return the axis of a calibration that stands in a file."""
+        low, high = calibration.bounds
+        return cls(
+            kind="calibration",
+            file=file,
+            path=calibration.fit,
+            values=tuple(calibration.values.tolist()),
+            covariance=tuple(map(tuple, calibration.covariance.tolist())),
+            low=tuple(low.tolist()),
+            high=tuple(high.tolist()),
+        )
+
+    @property
+    def dimensions(self) -> int:
+        """One coordinate for each parameter."""
+        return len(self.paths)
+
+    @property
+    def columns(self) -> Mapping[str, tuple[str, ...]]:
+        """A column for each parameter."""
+        return {path: (path,) for path in self.paths}
+
+    def drawn(self, points: Array) -> dict[str, list[Any]]:
+        """Return the values of all parameters."""
+        given = (np.array(each) for each in (self.values, self.covariance, self.low, self.high))
+        return dict(zip(self.paths, draw_within(points, *given).T.tolist(), strict=True))
+
+
 AXES: dict[str, type[AxisTable]] = {
     "grid": GridAxis,
     "list": ListAxis,
     "uniform": UniformAxis,
     "normal": NormalAxis,
     "direction": DirectionAxis,
+    "calibration": CalibrationAxis,
 }
 
 

@@ -246,9 +246,10 @@ class Sweep(SweepTable, Plan):
         """For each base (axis name, path) of every single value that the axes set there."""
         return {
             base: [
-                (axis.name, place)
+                (name, place)
                 for axis in self.axes
-                for path in axis.paths
+                for name, paths in axis.columns.items()
+                for path in paths
                 for place in matches(data, path)
             ]
             for base, data in self.plain.items()
@@ -266,8 +267,11 @@ class Sweep(SweepTable, Plan):
         points = unit_points(each * sets, sum(dimensions), self.sampling, self.seed)
         # One set of points for all axes together, since only that covers their product evenly.
         shares = np.split(points, np.cumsum(dimensions)[:-1], axis=1) if random else []
-        drawn = {axis.name: axis.draw(own) for axis, own in zip(random, shares, strict=True)}
-        names = [*([BASE] if len(self.bases) > 1 else []), *(axis.name for axis in self.axes)]
+        drawn: dict[str, list[Any]] = {}
+        for axis, own in zip(random, shares, strict=True):
+            drawn |= axis.drawn(own)
+        names = [BASE] if len(self.bases) > 1 else []
+        names += [name for axis in self.axes for name in axis.columns]
         values: dict[str, list[Any]] = {name: [] for name in names}
         # Common draws are one set, which each combination takes from its beginning.
         for number, combination in enumerate(combinations):
@@ -281,9 +285,11 @@ class Sweep(SweepTable, Plan):
 
 def hash_of(data: Mapping[str, Any]) -> str:
     """Return the ``Sweep.hash`` of a sweep as plain data."""
-    # What only names things may be changed without running the trials again.
+    # What only names things may be changed without running the trials again. Of a file of a
+    # calibration the contents stand beside its name.
     kept = {key: value for key, value in data.items() if key not in FOR_THE_RECORD}
-    axes = [{k: v for k, v in axis.items() if k != "labels"} for axis in kept["axes"]]
+    named = ("labels", "file")
+    axes = [{k: v for k, v in axis.items() if k not in named} for axis in kept["axes"]]
     return sha256_of([FORMAT, kept | {"axes": axes}])
 
 

@@ -17,12 +17,20 @@ from omnitrack_sim.base.bounds import (
     MAX_VALUES,
     MAX_WORDS,
 )
-from omnitrack_sim.base.errors import Fault, ScenarioError, SweepError
+from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, SweepError
 from omnitrack_sim.base.paths import matches, value_at
 from omnitrack_sim.base.reading import SWEEP, beside, checked, read_file
+from omnitrack_sim.calibration.calibration import load_calibration
 from omnitrack_sim.scenario import Scenario, load_scenario, override
 from omnitrack_sim.scenario.model import samples_of
-from omnitrack_sim.trials.axes import BASE, AxisTable, DirectionAxis, GridAxis, ListAxis
+from omnitrack_sim.trials.axes import (
+    BASE,
+    AxisTable,
+    CalibrationAxis,
+    DirectionAxis,
+    GridAxis,
+    ListAxis,
+)
 from omnitrack_sim.trials.sweep import Sweep, SweepTable, trial_count
 
 
@@ -77,6 +85,7 @@ def resolve(
     Raises:
         SweepError: lists every fault with its dotted path.
     """
+    data = {**data, **_with_calibrations(data, folder)}
     file = checked(SweepFile, data, SweepError, own_fault=path_fault_of)
     bases = _bases(file, folder, changes or {})
     faults: list[Fault] = []
@@ -88,6 +97,33 @@ def resolve(
         raise SweepError(faults)
     fields = {name: getattr(file, name) for name in SweepTable.model_fields}
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
+
+
+def _with_calibrations(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the axes of a sweep's data, those of calibrations with what stands in their files.
+
+    Raises:
+        SweepError: a file of a calibration cannot be read.
+    """
+    if not isinstance(axes := data.get("axes"), list | tuple):
+        return {}
+    read: list[Any] = []
+    faults: list[Fault] = []
+    for i, axis in enumerate(axes):
+        is_named = isinstance(axis, Mapping) and axis.get("kind") == "calibration"
+        file = axis.get("file") if is_named else None
+        if not isinstance(file, str) or "values" in axis:
+            read.append(axis)
+            continue
+        try:
+            found = CalibrationAxis.of(load_calibration(beside(folder, file)), file)
+        except InputError as error:
+            faults += [fault.at(f"axes.{i}.file: {fault.where}") for fault in error.faults]
+        else:
+            read.append({**found.model_dump(mode="json"), **axis})
+    if faults:
+        raise SweepError(faults)
+    return {"axes": read}
 
 
 def path_fault_of(item: Mapping[str, Any]) -> Fault | None:

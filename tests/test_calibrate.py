@@ -1,0 +1,281 @@
+"""Calibration: logs are read or refused, parameters found again, and doubt is told as it is."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import omnitrack_sim as ot
+from omnitrack_sim.calibration.compare import targets_of
+from omnitrack_sim.calibration.doubt import draw_within, independent_count, indistinct_of
+from omnitrack_sim.calibration.parameters import Parameter
+from omnitrack_sim.calibration.units import unit_of
+from omnitrack_sim.cli import common
+from omnitrack_sim.show.mcap import to_mcap
+from omnitrack_sim.trials.sweep_file import resolve
+
+FORCE, GRAVITY = "pull.force", "world.gravity.2"
+NOISE = {"distance": 1e-3, "motor_torque_1": 0.005, "motor_torque_2": 0.005, "belt_speed_1": 1e-3}
+BASE = {"run.time_limit": 1.2, "pull.force": 4.0}
+
+
+@pytest.fixture(scope="module")
+def climb():
+    """Up a vertical pipe for 1.2 s, with a pull at the tail."""
+    return ot.load_scenario("vertical_climb", BASE)
+
+
+@pytest.fixture(scope="module")
+def pulled(climb):
+    """What was recorded of such a run under a pull of 6 N."""
+    return ot.run(ot.override(climb, {FORCE: 6.0}), no_load=False).trajectory
+
+
+def noisy(trajectory, seed, noise=NOISE):
+    """Return a log of some columns of a run, with white noise."""
+    rng = np.random.default_rng(seed)
+    columns = {name: values for name, _, values in trajectory.columns() if name in noise}
+    values = {k: v + rng.normal(0, noise[k], len(v)) for k, v in columns.items()}
+    return ot.Log("climb", trajectory.time, values)
+
+
+@pytest.fixture(scope="module")
+def found(climb, pulled):
+    """The pull, fitted to a noisy log of that run."""
+    return ot.calibrate([noisy(pulled, 1)], climb, [FORCE])
+
+
+def test_a_fit_finds_the_value_that_a_log_was_made_with(found):
+    """Within three of its standard deviations, which are small against what it was off by."""
+    assert abs(found.changes[FORCE] - 6.0) < 3 * found.std[0] < 1.0
+    assert found.contradictions == []
+    assert found.indistinct == []
+
+
+def test_a_fit_is_the_same_again(found, climb, pulled):
+    """To the last bit, on one thread and on two."""
+    again = ot.calibrate([noisy(pulled, 1)], climb, [FORCE], threads=1)
+    assert again.to_toml() == found.to_toml()
+
+
+@pytest.mark.long
+def test_doubt_agrees_with_the_scatter_over_noise(climb, pulled):
+    """Values under other draws of the noise scatter as the standard deviation of each fit says."""
+    loud = dict.fromkeys(NOISE, 0.02)
+    fits = [ot.calibrate([noisy(pulled, seed, loud)], climb, [FORCE]) for seed in range(12)]
+    scatter = np.std([fit.values[0] for fit in fits], ddof=1)
+    # chi-square of 11 degrees of freedom, 99.8 %
+    assert 0.45 < scatter / np.mean([fit.std[0] for fit in fits]) < 1.7
+
+
+def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):
+    """In a vertical pipe a pull at the tail and gravity load the robot alike."""
+    fit = ot.calibrate([noisy(pulled, 2)], climb, {FORCE: None, GRAVITY: (-14.0, -6.0)})
+    widest = fit.indistinct[0]
+    assert set(widest.weights) == {FORCE, GRAVITY}
+    assert abs(fit.correlation[0, 1]) > 0.9
+    assert "cannot tell" in widest.text
+
+
+def test_a_log_of_a_slipping_run_contradicts_a_fit_that_cannot_slip(climb, pulled):
+    """Its belts are met, and its way falls behind from some time on."""
+    log = noisy(pulled, 3)
+    way = log.values["distance"].copy()
+    late = log.time > 0.6
+    way[late] -= 0.7 * (way[late] - way[late][0])
+    slipped = ot.Log("slipping", log.time, {**log.values, "distance": way})
+    fit = ot.calibrate([slipped], climb, [FORCE])
+    assert any("distance is not met" in text and "slips" in text for text in fit.contradictions)
+
+
+def test_what_was_saved_is_read_back(found, tmp_path):
+    """Values, covariance and ranges; `--set @FILE` takes the values alone, and a page stands by."""
+    file, page = found.save(tmp_path / "mine.toml")
+    again = ot.load_calibration(file)
+    np.testing.assert_allclose(again.values, found.values, rtol=1e-8)
+    np.testing.assert_allclose(again.covariance, found.covariance, rtol=1e-8)
+    assert again.fit == found.fit
+    assert again.bounds[0] == pytest.approx(found.bounds[0])
+    assert common.settings_of(f"@{file}") == again.changes
+    assert page.read_text().count("<svg") == len(found.columns) == len(NOISE)
+
+
+def test_a_sweep_draws_robots_from_a_calibration(found, tmp_path):
+    """One column a parameter, with the spread of its doubt, and the file's contents in its hash."""
+    file, _ = found.save(tmp_path / "mine.toml")
+    table = {"name": "s", "base": "vertical_climb", "samples": 64, "sampling": "sobol"}
+    table |= {"axes": [{"kind": "calibration", "file": file.name}], "set": {"pull.force": 1.0}}
+    with pytest.raises(ot.SweepError, match=r"set by axes\.0 too"):
+        resolve(table, tmp_path)
+    del table["set"]
+    sweep = resolve({**table, "set": {"pull.rate": 0.1}}, tmp_path)
+    values = np.array(sweep.trials()[FORCE])
+    assert values.mean() == pytest.approx(found.values[0], abs=0.1 * found.std[0])
+    assert values.std() == pytest.approx(found.std[0], rel=0.1)
+    again = ot.Sweep.model_validate(json.loads(json.dumps(sweep.data())))
+    assert again.trials() == sweep.trials()
+    assert again.hash == sweep.hash
+
+
+def test_draws_have_the_covariance_and_stay_within():
+    """Far from the ends; near one they are cut there."""
+    points = np.random.default_rng(0).random((20000, 2))
+    covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
+    wide = draw_within(points, np.ones(2), covariance, np.full(2, -9.0), np.full(2, 9.0))
+    np.testing.assert_allclose(np.cov(wide.T), covariance, atol=2e-3)
+    low, high = np.array([1.1, 0.5]), np.array([1.2, 2.0])
+    cut = draw_within(points, np.ones(2), covariance, low, high)
+    assert (cut >= low).all()
+    assert (cut <= high).all()
+    assert len(np.unique(cut[:, 0])) > 19000
+
+
+def test_correlated_residuals_count_less():
+    """White ones count each, those of first order by (1 - a) / (1 + a), an offset once."""
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=4000)
+    assert independent_count(white) > 0.9 * 4000
+    slow = np.zeros(4000)
+    for i in range(1, 4000):
+        slow[i] = 0.9 * slow[i - 1] + white[i]
+    assert independent_count(slow) == pytest.approx(4000 * 0.1 / 1.9, rel=0.4)
+    assert independent_count(np.ones(4000)) == pytest.approx(1, abs=1e-2)
+
+
+def test_the_open_direction_is_that_of_the_product():
+    """Where only x y is known, x up with y down is open, whatever the units of x."""
+    for unit in (1.0, 1e3):
+        x, y = 0.8 * unit, 25.0
+        slope = np.array([[y, x]]) / (0.01 * x * y)
+        (one,) = indistinct_of(["x", "y"], np.array([x, y]), slope.T @ slope)
+        assert one.weights["x"] * one.weights["y"] == pytest.approx(-0.5)
+        assert one.text.startswith("the logs cannot tell")
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"),
+    [("mm/s", 1e-3), ("N cm", 1e-2), ("rpm", np.pi / 30), ("kg m²", 1), ("mA", 1e-3), ("", 1)],
+)
+def test_units_lead_to_si(text, factor):
+    """Each by its factor."""
+    assert unit_of(text, "x").factor == pytest.approx(factor)
+
+
+def test_a_strangers_log_is_read(climb, pulled, tmp_path):
+    """Other names, units, delimiter and decimal commas, empty cells: the same numbers."""
+    rows = ["# logger 3", "t_ms;odo [mm];note"]
+    for time, way in zip(pulled.time, pulled["distance"], strict=True):
+        way = "" if 0.3 < time < 0.5 else f"{1e3 * way:.6f}".replace(".", ",")
+        rows.append(f"{1e3 * time:.3f}".replace(".", ",") + f";{way};ok")
+    (tmp_path / "run.csv").write_text("\n".join(rows))
+    table = 'file = "run.csv"\n[time]\ncolumn = "t_ms"\nunit = "ms"\n'
+    (tmp_path / "run.toml").write_text(table + '[columns]\ndistance = { column = "odo [mm]" }\n')
+    log = ot.load_log(tmp_path / "run.toml")
+    known = np.isfinite(log.values["distance"])
+    assert 0 < (~known).sum() < 20
+    np.testing.assert_allclose(log.time, pulled.time, atol=1e-6)
+    np.testing.assert_allclose(log.values["distance"][known], pulled["distance"][known], atol=1e-8)
+
+
+def test_a_log_of_mcap_is_read(climb, tmp_path):
+    """Numbers and times are those of the run that was exported; zeros are no gaps."""
+    run = ot.run(ot.override(climb, {"run.time_limit": 0.2}), no_load=False)
+    (tmp_path / "run.mcap").write_bytes(to_mcap(run))
+    names = {"way": "distance", "leg": "leg"}
+    rows = [f"{k} = {{ column = '/channels/{v}.value' }}" for k, v in names.items()]
+    columns = "\n".join(rows)
+    (tmp_path / "run.toml").write_text(f'file = "run.mcap"\n[columns]\n{columns}\n')
+    log = ot.load_log(tmp_path / "run.toml")
+    np.testing.assert_allclose(log.time, run.trajectory.time, atol=1e-8)
+    np.testing.assert_array_equal(log.values["way"], run.trajectory["distance"])
+    np.testing.assert_array_equal(log.values["leg"], run.trajectory["leg"])
+    (tmp_path / "run.mcap").write_bytes(b"no such format")
+    with pytest.raises(ot.InputError, match="is damaged, or no file of MCAP"):
+        ot.load_log(tmp_path / "run.toml")
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (["0,1", "0.1,2", "0.05,3"], "clock goes back at line 4"),
+        (["0,1", "0.1,x", "0.2,3"], "line 3: 'x' in the column 'distance' is no number"),
+        (["0,1", "0.1,2,7", "0.2,3"], "line 3 has 3 cells"),
+        (["0,1", ",2", "0.2,3"], "line 3 has no time"),
+        (
+            [f"{0.02 * i + 3 * (i > 30)},{0.002 * i}" for i in range(60)],
+            "clock jumps at line 33",
+        ),
+    ],
+)
+def test_a_damaged_log_is_refused_with_its_line(rows, words, tmp_path):
+    """A clock that goes back or jumps, a word for a number, a cell too many, a missing time."""
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(["time,distance", *rows]))
+    with pytest.raises(ot.InputError, match=words):
+        ot.load_log(file)
+
+
+def test_a_gap_is_no_jump_of_the_clock(tmp_path):
+    """The robot has moved on in it."""
+    times = [0.02 * i + 3 * (i > 30) for i in range(60)]
+    rows = [f"{time},{0.1 * time}" for time in times]
+    (tmp_path / "log.csv").write_text("\n".join(["time,distance", *rows]))
+    assert len(ot.load_log(tmp_path / "log.csv").time) == 60
+
+
+def test_a_fine_log_is_averaged_and_a_coarse_one_kept():
+    """A line stays a line, and noise falls with the root of the samples in a period."""
+    channel = ot.Omnitrack().channels["distance"]
+    time = np.arange(0, 2, 1e-3)
+    noise = np.random.default_rng(0).normal(0, 0.01, len(time))
+    fine = ot.Log("fine", time, {"distance": 0.1 * time + noise})
+    ((target,), _) = targets_of(0, fine, [channel], 0.02)
+    assert np.std(target.values - 0.1 * target.time) == pytest.approx(0.01 / 20**0.5, rel=0.3)
+    coarse = ot.Log("coarse", time[::100], {"distance": time[::100]})
+    ((target,), _) = targets_of(0, coarse, [channel], 0.02)
+    assert len(target.time) == 20
+
+
+@pytest.mark.parametrize(
+    ("fit", "words"),
+    [
+        (["world.fricton"], "did you mean 'friction'"),
+        (["robot.motor"], "is a table; name one number in it"),
+        (["robot.lugs_per_track"], "a whole number"),
+        (["control.align"], "has to be a number"),
+        ({"pull.force": (9.0, 10.0)}, "must lie in it"),
+        (["pull.rate"], "give a range"),
+        ([], "is empty"),
+        (["pipes.0.length", "pipes.*.length"], "is fitted by pipes.0.length too"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(fit, words, climb, pulled):
+    """Before anything is simulated, with the place and the choices."""
+    with pytest.raises(ot.InputError, match=words):
+        ot.calibrate([noisy(pulled, 1)], climb, fit)
+
+
+def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
+    """A way in kilograms, and a log without any column of the run."""
+    rows = [f"{t},{d}" for t, d in zip(pulled.time, pulled["distance"], strict=True)]
+    file = tmp_path / "log.csv"
+    for head, words in (("distance [kg]", "another kind of unit"), ("way", "no column of the")):
+        file.write_text("\n".join([f"time,{head}", *rows]))
+        with pytest.raises(ot.InputError, match=words):
+            ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_passport_draws_the_robots_own_parameters(found):
+    """A robot a trial, beside walls, slope and pull; what is not the robot's is left out."""
+    own = Parameter("robot.preload", 40.0, 4.0, 400.0, "N", "assumed", 28.0)
+    both = [found.parameters[0], own]
+    fit = ot.Calibration(both, np.array([6.0, 44.0]), np.diag([1.0, 4.0]))
+    plan = ot.PassportPlan.of("presser", courses=["straight"], trials=16, calibration=fit)
+    drawn = np.array(plan.sweep.trials()["robot.preload"])
+    assert drawn.mean() == pytest.approx(44.0, abs=1.0)
+    assert drawn.std() == pytest.approx(2.0, rel=0.3)
+    assert plan.hash != ot.PassportPlan.of("presser", courses=["straight"], trials=16).hash
+    with pytest.raises(ot.InputError, match="has no parameter"):
+        ot.PassportPlan.of("presser", calibration=found)
