@@ -11,6 +11,7 @@ Trials have any gravity, and theta5 within 11 degrees of the best if a study doe
 * torque: friction 0.6 and 1, any theta5, standard retries; preload against limits of the published
   motor, a table for each friction.
 * length, shafts, preload: sizes of the robot, at friction 0.8 to 1.0.
+* scales: similar robots in similar pipes, at friction 0.6 to 1.0, any theta5, standard retries.
 * steps: time steps, at friction 0.8 to 1.0 and preload 15 to 35 N. Compared are turns that pass at
   all steps, with the finest: the ratio of the means, and the median of the ratios.
 """
@@ -153,6 +154,29 @@ FRICTIONS, PRELOADS = (0.6, 1.0), (15.0, 20.0, 25.0, 30.0)
 """Friction and preload, N a module, of the map of limits."""
 STEPS = (0.00025, 0.001, 0.002, 0.0025, 0.005)
 """Time steps, s; the finest first."""
+SCALES = (0.625, 1.0, 1.875, 3.0)
+"""Sizes of the robot: for pipes of 100, 160, 300 and 480 mm."""
+
+
+def similar(scale: float) -> dict[str, Any]:
+    """Return the changes that scale a tee turn, as docs/explanation/physics.md lists them."""
+    one, root = load_scenario("tee_turn"), float(np.sqrt(scale))
+    bore = {"inner_diameter": scale * one.robot.nominal_bore}
+    way = {"enter": "run_start", "leave": "branch"}
+    straights = [{"kind": "straight", "length": scale * m, **bore} for m in (0.3, 0.4)]
+    slower = ("cruise_speed", "speed_limit")
+    changes: dict[str, Any] = {
+        "robot.scale": scale,
+        "pipes": [straights[0], {"kind": "tee", **way, **bore}, straights[1]],
+        "start.distance": scale * one.start.distance,
+        "physics.wall_tolerance": scale * one.physics.wall_tolerance,
+        "physics.timestep": root * one.physics.timestep,
+        "physics.control_period": root * one.physics.control_period,
+        "record.period": root * one.record.period,
+    }
+    return changes | {f"control.{key}": root * getattr(one.control, key) for key in slower}
+
+
 STUDIES = {
     "rates": Study(
         {
@@ -238,6 +262,14 @@ STUDIES = {
             f"preload {low:.0f}-{low + 5:.0f} N": {"preload": (low, low + 5)}
             for low in (10.0, 15.0, 20.0, 25.0, 30.0)
         }
+    ),
+    "scales": Study(
+        {f"{scale:g}": AGAIN | similar(scale) for scale in SCALES},
+        trials=100,
+        seed=41,
+        turns={"friction": (0.6, 1.0), "theta5_deg": 180.0},
+        columns={"passed": rate, "mean time": mean_time, "others": ends},
+        head="scale",
     ),
     "steps": Study(
         {

@@ -60,16 +60,16 @@ def test_a_motor_at_its_limit_lets_go_when_it_is_asked_to_turn_back():
         assert after - before == pytest.approx(change)
 
 
-def test_what_losses_hold_winds_nothing_up():
-    """A belt that is dragged on, held by its gears with twice what the motor gives, keeps its set
-    point; with less than the motor gives it winds up."""
+def test_the_integral_counts_on_what_losses_hold():
+    """A belt that is dragged on winds up until its gears, with the motor's whole torque, hold no
+    more: four times that torque at an efficiency of 0.5."""
     motor = LOSSLESS.model_copy(update={"efficiency": 0.5})
-    for torque, grows in ((-2 * 0.245, False), (-0.9 * 0.245, True)):
+    for torque, grows in ((-3.9 * 0.245, True), (-4 * 0.245, False)):
         drive = _drive(motor)
         for _ in range(20):
             asked = _advance(drive, -0.05, 0.05, torque=torque)[0][0, 0]
         assert (asked < -0.051) == grows
-        assert not drive.saturated.any()
+        assert drive.saturated.all() != grows
 
 
 def test_a_motor_is_at_its_limit_where_rounding_has_its_force_a_little_short():

@@ -119,9 +119,14 @@ PROBES = {
     ),
     "published": Probe(
         "tee_turn",
-        NEAR | {"start.theta5_deg": 8.0, "robot.motor": "pololu_1000_hpcb"},
+        NEAR
+        | {
+            "start.theta5_deg": 8.0,
+            "robot.motor": {"like": "pololu_1000_hpcb", "torque_limit": 0.4},
+            "robot.preload": 30.0,
+        },
         3.0,
-        "a turn with the motor that the paper names",
+        "a turn with the motor that the paper names and little torque, in which gears hold belts",
     ),
     "policy": Probe(
         "tee_turn",

@@ -460,7 +460,13 @@ _EVERY_TIME: dict[str, Any] = {
 }
 
 
-@claim(**_EVERY_TIME, how="tee_turn with alignment, default controller; seed 7")
+@claim(
+    **_EVERY_TIME,
+    how="tee_turn with alignment, default controller; seed 7",
+    expected=ClaimVerdict.FAILS,
+    why="One of 200 random turns fails: with the weight down the run, an outer module stalls at "
+    "the rim with its whole torque, and the springs turn the robot past the branch.",
+)
 def tee_with_alignment(runs: Runs) -> Measurement:
     """Every tee turn with alignment by feedback, on a clean dry pipe."""
     return passes(runs["aligned_real"])

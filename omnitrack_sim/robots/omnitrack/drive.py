@@ -275,17 +275,18 @@ def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, correctio
         for k in range(i * motors, (i + 1) * motors):
             moment = forces[k] / motor[SIZE]  # N m, of one robot.motor
             turning = speeds[k] / motor[LUG_RADIUS]  # rad/s
-            least, most = driving_range(motor, limits[i], turning)
-            lowest, highest = torque_range(motor, least, most, turning, dt)
+            lowest, highest = torque_range(
+                motor, *driving_range(motor, limits[i], turning), turning, dt
+            )
             saturated = moment <= AT_LIMIT * lowest or moment >= AT_LIMIT * highest
             # Only what differs from the mean gives way: belts that work against each other relax,
             # and a climb keeps its speed.
             droop = motor[DROOP] * motor[LUG_RADIUS] * (moment - mean)
             error = wanted[k] - droop - speeds[k]
-            # No wind-up: the integral grows only as far as the motor gives more. What losses hold
-            # beyond its torque is not its own, and a motor at its limit lets go when it is asked
-            # to turn back.
-            gives_more = moment < AT_LIMIT * most if error > 0.0 else moment > AT_LIMIT * least
+            # No wind-up: the integral grows only as far as the shaft gives more, and a motor at its
+            # limit lets go when it is asked to turn back.
+            upper, lower = AT_LIMIT * highest, AT_LIMIT * lowest
+            gives_more = moment < upper if error > 0.0 else moment > lower
             if gives_more:
                 corrections[k] += error * dt / motor[INTEGRAL_TIME]
             asked[k] = wanted[k] + corrections[k]

@@ -84,8 +84,8 @@ class TrackingTable(Table):
     # weight carries the robot past the branch while it turns: the sooner it is round, the better.
     turn_speed: Annotated[Part, Unit("1")] = 1.3
     """Speed in a turn from a tee's run into its branch, as a part of the cruise speed."""
-    # With 0.4 N m and 15 to 20 N 35 of 40 turns pass at the first attempt with 2 and with 5, 29
-    # without it, 4 with 10. With 20 to 35 N and 0.6 N m 28 pass with 5, 37 without it: belts that
+    # Up to stall, at 15 to 35 N, all of 40 turns pass with 0 and with 2, with 12.4 and 10.4 N of
+    # internal traction. With 0.6 N m at 20 to 35 N 39 pass with 0 and with 2, 31 with 4: belts that
     # give way so much no longer bend the robot (docs/explanation/control.md).
     turn_yield: Annotated[NotNegative, Unit("1")] = 2.0
     """Speed by which a belt gives way in such a turn to torque beyond the mean of all, in addition
