@@ -13,6 +13,7 @@ from omnitrack_sim.calibration.doubt import draw_within, independent_count, indi
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
+from omnitrack_sim.show.mcap import to_mcap
 from omnitrack_sim.trials.sweep_file import resolve
 
 FORCE, GRAVITY = "pull.force", "world.gravity.2"
@@ -176,6 +177,23 @@ def test_a_strangers_log_is_read(climb, pulled, tmp_path):
     assert 0 < (~known).sum() < 20
     np.testing.assert_allclose(log.time, pulled.time, atol=1e-6)
     np.testing.assert_allclose(log.values["distance"][known], pulled["distance"][known], atol=1e-8)
+
+
+def test_a_log_of_mcap_is_read(climb, tmp_path):
+    """Numbers and times are those of the run that was exported; zeros are no gaps."""
+    run = ot.run(ot.override(climb, {"run.time_limit": 0.2}), no_load=False)
+    (tmp_path / "run.mcap").write_bytes(to_mcap(run))
+    names = {"way": "distance", "leg": "leg"}
+    rows = [f"{k} = {{ column = '/channels/{v}.value' }}" for k, v in names.items()]
+    columns = "\n".join(rows)
+    (tmp_path / "run.toml").write_text(f'file = "run.mcap"\n[columns]\n{columns}\n')
+    log = ot.load_log(tmp_path / "run.toml")
+    np.testing.assert_allclose(log.time, run.trajectory.time, atol=1e-8)
+    np.testing.assert_array_equal(log.values["way"], run.trajectory["distance"])
+    np.testing.assert_array_equal(log.values["leg"], run.trajectory["leg"])
+    (tmp_path / "run.mcap").write_bytes(b"no such format")
+    with pytest.raises(ot.InputError, match="is damaged, or no file of MCAP"):
+        ot.load_log(tmp_path / "run.toml")
 
 
 @pytest.mark.parametrize(

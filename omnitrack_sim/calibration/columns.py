@@ -1,19 +1,23 @@
-"""Columns of numbers in files that loggers write: CSV and Parquet."""
+"""Columns of numbers in files that loggers write: CSV, Parquet and MCAP."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+import json
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from omnitrack_sim.base.bounds import MAX_SAMPLES
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.reading import read_bytes
+from omnitrack_sim.base.reading import read_bytes, size_of
 from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.text import installing
 
 MAX_LOG_BYTES = 500_000_000
 """Largest file of a log that is read: five columns at 1 kHz for a day of work."""
@@ -35,7 +39,7 @@ class Columns:
 
 
 def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
-    """Read columns of numbers from a file of CSV or Parquet, by the ending of its name.
+    """Read columns of numbers from a file of CSV, Parquet or MCAP, by the ending of its name.
 
     Args:
         path: a regular file.
@@ -45,11 +49,11 @@ def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         InputError: it cannot be read, a column is missing, or a cell is no number; with the line.
     """
     readers = {".csv": _from_csv, ".txt": _from_csv, ".tsv": _from_csv}
-    readers |= {".parquet": _from_parquet}
+    readers |= {".parquet": _from_parquet, ".mcap": _from_mcap}
     ending = path.suffix.lower()
     if ending not in readers:
         problem = f"ends in {ending!r}; a log is a file of these, or a table that names one"
-        raise InputError(Fault(str(path), problem, (".csv", ".parquet", ".toml")))
+        raise InputError(Fault(str(path), problem, (".csv", ".parquet", ".mcap", ".toml")))
     try:
         return readers[ending](path, wanted)
     except OSError as error:
@@ -150,3 +154,84 @@ def _from_parquet(path: Path, wanted: Sequence[str] | None) -> Columns:
         elif wanted is not None:
             raise ValueError(f"holds {column.type} in the column {name!r}, no numbers")
     return Columns(values, lambda i: i + 1)
+
+
+MCAP_TIME = "time"
+"""Column of the times of messages in a file of MCAP, s from the first one."""
+_ENCODINGS = ("json", "protobuf")
+MAX_LIST = 32
+"""Longest list in a message whose items become columns: longer ones are pictures and meshes."""
+
+
+def _from_mcap(path: Path, wanted: Sequence[str] | None) -> Columns:
+    """Read messages of JSON and protobuf as columns ``/topic.field``, over all their times."""
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+    except ImportError as error:
+        raise ImportError(f"a log of MCAP needs mcap: {installing('mcap')}") from error
+    size_of(path, MAX_LOG_BYTES)
+    rows: dict[int, dict[str, float]] = {}
+    skipped: set[str] = set()
+    decoders: dict[int, Callable[[bytes], Mapping[str, Any]]] = {}
+    try:
+        with open(path, "rb") as file:
+            for schema, channel, message in make_reader(file).iter_messages():
+                if channel.message_encoding not in _ENCODINGS:
+                    skipped.add(f"{channel.topic} ({channel.message_encoding})")
+                    continue
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
+                row = rows.setdefault(message.log_time, {})
+                row.update(_leaves(decoders[channel.id](message.data), channel.topic))
+                if len(rows) > MAX_SAMPLES:
+                    raise ValueError(f"has more than {MAX_SAMPLES} times of messages")
+    except (McapError, struct.error, EOFError) as error:
+        raise ValueError(f"is damaged, or no file of MCAP: {error}") from error
+    if not rows:
+        problem = f"has no messages of {' or '.join(_ENCODINGS)}"
+        raise ValueError(problem + (f"; it has {', '.join(sorted(skipped))}" if skipped else ""))
+    times = sorted(rows)
+    heads = [MCAP_TIME, *dict.fromkeys(name for time in times for name in rows[time])]
+    try:
+        chosen = _refuse_missing(heads, wanted)
+    except InputError as error:
+        raise InputError([fault.at(str(path)) for fault in error.faults]) from None
+    values = {
+        name: np.array([rows[time].get(name, np.nan) for time in times], float)
+        for name in chosen
+        if name != MCAP_TIME
+    }
+    values[MCAP_TIME] = 1e-9 * (np.array(times, np.int64) - times[0])
+    return Columns(values, lambda i: i + 1)
+
+
+def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Mapping[str, Any]]:
+    """Return what turns a message's bytes into plain data."""
+    if encoding == "json":
+        return json.loads
+    from google.protobuf import descriptor_pb2, message_factory
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.json_format import MessageToDict
+
+    pool = DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+    return lambda data: MessageToDict(
+        kind.FromString(data),
+        preserving_proto_field_name=True,
+        always_print_fields_with_no_presence=True,  # zeros, which the encoding leaves out
+    )
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, float]]:
+    """Yield the numbers in plain data, by their paths."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{name}.{key}")
+    elif isinstance(value, list) and len(value) <= MAX_LIST:
+        for i, item in enumerate(value):
+            yield from _leaves(item, f"{name}.{i}")
+    elif isinstance(value, int | float):
+        yield name, float(value)

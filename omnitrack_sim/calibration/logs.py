@@ -72,7 +72,7 @@ class LogTable(Table):
     """A table that tells what is in the file of a log; docs/how-to/calibrate.md has an example.
 
     Attributes:
-        file: of the samples: CSV or Parquet, by path relative to the table.
+        file: of the samples: CSV, Parquet or MCAP, by path relative to the table.
         scenario: of the run, by name or by path relative to the table; none: that of the call.
         set: how the run differed from the scenario, by dotted path.
         time: the column of times.
@@ -134,7 +134,7 @@ def load_log(source: str | os.PathLike[str]) -> Log:
     """Read the log of a run.
 
     Args:
-        source: a CSV or Parquet file whose columns have the names of the trajectory's, each
+        source: a CSV, Parquet or MCAP file whose columns have the names of the trajectory's, each
             with a unit in brackets where it is not the SI one, such as ``distance [mm]``; or a
             table in TOML that says which is which (``LogTable``).
 

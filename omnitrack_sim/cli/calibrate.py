@@ -31,7 +31,7 @@ def calibrate(
         list[str],
         typer.Argument(
             metavar="LOG...",
-            help="Logs of runs: CSV or Parquet files whose columns have the names of the "
+            help="Logs of runs: CSV, Parquet or MCAP files whose columns have the names of the "
             "trajectory's, or tables in TOML that say which is which.",
         ),
     ],
