@@ -17,6 +17,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.gym.episodes import EpisodeSampler
 from omnitrack_sim.gym.options import options_of
 from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.robots.kinds import robot_class
 from omnitrack_sim.sim.onboard import _drawn_from
 from omnitrack_sim.trials.mobility import mission_sweep
 from omnitrack_sim.trials.search import Search
@@ -390,3 +391,31 @@ def test_sensors_draw_apart_from_the_scenario_and_alike_in_one_world():
         assert _drawn_from(ot.override(one, {path: value})) != key
     for path, value in (("control.cruise_speed", 0.05), ("robot.preload", 20.0), ("name", "other")):
         assert _drawn_from(ot.override(one, {path: value})) == key
+
+
+# Passports
+
+
+@pytest.mark.parametrize("kind", ["presser", "climber"])
+def test_trials_of_a_passport_are_drawn_in_the_robots_own_weights(kind):
+    """Friction and roll uniform, gravity in any direction, and pulls of which half are none: the
+    others half a normal distribution of 2 weights, up to 6 of them."""
+    count = 2000
+    plan = ot.PassportPlan.of(kind, courses=["straight"], trials=count)
+    trials = plan.sweep.trials()
+    weight = 9.81 * robot_class(kind)().mass
+    pulls = np.array(trials["pull.force"], float) / weight
+    assert pulls.min() == 0
+    assert pulls.max() <= 6 + 1e-9
+    assert np.mean(pulls == 0) == pytest.approx(0.5, abs=SIGMAS * 0.5 / math.sqrt(count))
+    drawn = pulls[pulls > 0]
+    edges = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0 + 1e-9])
+    assert_frequent(np.histogram(drawn, edges)[0], np.diff(norm.cdf(edges / 2.0)))
+    for path, low, high in (("world.friction", 0.3, 1.0), ("start.theta5_deg", -180.0, 180.0)):
+        values = np.array(trials[path], float)
+        assert low <= values.min()
+        assert values.max() <= high
+        assert_frequent(np.histogram(values, 10, (low, high))[0], np.ones(10))
+    gravity = np.array(trials["world.gravity"], float)
+    assert np.linalg.norm(gravity, axis=1) == pytest.approx(np.full(count, 9.81), rel=1e-3)
+    assert_frequent(np.histogram(gravity[:, 2] / 9.81, 10, (-1.001, 1.001))[0], np.ones(10))

@@ -285,11 +285,12 @@ def assert_alike(count, seed):
     _, told = warp_contacts.differences(warp_contacts.Lot(), count, seed)
     depths = np.array([x for each in told for x in each.depths])
     assert len(depths) > 0.9 * count
-    assert max((x for each in told for x in each.missing), default=0) < NEAR
-    # Whether a contact within a body is an edge's or the wall's beside it rounding may decide.
-    vain = [(x, each.deepest) for each in told for x in each.in_vain if x > NEAR]
-    assert len(vain) <= len(depths) / 1000
-    assert all(depth < deepest for depth, deepest in vain)
+    # Whether a contact within a body is an edge's or the wall's beside it rounding may decide; the
+    # deepest of a body is always there.
+    for which, most in (("missing", len(depths) / 5000), ("in_vain", len(depths) / 1000)):
+        odd = [(x, each.deepest) for each in told for x in getattr(each, which) if x > NEAR]
+        assert len(odd) <= most, which
+        assert all(depth < deepest for depth, deepest in odd), which
     assert np.quantile(depths, 0.999) < DEEP
     assert depths.max() < NEAR
 

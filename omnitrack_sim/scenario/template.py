@@ -97,6 +97,9 @@ def _key(
     whole = f"{pair}  # {': '.join(filter(None, (unit, meaning)))}"
     if len(whole) <= WIDTH:
         return [whole if unit or meaning else pair]
+    if len(pair) > WIDTH and isinstance(values.get(key), list):
+        items = [f"  {as_toml(item)}," for item in values[key]]
+        return [*_comment(meaning), f"{key} = [", *items, "]"]
     return [*_comment(meaning), f"{pair}  # {unit}" if unit else pair]
 
 

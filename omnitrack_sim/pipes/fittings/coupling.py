@@ -289,7 +289,7 @@ class Coupling(Fitting):
         """By which the axis behind lies aside, at most a quarter of the bore."""
         direction_deg: Annotated[Angle, Unit("deg")] = 0.0
         """Of offset and deflection, about the axis from the x axis of the pipe before."""
-        angle_deg: Annotated[float, Field(ge=0, le=MAX_ANGLE_DEG), Unit("deg", "")] = 0.0
+        angle_deg: Annotated[float, Field(ge=0, le=MAX_ANGLE_DEG), Unit("deg", "angle")] = 0.0
         """By which the axis behind is deflected, up to 10."""
         gap: Annotated[NotNegative | None, Unit("m", "gap")] = None
         """Between both ends, along the axis. Left out: none, or with `angle_deg` as much as keeps
