@@ -12,7 +12,7 @@ KINDS = (
     *("straight", "elbow", "mitre", "reducer"),
     *(f"{kind}, {way}" for kind in ("tee", "wye", "cross") for way in WAYS),
 )
-assert {kind.partition(",")[0] for kind in KINDS} | {"cap"} == {*shipped_fittings()}
+assert {kind.partition(",")[0] for kind in KINDS} | {"cap", "coupling"} == {*shipped_fittings()}
 
 
 def passport(rates=None, trials=400, speed=0.1, robot="presser", pull=0.0):
