@@ -170,6 +170,7 @@ def test_examples_of_the_network_page_run(capsys):
     assert found == [
         ("riser.start", "t1.run_end", "bend.end"),
         ("main.start", "end.end"),
+        ("old.start", "old.end"),
         ("before.start", "behind.end"),
     ]
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)

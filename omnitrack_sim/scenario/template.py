@@ -18,7 +18,7 @@ from omnitrack_sim.robots.kinds import DEFAULT
 from omnitrack_sim.robots.quantity import NamedTable, Quantity, QuantityModel, quantity_of
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.model import Scenario
-from omnitrack_sim.scenario.tables import Pipe
+from omnitrack_sim.scenario.tables import Pipe, PullTable
 
 WIDTH = 100
 """Longest line of a comment, characters."""
@@ -70,6 +70,8 @@ def template(name: str, title: str, data: Mapping[str, Any], scenario: Scenario)
             lines += _control(data, scenario)
         elif isinstance(info.default, BaseModel):
             lines += _table(key, type(info.default), data)
+        elif key == "pull":
+            lines += _pull(data)
     return "\n".join([*lines, *(_other_mission() if has_pipes else ())]) + "\n"
 
 
@@ -141,6 +143,14 @@ def _table(path: str, model: type[BaseModel], above: Mapping[str, Any]) -> list[
 def _first_paragraph(model: type[BaseModel]) -> str:
     """The first paragraph of a table's docstring, which is written for users of files."""
     return (model.__doc__ or "").partition("\n\n")[0].replace("``", "`")
+
+
+def _pull(data: Mapping[str, Any]) -> list[str]:
+    """The pull at the tail, which could be there where none is."""
+    if "pull" in data:
+        return _table("pull", PullTable, data)
+    keys = [line for _, rows in _keys(PullTable, {}, INSTEAD) for line in rows]
+    return ["", *_comment(_first_paragraph(PullTable)), f"{INSTEAD}[pull]", *keys]
 
 
 def _other_mission() -> list[str]:
