@@ -434,6 +434,10 @@ def _make_firm(model, con, k, size, depth, wall, geom):
         con[k] = -soft + _firmness(model, wall, geom) * (con[k] + soft)
 
 
+entered: dict[int, Callable[..., int]] = {}
+"""Functions that stand in MuJoCo's table, by where the address of the one before is kept."""
+
+
 def enter(function: Callable[..., int], geom: int, before: int) -> None:
     """Enter a compiled function in MuJoCo's table, for height fields and a type of geom.
 
@@ -448,6 +452,7 @@ def enter(function: Callable[..., int], geom: int, before: int) -> None:
     # The height field comes first: the table is filled for pairs of ascending geom types only.
     place = _FIELD * _TYPES + int(geom)
     block_of_process()[before] = _in_table(place)
+    entered[before] = function
     _table()[place] = c_function(function, _COLLIDE, is_long=True).address
 
 

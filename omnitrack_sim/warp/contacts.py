@@ -20,7 +20,6 @@ from omnitrack_sim.pipes.native import (
     row,
     scratch,
 )
-from omnitrack_sim.robots.omnitrack.track import collide_line
 from omnitrack_sim.walls import bodies, collider, rims
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_OF_PAIR
 from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, SIZES, kind_number
@@ -121,7 +120,7 @@ def structure(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> s
     roots = [whole.function(collider.collide, kinds).name]
     lines = ""
     if LINE in shapes:
-        roots.append(whole.function(collide_line, kinds).name)
+        roots.append(whole.function(collider.entered[collider.LINE_PREVIOUS], kinds).name)
         lines = f"""
     if (model.USER[model.USER_SIZE * (geom + 1) - {RECORD_SIZE}] == real({MARK!r}))
       return {roots[1]}(model, model, con, wall, geom, margin);"""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
+from omnitrack_sim.walls.collider import LINE_PREVIOUS, entered
 from omnitrack_sim.walls.contacts import CONTACT_SIZE
 from omnitrack_sim.walls.guard import PLUGIN
 from omnitrack_sim.walls.record import KIND, LONG, MARK, PLATE, RECORD_SIZE, kind_number, kinds
@@ -78,6 +79,11 @@ class Walls:
         shapes = {int(kind) for kind in model.geom_type[pairs[:, 1]]}
         if (has_record[pairs[:, 1]] & (model.geom_type[pairs[:, 1]] == CAPSULE)).any():
             shapes.add(LINE)
+            if LINE_PREVIOUS not in entered:
+                problem = (
+                    "has rows of lugs: build it in this process, by ot.Simulation of its robot"
+                )
+                raise InputError(Fault("model", problem))
         _check(model, pairs)
         numbers = {int(number) for number in rows[is_wall, KIND] if number > PLATE}
         self.pairs = pairs
