@@ -54,6 +54,7 @@ def test_a_fit_finds_the_value_that_a_log_was_made_with(found):
     assert found.indistinct == []
 
 
+@pytest.mark.long
 def test_a_fit_is_the_same_again(found, climb, pulled):
     """To the last bit, on one thread and on two."""
     again = ot.calibrate([noisy(pulled, 1)], climb, [FORCE], threads=1)

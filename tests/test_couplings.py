@@ -154,7 +154,10 @@ def test_a_camera_sees_the_face_of_a_step():
 
 
 @pytest.mark.parametrize("shape", contact_lots.SHAPES)
-@pytest.mark.parametrize("name", ["offset", "step", "gap", "old joint"])
+@pytest.mark.parametrize(
+    "name",
+    [*(pytest.param(n, marks=pytest.mark.long) for n in ("offset", "step")), "gap", "old joint"],
+)
 def test_contacts_tell_the_least_distance_of_any_body(name, shape):
     """Of each type of geom the deepest contact is as deep as branch and bound finds."""
     errors = contact_lots.Lot(contact_lots.FITTINGS[name], shape).errors(
