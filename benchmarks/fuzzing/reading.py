@@ -116,15 +116,17 @@ def _try_sweep(file: File, path: Path, _number: int, desk: Desk) -> None:
         desk.command(["sweep", file.name], READING, (2,))
     if sweep is not None:
         desk.attempt("first trial", READING, lambda: sweep.scenario(0), InputError)
-        desk.command(["sweep", file.name, "--list"], READING)
+        desk.command(["sweep", file.name, "--list"], BUILDING)
 
 
 def _try_study(file: File, path: Path, _number: int, desk: Desk) -> None:
     from omnitrack_sim import InputError, load_study
 
     _, error = desk.attempt("load_study", READING, lambda: load_study(path), InputError)
-    asked = [] if error else ["--list"]
-    desk.command(["optimise", file.name, *asked], READING, (2,) if error else (0,))
+    if error is not None:
+        desk.command(["optimise", file.name], READING, (2,))
+    else:  # the list tells how long a trial takes, and runs one
+        desk.command(["optimise", file.name, "--list"], BUILDING, (0,))
 
 
 def _try_suite(file: File, path: Path, _number: int, desk: Desk) -> None:
