@@ -197,6 +197,15 @@ def test_a_log_of_mcap_is_read(climb, tmp_path):
         ot.load_log(tmp_path / "run.toml")
 
 
+def test_the_csv_of_an_exported_run_is_a_log_of_all_its_channels(climb, tmp_path):
+    """Each channel's columns have the names of the trajectory's, and its numbers."""
+    run = ot.run(ot.override(climb, {"run.time_limit": 0.2}), no_load=False)
+    log = ot.load_log(ot.export_result(run, tmp_path / "run.csv"))
+    for name, _, values in run.trajectory.columns():
+        if name not in ("time", "phase"):
+            np.testing.assert_allclose(log.values[name], np.asarray(values, float), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("rows", "words"),
     [

@@ -210,7 +210,9 @@ def _measured(
 ) -> tuple[dict[str, Array], dict[str, Dimension]]:
     """Return the quantities of a log by the columns of the trajectory, and known dimensions."""
     if table.columns is None:
-        tables = {_plain(head): ColumnTable(column=head) for head in columns.values if head != time}
+        # An exported run's heads are written with a space before the module, as for a reader.
+        heads = [head for head in columns.values if head != time]
+        tables = {_plain(head).replace(" ", "_"): ColumnTable(column=head) for head in heads}
     else:
         tables = dict(table.columns)
     values: dict[str, Array] = {}
