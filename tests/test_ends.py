@@ -82,6 +82,25 @@ def test_an_interruption_while_it_starts_ends_quietly(delay, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_library_that_fails_as_it_is_interrupted_is_an_interruption():
+    """A compiled module that is interrupted while it is imported may raise an error of its own."""
+    code = """
+from omnitrack_sim.cli import program
+
+def app(**_):
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise ImportError("initialization failed") from error
+
+program.app = app
+program.run_command()
+"""
+    arguments = [sys.executable, "-c", code, "run"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 class Sideways:
     """Asks module 2 for no number in its third step."""
 

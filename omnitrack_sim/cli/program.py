@@ -75,13 +75,21 @@ def run_command() -> None:
         status = 130
     except Exception as error:
         # Typer's errors have no public class in common.
-        if hasattr(error, "format_message"):
+        if _was_interrupted(error):
+            status = 130
+        elif hasattr(error, "format_message"):
             status = _tell_usage(error)
         elif isinstance(error, OSError) and error.errno in NO_OUTPUT and error.filename is None:
             status = _without_output(error)
         else:
             raise
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _was_interrupted(error: BaseException) -> bool:
+    """True if an error follows from an interrupt: compiled libraries fail in words of their own."""
+    cause = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt) or (cause is not None and _was_interrupted(cause))
 
 
 def _refuse_surroundings() -> None:
