@@ -227,6 +227,16 @@ def test_a_damaged_log_is_refused_with_its_line(rows, words, tmp_path):
         ot.load_log(file)
 
 
+def test_a_damaged_table_of_a_log_is_named_once(tmp_path):
+    """Where it is no TOML, and, for each of its faults, where a key is wrong."""
+    table = tmp_path / "run.toml"
+    for text, told in (("file = ", f"{table}: is not valid TOML"), ("x = 1\n", f"{table}: x: unk")):
+        table.write_text(text)
+        with pytest.raises(ot.InputError) as caught:
+            ot.load_log(table)
+        assert any(line.startswith(told) for line in str(caught.value).splitlines())
+
+
 def test_a_gap_is_no_jump_of_the_clock(tmp_path):
     """The robot has moved on in it."""
     times = [0.02 * i + 3 * (i > 30) for i in range(60)]

@@ -11,7 +11,8 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,6 +39,8 @@ MAX_INTEGER = 2**63 - 1
 KIND_FAULT, PLACE_FAULT = "kind", "place"
 """Types of pydantic's error where the ``kind`` of a table is missing or names nothing, and where
 something below a key is wrong."""
+CALIBRATION = "calibration"
+"""Table of a calibration's file that holds all but the values, which ``--set`` passes over."""
 MAX_LEVELS = 32
 """Deepest nesting of tables and lists."""
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -255,6 +258,23 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):  # too long, no permission, a null character
         return False
+
+
+def refuse_missing(path: Path, where: str = "") -> None:
+    """Raise an ``InputError`` where a path leads to no regular file; ``where``: its own name."""
+    if not is_file(path):
+        raise InputError(Fault(where or str(path), "cannot be read: there is no such file"))
+
+
+@contextmanager
+def placed_in(path: Path) -> Iterator[None]:
+    """Name a file in the faults of what is read from it, but in those that name it already."""
+    try:
+        yield
+    except InputError as error:
+        name = str(path)
+        faults = [f if f.where == name else f.at(f"{name}: {f.where}") for f in error.faults]
+        raise InputError(faults) from None
 
 
 def exists(path: Path) -> bool:

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.bounds import MAX_NUMBER
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.reading import checked, is_file, table_of
+from omnitrack_sim.base.reading import CALIBRATION, checked, placed_in, refuse_missing, table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.base.text import as_toml, toml_key
@@ -24,8 +24,6 @@ from omnitrack_sim.calibration.doubt import Indistinct, draw_within
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.robots.quantity import Provenance
 
-CALIBRATION = "calibration"
-"""Table of a calibration's file that holds all but the values, which ``--set`` passes over."""
 CALIBRATED = "calibrated"
 """Provenance of a value that was fitted."""
 MAX_PARAMETERS = 50
@@ -293,16 +291,9 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
         mine.toml: cannot be read: there is no such file
     """
     file = Path(path)
-    if not is_file(file):
-        raise InputError(Fault(str(file), "cannot be read: there is no such file"))
-    try:
+    refuse_missing(file)
+    with placed_in(file):
         return _calibration(table_of(file, "calibration", InputError))
-    except InputError as error:
-        faults = [
-            fault if fault.where == str(file) else fault.at(f"{file}: {fault.where}")
-            for fault in error.faults
-        ]
-        raise InputError(faults) from None
 
 
 def _calibration(data: Mapping[str, Any]) -> Calibration:

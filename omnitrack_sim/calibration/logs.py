@@ -15,7 +15,7 @@ from pydantic import Field
 
 from omnitrack_sim.base.bounds import MAX_COLUMNS, MAX_NUMBER
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.reading import beside, checked, is_file, table_of
+from omnitrack_sim.base.reading import beside, checked, is_file, placed_in, refuse_missing, table_of
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.calibration.columns import Columns, read_columns
@@ -149,14 +149,11 @@ def load_log(source: str | os.PathLike[str]) -> Log:
         run7.csv: cannot be read: there is no such file
     """
     path = Path(source)
-    if not is_file(path):
-        raise InputError(Fault(str(path), "cannot be read: there is no such file"))
+    refuse_missing(path)
     if path.suffix.lower() not in (".toml", ".json"):
         return _made(path, LogTable(file=str(path)))
-    try:
+    with placed_in(path):
         table = checked(LogTable, table_of(path, "log's table", InputError), InputError)
-    except InputError as error:
-        raise InputError([fault.at(f"{path}: {fault.where}") for fault in error.faults]) from None
     file = Path(beside(path.parent, table.file))
     if not is_file(file):
         raise InputError(Fault(f"{path}: file", f"is {table.file!r}; there is no such file"))

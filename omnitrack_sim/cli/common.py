@@ -184,14 +184,12 @@ def settings_of(text: str) -> dict[str, Any]:
 
 def _settings_in(file: Path, where: str) -> dict[str, Any]:
     """The values in a file by path, such as a study's ``best.toml``: ``"a.b" = 1``, or tables."""
-    from omnitrack_sim.base.reading import is_file, table_of
+    from omnitrack_sim.base.reading import CALIBRATION, refuse_missing, table_of
 
-    if not is_file(file):
-        raise InputError(Fault(where, "cannot be read: there is no such file"))
+    refuse_missing(file, where)
     try:
         table = table_of(file, "file of values", InputError)
-        # The doubt of values that were calibrated, which no scenario has a key for.
-        return dict(_leaves({k: v for k, v in table.items() if k != "calibration"}, ""))
+        return dict(_leaves({k: v for k, v in table.items() if k != CALIBRATION}, ""))
     except InputError as error:
         raise InputError([fault.at(where) for fault in error.faults]) from None
 
