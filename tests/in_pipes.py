@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import mujoco
 import numpy as np
+import thrown_bodies
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, frame_along, matrix_from_quaternion, rotation_about
@@ -117,3 +118,11 @@ def swing_period(spec: mujoco.MjSpec, start, ball: float, pendulum: float, angle
     times = 0.001 * (down + y[down] / (y[down] - y[down + 1]))
     period = 2 * math.pi * math.sqrt(pendulum / 9.81) * (1 + angle**2 / 16)
     return np.diff(times).mean(), period
+
+
+def check_that_thrown_bodies_stay(network: ot.Network) -> None:
+    """Throw four bodies of each shape at 1 to 12 m/s: all are in the bore half a second later."""
+    for shape in thrown_bodies.SHAPES:
+        out, deepest = thrown_bodies.throw(network, shape, 0.002, None, 4, seed=3)
+        assert out == 0
+        assert deepest < 0.06
