@@ -62,7 +62,7 @@ def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         raise InputError(Fault(str(path), str(error))) from error
 
 
-def _refuse_missing(heads: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
+def _refuse_missing(path: Path, heads: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
     """Return the heads of the columns to be read.
 
     Raises:
@@ -70,7 +70,8 @@ def _refuse_missing(heads: Sequence[str], wanted: Sequence[str] | None) -> list[
     """
     missing = [name for name in dict.fromkeys(wanted or ()) if name not in heads]
     if missing:
-        faults = [Fault("", f"has no column {name!r}", tuple(heads), name) for name in missing]
+        where = str(path)
+        faults = [Fault(where, f"has no column {name!r}", tuple(heads), name) for name in missing]
         raise InputError(faults)
     return list(heads if wanted is None else dict.fromkeys(wanted))
 
@@ -90,10 +91,7 @@ def _from_csv(path: Path, wanted: Sequence[str] | None) -> Columns:
     if len(set(heads)) < len(heads):
         twice = next(head for head in heads if heads.count(head) > 1)
         raise ValueError(f"has two columns of the name {twice!r}")
-    try:
-        chosen = _refuse_missing(heads, wanted)
-    except InputError as error:
-        raise InputError([fault.at(str(path)) for fault in error.faults]) from None
+    chosen = _refuse_missing(path, heads, wanted)
     rows = [(first + reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     for number, row in rows:
         if len(row) != len(heads):
@@ -140,7 +138,7 @@ def _from_parquet(path: Path, wanted: Sequence[str] | None) -> Columns:
     try:
         file = opened(path)
         names = file.schema_arrow.names
-        chosen = _refuse_missing(names, wanted)
+        chosen = _refuse_missing(path, names, wanted)
         table = file.read(columns=chosen, use_threads=False)
     except InputError as error:
         raise InputError([fault.at(str(path)) for fault in error.faults]) from None
@@ -193,10 +191,7 @@ def _from_mcap(path: Path, wanted: Sequence[str] | None) -> Columns:
         raise ValueError(problem + (f"; it has {', '.join(sorted(skipped))}" if skipped else ""))
     times = sorted(rows)
     heads = [MCAP_TIME, *dict.fromkeys(name for time in times for name in rows[time])]
-    try:
-        chosen = _refuse_missing(heads, wanted)
-    except InputError as error:
-        raise InputError([fault.at(str(path)) for fault in error.faults]) from None
+    chosen = _refuse_missing(path, heads, wanted)
     values = {
         name: np.array([rows[time].get(name, np.nan) for time in times], float)
         for name in chosen

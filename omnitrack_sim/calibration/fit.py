@@ -216,19 +216,14 @@ class _Runs:
                 except ScenarioError:
                     failed.add(k)
         runs = [(k, i, one) for k, i, one in valid if k not in failed]
-        results = self._results([one for _, _, one in runs])
+        results = run_batch([one for _, _, one in runs], threads=self._threads, no_load=False)
         of = {(k, i): result for (k, i, _), result in zip(runs, results, strict=True)}
         return [
-            Point(None, []) if k in failed else self._point([of[k, i] for i in self._indices])
+            Point(None, [])
+            if k in failed
+            else self._point([of[k, i] for i in range(len(self.logs))])
             for k in range(len(sets))
         ]
-
-    @property
-    def _indices(self) -> range:
-        return range(len(self.logs))
-
-    def _results(self, scenarios: Sequence[Scenario]) -> list[Any]:
-        return run_batch(scenarios, threads=self._threads, no_load=False)
 
     def _point(self, results: Sequence[Any]) -> Point:
         columns = [

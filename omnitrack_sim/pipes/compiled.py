@@ -88,6 +88,16 @@ def clip(out, value, slope, ends):
 
 
 @compiled
+def part_within(low, high, value, slope):
+    """Return the part of [low, high] where value + slope s <= 0."""
+    if slope > 0.0:
+        return low, min(high, -value / slope)
+    if slope < 0.0:
+        return max(low, -value / slope), high
+    return (low, high) if value <= 0.0 else (math.inf, -math.inf)
+
+
+@compiled
 def put(out, x, y, z, face):
     """Write a gradient and a face to ``out``."""
     out[0], out[1], out[2], out[3] = x, y, z, face

@@ -149,15 +149,19 @@ def _pull(data: Mapping[str, Any]) -> list[str]:
     """The pull at the tail, which could be there where none is."""
     if "pull" in data:
         return _table("pull", PullTable, data)
-    keys = [line for _, rows in _keys(PullTable, {}, INSTEAD) for line in rows]
-    return ["", *_comment(_first_paragraph(PullTable)), f"{INSTEAD}[pull]", *keys]
+    return ["", *_comment(_first_paragraph(PullTable)), *_instead("pull", PullTable)]
+
+
+def _instead(path: str, model: type[BaseModel]) -> list[str]:
+    """Lines of a table that could be there, without the tables in it."""
+    keys = (line for _, rows in _keys(model, {}, INSTEAD) for line in rows)
+    return [f"{INSTEAD}[{path}]", *keys]
 
 
 def _other_mission() -> list[str]:
     """Keys of a mission, for a scenario that has none."""
     network = _key("network", meanings_of(Scenario)["network"], "", "fig14", {}, INSTEAD)
-    keys = [line for _, rows in _keys(Mission, {}, INSTEAD) for line in rows]
-    return ["", *_comment(_MISSION), *network, f"{INSTEAD}[mission]", *keys]
+    return ["", *_comment(_MISSION), *network, *_instead("mission", Mission)]
 
 
 def _pipes(pipes: list[Mapping[str, Any]], scenario: Scenario) -> list[str]:

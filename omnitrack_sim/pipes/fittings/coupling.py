@@ -22,7 +22,17 @@ from pydantic import Field
 
 from omnitrack_sim.base.rotations import Array, Pose, rotation_about
 from omnitrack_sim.base.table import Angle, NotNegative, Size, Unit
-from omnitrack_sim.pipes.compiled import EDGE, FACE, SOLID, Wall, clip, compiled, in_bore, put
+from omnitrack_sim.pipes.compiled import (
+    EDGE,
+    FACE,
+    SOLID,
+    Wall,
+    clip,
+    compiled,
+    in_bore,
+    part_within,
+    put,
+)
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
     Arcs,
@@ -206,16 +216,6 @@ def span(sizes, ends, px, _py, pz, ax, _ay, az, out):
 
 
 @compiled
-def _before(low, high, value, slope):
-    """Return the part of [low, high] of a line where value + slope s < 0."""
-    if slope > 0.0:
-        return low, min(high, -value / slope)
-    if slope < 0.0:
-        return max(low, -value / slope), high
-    return (low, high) if value < 0.0 else (math.inf, -math.inf)
-
-
-@compiled
 def clear(sizes, px, py, pz, ax, ay, az):
     """See ``compiled.Wall``: through the first bore, what both have in common, and the other."""
     edge, sine = sizes[EDGE_RADIUS], sizes[SINE]
@@ -226,8 +226,8 @@ def clear(sizes, px, py, pz, ax, ay, az):
     far_low, far_high = in_bore(w, py, across, ay, sizes[END_RADIUS])
     within, along = sine * aside + cosine * ahead, sine * ax + cosine * az
     both = max(low, far_low), min(high, far_high)
-    one = _before(low, high, pz - sizes[COLLAR] + edge, az)
-    other = _before(far_low, far_high, edge - within, -along)
+    one = part_within(low, high, pz - sizes[COLLAR] + edge, az)
+    other = part_within(far_low, far_high, edge - within, -along)
     reach = 0.0
     # A line passes from one of the three into the next.
     for _ in range(3):

@@ -39,6 +39,7 @@ from omnitrack_sim.pipes.compiled import (
     compiled,
     in_bore,
     out_of_two,
+    part_within,
 )
 
 EQUAL = 1e-9
@@ -274,8 +275,8 @@ def span(sizes, ends, px, py, pz, ax, ay, az, out):
 def in_run(sizes, px, py, pz, ax, ay, az):
     """Return the part [low, high] of a line in the bore of the run, between its port planes."""
     low, high = in_bore(px, py, ax, ay, sizes[2])
-    low, high = _within(low, high, pz - sizes[0], az)
-    return _within(low, high, -pz - sizes[0], -az)
+    low, high = part_within(low, high, pz - sizes[0], az)
+    return part_within(low, high, -pz - sizes[0], -az)
 
 
 @compiled
@@ -287,18 +288,8 @@ def in_branch(sizes, px, py, pz, ax, ay, az, back):
     sin, cos = sizes[5], sizes[6]
     low, high = in_bore(px * cos - pz * sin, py, ax * cos - az * sin, ay, sizes[3])
     along, ahead = px * sin + pz * cos, ax * sin + az * cos
-    low, high = _within(low, high, along - sizes[1], ahead)
-    return _within(low, high, -along - back, -ahead)
-
-
-@compiled
-def _within(low, high, value, slope):
-    """Return the part of [low, high] where value + slope s <= 0."""
-    if slope > 0.0:
-        return low, min(high, -value / slope)
-    if slope < 0.0:
-        return max(low, -value / slope), high
-    return (low, high) if value <= 0.0 else (math.inf, -math.inf)
+    low, high = part_within(low, high, along - sizes[1], ahead)
+    return part_within(low, high, -along - back, -ahead)
 
 
 @compiled
@@ -333,5 +324,5 @@ def clear(sizes, px, py, pz, ax, ay, az):
     w, across = px * cos - pz * sin, ax * cos - az * sin
     branch_low, branch_high = in_bore(w, py, across, ay, sizes[3])
     along, ahead = px * sin + pz * cos, ax * sin + az * cos
-    branch_low, branch_high = _within(branch_low, branch_high, -along, -ahead)
+    branch_low, branch_high = part_within(branch_low, branch_high, -along, -ahead)
     return out_of_two(low, high, branch_low, branch_high)
