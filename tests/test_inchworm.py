@@ -31,7 +31,7 @@ def test_a_cycle_takes_it_a_stride_less_what_its_spindle_gives(axis):
 
 
 def test_it_begins_as_it_stands_and_extends_first():
-    """First both clamps hold and the spindle is short; then the rear one alone, while it extends."""
+    """Both clamps hold and the spindle is short; then the rear one alone, while it extends."""
     robot = Inchworm()
     times = np.array([0.0, 0.25 * CYCLE, 0.5 * CYCLE, 0.75 * CYCLE])
     begins, extends, turns, contracts = robot.gait(
