@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import batch
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, with_rows
@@ -33,7 +34,7 @@ from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_comma
 from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.parameters import MASSES
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.plant import Diagnosis, Motion, Plant, Start, compiled
+from omnitrack_sim.robots.plant import Diagnosis, MakeBatch, Motion, Plant, Start, compiled
 from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.robots.size import GRAVITY
@@ -128,12 +129,13 @@ class TrackPlant(Plant):
         period: float,
         threads: int = 1,
         sensors: Sequence[Sensor] = (),
+        make_batch: MakeBatch = batch.Batch,
     ) -> None:
         self._drive = drive_of(robot.drive)
         own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
         self.motors = SpeedLoop(self._drive, [each.motor for each in own], robot.lug_radius)
         self._body = robot
-        super().__init__(model, robot, start, period, threads, sensors)
+        super().__init__(model, robot, start, period, threads, sensors, make_batch)
 
     def shipped_sensors(self) -> Sequence[Sensor]:
         """See ``Plant``."""
