@@ -172,6 +172,17 @@ def rows_of_courses(suite: Suite) -> Iterator[Row]:
     return ((f"`{course.name}`", course.words) for course in suite.courses.values())
 
 
+def rows_of_ladders(suite: Suite) -> Iterator[Row]:
+    """Yield the courses of a benchmark, those that differ by their size alone in one row."""
+    sizes: dict[str, list[str]] = {}
+    words: dict[str, str] = {}
+    for course in suite.courses.values():
+        name, size = course.ladder or course.name, f"{course.size:g}" if course.ladder else ""
+        sizes.setdefault(name, []).append(size)
+        words.setdefault(name, course.words.removesuffix(f", {size}"))
+    return ((f"`{name}`", words[name], ", ".join(own)) for name, own in sizes.items())
+
+
 def keys_of(keys: Sequence[Key]) -> str:
     """Return the keys of a window."""
     return table(("key", "what it does"), ((key.name, key.meaning) for key in keys))
@@ -203,6 +214,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "relief": lambda: table(("`kind`", *KEYS), rows_of_relief()),
     "bench.mobility": lambda: table(
         ("course", "what the robot does"), rows_of_courses(load_suite("mobility"))
+    ),
+    "bench.as_built": lambda: table(
+        ("course", "what the robot does", "sizes, bores"), rows_of_ladders(load_suite("as_built"))
     ),
     "bench.control": lambda: table(
         ("course", "what the robot does"), rows_of_courses(load_suite("control"))
