@@ -15,6 +15,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PACKAGE := $(VENV)/.package
 READY := $(VENV)/.ready
+LONG := $(VENV)/.long
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SCREEN_PACKAGES := chromium xvfb xdotool
 EGL_PACKAGES := libegl1 libgl1-mesa-dri libopengl0
@@ -36,7 +37,7 @@ PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 test: $(READY) egl
 	$(PYTEST) -m "not long"
 
-test-long: $(READY) egl screen
+test-long: $(LONG) egl screen
 	$(PYTEST) -m long
 
 # Faults by lot, tried with the tests of `make test`: SEED=2 COUNT=100 ROOM=senses
@@ -98,6 +99,10 @@ $(PACKAGE): pyproject.toml
 # imported.
 $(READY): $(PACKAGE)
 	@$(PIP) --no-compile --group dev
+	@touch $@
+
+$(LONG): $(READY)
+	@$(PIP) --no-compile --group long
 	@touch $@
 
 # The lowest releases that pyproject.toml allows, but for the tools of `make check`.

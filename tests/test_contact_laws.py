@@ -422,6 +422,36 @@ def test_an_open_end_touches_where_it_is_nearest(shape):
     assert seen >= 4
 
 
+def test_the_last_digits_do_not_decide_whether_an_edge_touches():
+    """A roller deep at the narrow end of a cone, whose way out gets shorter up to the wall's
+    normal, touches the wall alone, wherever rounding puts it."""
+    spec, cone, pipe = mujoco.MjSpec(), Reducer(0.1, 0.12), Straight(0.3, inner_diameter=0.12)
+    end = cone.ports["end"]
+    parts = Part("cone", cone, Pose()), Part("pipe", pipe, Pose(end.rotation, end.position))
+    ot.add_pipes(spec, Assembly(parts, (((0, "end"), (1, "start")),)))
+    body = spec.worldbody.add_body()
+    body.add_freejoint()
+    kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+    body.add_geom(type=kind, size=SHAPES["roller"], margin=MARGIN)
+    model = spec.compile()
+    data, rng, found = mujoco.MjData(model), np.random.default_rng(1), []
+    turn = np.array(
+        [
+            [-0.9872857980, -0.1143548260, -0.1104070960],
+            [-0.1532471048, 0.5002992191, 0.8521830885],
+            [-0.0422146649, 0.8582678283, -0.5114628597],
+        ]
+    )
+    mujoco.mju_mat2Quat(data.qpos[3:], turn.ravel())
+    place = np.array([0.0148807158, 0.0183304288, 0.1143133984])
+    for _ in range(50):
+        data.qpos[:3] = place + rng.normal(0, 1e-9, 3)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        found.append([model.geom(one.geom[0]).name for one in data.contact if one.dist < 0])
+    assert found == [["wall_pipe"]] * 50
+
+
 def unit2(vector):
     """A vector (2,) of length 1."""
     return vector / np.linalg.norm(vector)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, cached_property
@@ -51,6 +51,10 @@ SLOTS = 4
 """Contacts of a body whose forces are added up: the largest ones."""
 TOUCH = "touch_of_"
 """Names of the contact sensors that the scene adds begin like this."""
+
+
+MakeBatch = Callable[[mujoco.MjModel, int, int, bool], batch.Batch]
+"""Makes a batch as ``mujoco.batch.Batch`` does."""
 
 
 @dataclass(frozen=True)
@@ -224,6 +228,8 @@ class Plant:
         period: s, between two control steps.
         threads: native threads; 0 uses all cores.
         sensors: of a user's own.
+        make_batch: makes the engine's batch from model, number of robots, threads, and whether each
+            robot needs an MjData of its own; steps of another class may be another engine's.
 
     Raises:
         InputError: the robot has no free chassis, or does not fit into its pipe.
@@ -246,12 +252,13 @@ class Plant:
         period: float,
         threads: int = 1,
         sensors: Sequence[Sensor] = (),
+        make_batch: MakeBatch = batch.Batch,
     ) -> None:
         self.model, self.robot, self.period = model, robot, period
         self.n = len(start.friction)
         # Where MuJoCo passes over what never moves, each robot needs an MjData.
         sleeps = bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
-        self._batch = batch.Batch(model, nsim=self.n, nthread=threads, persistent=sleeps)
+        self._batch = make_batch(model, self.n, threads, sleeps)
         shipped = self.shipped_sensors()
         self._sensors = {sensor.channel.name: sensor for sensor in (*shipped, *sensors)}
         self._own = [sensor.channel.name for sensor in sensors]

@@ -6,8 +6,13 @@ Names are loaded on first use; the first step of a model compiles its walls, onc
 from importlib import import_module
 from typing import Any
 
-_HOMES = {"put_model": "walls", "recentre": "origins", "set_origins": "origins"}
-__all__ = ["put_model", "recentre", "set_origins"]
+_HOMES = {
+    "make_plant": "plant",
+    "put_model": "walls",
+    "recentre": "origins",
+    "set_origins": "origins",
+}
+__all__ = ["make_plant", "put_model", "recentre", "set_origins"]
 
 
 def __getattr__(name: str) -> Any:

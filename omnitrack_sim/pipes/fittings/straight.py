@@ -262,7 +262,12 @@ class Straight(Axial):
     @property
     def bumps(self) -> float:
         """See ``Fitting``."""
-        return min((patch.bumps for patch in self.patches if patch.bumps > 0), default=0.0)
+        return min((patch.width for patch in self.patches if patch.bulges), default=0.0)
+
+    @property
+    def waves(self) -> float:
+        """See ``Fitting``."""
+        return min((patch.width for patch in self.patches), default=0.0)
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:

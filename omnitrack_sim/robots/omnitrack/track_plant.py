@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import batch
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array, with_rows
@@ -32,7 +33,7 @@ from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
 from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.plant import Diagnosis, Motion, Plant, Start
+from omnitrack_sim.robots.plant import Diagnosis, MakeBatch, Motion, Plant, Start
 from omnitrack_sim.robots.robot import SceneOptions
 from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
 from omnitrack_sim.robots.size import GRAVITY
@@ -109,6 +110,7 @@ class TrackPlant(Plant):
         period: float,
         threads: int = 1,
         sensors: Sequence[Sensor] = (),
+        make_batch: MakeBatch = batch.Batch,
     ) -> None:
         self._drive = drive_of(robot.drive)
         torque = [each.motor.max_torque for each in start.robots]
@@ -116,7 +118,7 @@ class TrackPlant(Plant):
             self._drive, robot.motor, np.array(torque), robot.lug_radius, len(torque)
         )
         self._body = robot
-        super().__init__(model, robot, start, period, threads, sensors)
+        super().__init__(model, robot, start, period, threads, sensors, make_batch)
 
     def shipped_sensors(self) -> Sequence[Sensor]:
         """See ``Plant``."""
