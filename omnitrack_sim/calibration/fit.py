@@ -469,7 +469,7 @@ class _Fit:
         """Return the covariance (p, p) of logs and what was known before together."""
         sizes = np.where(self._by_ratio, values, self._scale)
         inverse = np.linalg.inv(information + np.diag(self._prior**-2.0))
-        return inverse * np.outer(sizes, sizes)
+        return np.asarray(inverse * np.outer(sizes, sizes), float)
 
     def _wanted(self, values: Array) -> list[tuple[Array, Array]]:
         """Return what each log alone would ask for of each parameter, and its doubt."""

@@ -413,7 +413,7 @@ class TrackDiagnosis(Diagnosis):
     """
 
     def __init__(
-        self, robot: Omnitrack, limits: Any, period: float, robots: Sequence[Omnitrack]
+        self, robot: Omnitrack, limits: Any, period: float, robots: Sequence[Any]
     ) -> None:
         super().__init__(robot, limits, period, robots)
         n = self.n
