@@ -412,9 +412,7 @@ class TrackDiagnosis(Diagnosis):
         robots: the parameters of each, whose weights are units of the limits.
     """
 
-    def __init__(
-        self, robot: Omnitrack, limits: Any, period: float, robots: Sequence[Any]
-    ) -> None:
+    def __init__(self, robot: Omnitrack, limits: Any, period: float, robots: Sequence[Any]) -> None:
         super().__init__(robot, limits, period, robots)
         n = self.n
         self._period, self._memory = period, limits.memory * robot.time_scale
