@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.calibration.calibration import FittedColumn
 from omnitrack_sim.calibration.compare import targets_of
+from omnitrack_sim.calibration.contradictions import contradictions_of
 from omnitrack_sim.calibration.doubt import (
     draw_within,
     independent_count,
@@ -134,6 +136,18 @@ def test_a_log_of_a_slipping_run_contradicts_a_fit_that_cannot_slip(climb, pulle
     slipped = ot.Log("slipping", log.time, {**log.values, "distance": way})
     fit = ot.calibrate([slipped], climb, [FORCE])
     assert any("distance is not met" in text and "slips" in text for text in fit.contradictions)
+
+
+def test_what_no_figure_would_show_is_no_contradiction():
+    """A tilt of a millionth of a radian that the fit does not meet; one of two degrees is one."""
+    channel, time = ot.Omnitrack().channels["tilt"], np.linspace(0.0, 1.0, 50)
+    for size, count in ((1e-6, 0), (0.035, 1)):
+        log = ot.Log("still", time, {"tilt": size * np.sin(9 * time)})
+        ((target,), _) = targets_of(0, log, [channel], 0.02)
+        column = FittedColumn(
+            *("still", "tilt", "rad", time, target.values, np.zeros(50)), 50.0, 0.0, target.span
+        )
+        assert len(contradictions_of([column], [], [], [], np.zeros(0), [])) == count
 
 
 def test_what_was_saved_is_read_back(found, tmp_path):
