@@ -195,9 +195,8 @@ def _unpacked(text: str, columns: int) -> Array:
         raise ValueError(f"has radii that cannot be read ({error})") from None
     if len(octets) % (4 * columns) or not reader.eof:
         raise ValueError(f"has radii that are no grid of {columns} columns")
-    radii: Array = UNIT * np.cumsum(np.frombuffer(octets, "<i4").astype(np.int64)).reshape(
-        -1, columns
-    )
+    steps = np.frombuffer(octets, "<i4").astype(np.int64)
+    radii: Array = np.cumsum(steps).reshape(-1, columns).astype(float) * UNIT
     if not (radii.min(initial=1.0) > 0 and radii.max(initial=0.0) < 1000):
         raise ValueError("has radii that are not over 0")
     radii.flags.writeable = False
