@@ -41,7 +41,7 @@ curvature."""
 MODEL_ERROR = 0.01
 """Part by which a model is wrong, unless told otherwise; see ``model_error.ModelError``. Robots
 that differ from the model by their walls, their lugs and the time step alone seem to have a grip
-that is off by 0.4 to 1.8 %, 1.2 % in the mean square, another one in each test of the bench."""
+that is off by 0.1 to 1.8 %, 1.1 % in the mean square, another one in each test of the bench."""
 NEAR = 0.05
 """Change of a value, as a part of it, up to which its derivatives serve a step."""
 CLOSE = 0.1
@@ -489,6 +489,10 @@ class _Fit:
             wanted.append((alone, np.where(told, 1 / np.sqrt(safe), np.inf)))
         return wanted
 
+    @property
+    def _words(self) -> str:
+        return f"a model that is wrong by {100 * self._model_error:.3g} % in each log"
+
     def _calibration(self, values: Array, information: Array, covariance: Array) -> Calibration:
         """Return the values with all that the residuals say."""
         runs = self._runs
@@ -524,7 +528,7 @@ class _Fit:
                 values,
                 self._wanted(values),
             ),
-            runs.notes,
+            [f"counted beside the noise: {self._words}", *runs.notes],
             columns,
             [log.name for log in runs.logs],
         )
