@@ -59,8 +59,7 @@ def test_walls_of_primitives_are_refused():
 def test_a_second_without_feedback_is_that_of_mujoco():
     """In an elbow 30 m from the origin, and at the begin of the pipe: poses, forces, tracks.
 
-    The commands are those by which the processor's robots are steered. A robot there that starts
-    0.1 um beside another one comes as far from it as this, but for the solver's single precision.
+    The commands are those by which the processor's robots are steered.
     """
     kinds = ("straight", "elbow", "straight")
     pipes = [{"kind": kind} for kind in kinds]

@@ -153,6 +153,7 @@ class SpeedLoop:
 
     Attributes:
         saturated: (n, 3) bool, modules whose motor is at its limit.
+        constants: numbers of the motor, see ``LUG_RADIUS``.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class SpeedLoop:
         self.torque_limit = np.zeros((n, 1))
         self.saturated: NDArray[np.bool_] = np.zeros((n, 3), bool)
         self._correction = np.zeros((n, drive.motors))  # m/s, integral part
-        self._constants = np.array(
+        self.constants = np.array(
             [
                 lug_radius,
                 drive.size,
@@ -202,7 +203,7 @@ class SpeedLoop:
         speed, force = drive.motor_values(belt_speed), drive.motor_forces(torque)
         asked = np.empty((4, *wanted.shape))
         given = (np.ascontiguousarray(each, float) for each in (wanted, speed, force))
-        arrays = self._constants, self.torque_limit, *given, self._correction, asked
+        arrays = self.constants, self.torque_limit, *given, self._correction, asked
         c_function(_advance, _ADVANCE).ctypes(*wanted.shape, dt, *pointers(*arrays))
         saturated = asked[3] > 0
         self.saturated = saturated if drive.direct else self._of_modules(saturated)
