@@ -1,8 +1,11 @@
 """Whether any command could have passed the tee turns that the default controller fails.
 
 python benchmarks/open_loop.py [--quick] [--workers N] [--trials N] [--generations N] [--seed S]
+    [--torque-limit N_M] [--friction LOW HIGH] [--preload LOW HIGH]
 
 Drawn are random aligned tee turns (friction 0.5 to 0.8, preload 20 to 35 N, any gravity, no retry).
+With --torque-limit the motor is the published one with this limit, N m, in place of one whose
+speeds are prescribed: what then fails in physics is the floor of what so little torque can do.
 For each that fails, CMA-ES (extra optimise) searches for belt speeds that pass, from the moment on
 where the turn begins: knots over time for each module, within control.speed_limit, first as a
 correction of the default controller's commands, then, where none passed, in their place. The best
@@ -35,7 +38,7 @@ from steered_turns import (
     steered,
     trace,
 )
-from tee_turns import random_tee_turns
+from tee_turns import PUBLISHED, random_tee_turns
 
 from omnitrack_sim import Result, Scenario, override
 from omnitrack_sim.base.rotations import Array
@@ -128,14 +131,35 @@ class Search:
         return self.robust == count
 
 
-def turns(count: int, seed: int) -> list[Scenario]:
-    """The trials."""
-    return random_tee_turns(count, seed=seed, friction=FRICTION, preload=PRELOAD)
+class Lot(NamedTuple):
+    """What the trials are drawn from.
+
+    Attributes:
+        seed: of the draws. friction: range of friction. preload: range of the preload, N.
+        torque_limit: N m, of the published motor; None: the motor of the scenario.
+    """
+
+    seed: int
+    friction: tuple[float, float]
+    preload: tuple[float, float]
+    torque_limit: float | None
+
+    def turns(self, count: int) -> list[Scenario]:
+        """Return the first trials."""
+        motor = {"like": PUBLISHED, "torque_limit": self.torque_limit}
+        changes = {} if self.torque_limit is None else {"robot.motor": motor}
+        return random_tee_turns(
+            count,
+            seed=self.seed,
+            friction=self.friction,
+            preload=self.preload,
+            changes=changes,
+        )
 
 
-def solve(case: Case, seed: int, generations: int) -> Case:
+def solve(case: Case, lot: Lot, generations: int) -> Case:
     """Search for commands that would have passed."""
-    scenario = turns(case.trial + 1, seed)[-1]
+    scenario, seed = lot.turns(case.trial + 1)[-1], lot.seed
     easier = override(scenario, {"world.friction": scenario.world.friction + EASIER})
     search = Search(scenario, seed)
     search.run(False, np.zeros((KNOTS, 3)), generations)
@@ -170,14 +194,18 @@ def row(kind: str, cases: Sequence[Case]) -> list[object]:
 def main() -> None:
     """Run the trials, search for commands for those that fail, and print what was found."""
     parser = Arguments(__doc__, trials=200, quick=40, seed=1000, workers=True)
+    parser.add_argument("--torque-limit", type=float, metavar="N_M", help="of the published motor")
+    parser.add_argument("--friction", type=float, nargs=2, default=FRICTION, metavar="MU")
+    parser.add_argument("--preload", type=float, nargs=2, default=PRELOAD, metavar="N")
     words = f"of {POPULATION} commands, of each search; {GENERATIONS} or {QUICK_GENERATIONS}"
     parser.add_argument("--generations", type=int, help=words)
     given = parser.read()
     generations = given.generations or (QUICK_GENERATIONS if given.quick else GENERATIONS)
-    plan = Trials("open_loop", {"": turns(given.trials, given.seed)}, measure=measured)
+    lot = Lot(given.seed, tuple(given.friction), tuple(given.preload), given.torque_limit)
+    plan = Trials("open_loop", {"": lot.turns(given.trials)}, measure=measured)
     rows = plan.run(given.workers)[""]
     failed = [Case(i, how_it_failed(one)) for i, one in enumerate(rows) if not one["success"]]
-    search = partial(solve, seed=given.seed, generations=generations)
+    search = partial(solve, lot=lot, generations=generations)
     cases = run_tasks(search, failed, given.workers)
     kinds = sorted({case.kind for case in cases})
     text = f"{given.trials - len(failed)} of {given.trials} passed, seed {given.seed}"

@@ -99,11 +99,14 @@ def figure_of(rows: Sequence[Row], metric: str, digits: int) -> str:
     return f"{np.mean(largest):.{digits}f}" if largest else "-"
 
 
+PRELOAD_RANGES = ((15.0, 20.0), (20.0, 35.0))
+"""Ranges of the preload, N a module: below 20 N walls hold less, above it turns take torque."""
 BY_PRELOAD = {
-    f"passed, {low} to {high} N": lambda rows, low=low, high=high: rate(preloaded(rows, low, high))
-    for low, high in ((15, 20), (20, 35))
+    f"passed, {low:g} to {high:g} N": lambda rows, low=low, high=high: rate(
+        preloaded(rows, low, high)
+    )
+    for low, high in PRELOAD_RANGES
 }
-"""Rates by preload, N a module: below 20 N turns are harder."""
 SIZES = {
     "passed": lambda rows: f"{sum(row['success'] for row in rows)} of {len(rows)}",
     "mean time": mean_time,
@@ -122,6 +125,7 @@ class Study:
         trials: by default.
         seed: by default.
         turns: arguments of ``random_tee_turns`` of all variants.
+        preloads: ranges of the preload, N a module, of which each has so many trials; none: one.
         columns: texts of the trials of a variant, by their heads.
         head: of the column of variants.
     """
@@ -131,6 +135,7 @@ class Study:
     trials: int = 96
     seed: int = 1
     turns: Mapping[str, Any] = field(default_factory=dict)
+    preloads: Sequence[tuple[float, float]] = ()
     columns: Mapping[str, Callable[[Sequence[Row]], str]] = field(default_factory=lambda: SIZES)
     head: str = "variant"
 
@@ -139,8 +144,15 @@ class Study:
         arguments: dict[Hashable, Mapping[str, Any]] = {
             name: {"changes": changes} for name, changes in self.variants.items()
         }
+        ranges = [{"preload": preload} for preload in self.preloads] or [{}]
         return {
-            name: random_tee_turns(trials, seed=seed, **self.turns, **own)
+            name: [
+                turn
+                for number, preload in enumerate(ranges)
+                for turn in random_tee_turns(
+                    trials, seed=seed + number, **self.turns, **preload, **own
+                )
+            ]
             for name, own in (arguments | dict(self.draws)).items()
         }
 
@@ -220,6 +232,7 @@ STUDIES = {
         trials=300,
         seed=31,
         turns={"friction": (0.6, 1.0), "theta5_deg": 180.0},
+        preloads=PRELOAD_RANGES,
         columns={
             **BY_PRELOAD,
             "time, s": lambda rows: figure_of(rows, "duration_s", 1),
@@ -318,7 +331,8 @@ def main() -> None:
     """Run the studies that are asked for, and print their tables."""
     arguments = Arguments(__doc__, workers=True)
     arguments.add_argument("studies", nargs="+", choices=tuple(STUDIES), metavar="STUDY")
-    arguments.add_argument("--trials", type=int, help="of a variant; default of the study")
+    words = "of a variant, and of each of its ranges of preload; default of the study"
+    arguments.add_argument("--trials", type=int, help=words)
     arguments.add_argument("--seed", type=int, help="of the trials; default of the study")
     arguments.add_argument("--quick", action="store_true", help="8 trials a variant")
     given = arguments.read()

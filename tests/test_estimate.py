@@ -34,6 +34,20 @@ def test_time_adds_up_over_batches_and_robots(paced):
     assert found.longest == pytest.approx(3 * 3.0 + 10 * 0.5 * max_seconds(straight))
 
 
+def test_robots_that_differ_in_their_own_values_have_one_pace(monkeypatch):
+    """One is measured of those that share a model, and one of each other robot."""
+    asked = []
+    monkeypatch.setattr(estimating, "_measured", lambda batch: asked.append(batch))
+    for path, values, paces in (
+        ("robot.preload", [20.0, 22.0, 25.0], 1),
+        ("robot.scale", [1.0, 1.01, 1.02], 3),
+    ):
+        asked.clear()
+        axis = {"path": path, "kind": "list", "values": values}
+        estimate(resolve({"name": "s", "base": "straight", "batch": 1, "axes": [axis]}))
+        assert len(asked) == paces
+
+
 def test_what_a_folder_holds_is_left_out(paced, tmp_path):
     """And counted."""
     sweep = small_sweep()

@@ -1,5 +1,7 @@
 """The inchworm: what its clamps hold, how far a cycle takes it, what it passes and stops it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from in_pipes import DOWN, LEVEL, UP, Drive, pipe
@@ -26,6 +28,20 @@ def test_a_cycle_takes_it_a_stride_less_what_its_spindle_gives(axis):
     drive.run(4 * CYCLE)
     law = 0.05 - axis[2] * drive.weight / STIFFNESS
     assert (drive.s - start) / 4 == pytest.approx(law, rel=0.01)
+
+
+def test_it_begins_as_it_stands_and_extends_first():
+    """Both clamps hold and the spindle is short; then the rear one alone, while it extends."""
+    robot = Inchworm()
+    times = np.array([0.0, 0.25 * CYCLE, 0.5 * CYCLE, 0.75 * CYCLE])
+    begins, extends, turns, contracts = robot.gait(
+        SimpleNamespace(time=times, qpos=np.zeros((4, 1)))
+    )
+    np.testing.assert_array_equal(begins, robot.start_ctrl)
+    np.testing.assert_allclose(turns, [robot.stride, robot.grip, robot.grip])
+    assert extends[0] + contracts[0] == pytest.approx(robot.stride)
+    assert extends[1] == contracts[2] == robot.grip
+    assert max(extends[2], contracts[1]) < 0
 
 
 @pytest.mark.parametrize("part", [0.9, 1.1])

@@ -16,7 +16,15 @@ from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.show.film.overlay import _shortened, font
 from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
 from omnitrack_sim.show.film.render import stage_of
-from omnitrack_sim.show.legend import MAX_NAMED, Parts, colours, legends_of, merged, short_names
+from omnitrack_sim.show.legend import (
+    MAX_NAMED,
+    Legend,
+    Parts,
+    colours,
+    legends_of,
+    merged,
+    short_names,
+)
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.plots.run_figures import line_styles
 from omnitrack_sim.show.recording_playback import RecordingPlayback, shown_samples
@@ -24,7 +32,7 @@ from omnitrack_sim.show.replay.document import replay_data
 from omnitrack_sim.show.run_playback import RunPlayback
 from omnitrack_sim.show.surfaces import MARK_APART, geoms_surface, rings
 from omnitrack_sim.show.viewer.player import SavedRun
-from omnitrack_sim.show.wall_forces import MAX_BARS
+from omnitrack_sim.show.wall_forces import MAX_BARS, ForceBars
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +126,18 @@ def test_the_panel_has_a_bar_for_each_body_that_touches(playback):
     assert [bar.label for bar in bars] == short_names(WHEELS)
     assert [bar.text for bar in bars] == [f"{forces[names.index(name)]:.1f}" for name in WHEELS]
     assert all(0 <= bar.share <= 1 and not bar.has_sign for bar in bars)
+
+
+def test_of_many_bodies_those_that_press_hardest_have_bars():
+    """In their order; the scale is that of large forces, and what never touches has none."""
+    count = 2 * MAX_BARS
+    names = tuple(f"b{k}" for k in range(count))
+    colours = ((0.5, 0.5, 0.5),) * (count - 1) + (None,)
+    forces = np.tile((np.arange(count, dtype=float) * 5) % count, (3, 1))
+    bars = ForceBars(Legend("bodies", names, names, colours, tuple(range(count))), forces).at(1)
+    hardest = sorted(np.argsort(-forces[0, :-1])[:MAX_BARS].tolist())
+    assert [bar.label for bar in bars] == [names[k] for k in hardest]
+    assert [bar.text for bar in bars] == [f"{forces[0, k]:.1f}" for k in hardest]
 
 
 def test_the_window_tells_the_bodies_that_press_hardest(climb, playback):

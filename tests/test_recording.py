@@ -39,12 +39,12 @@ def bend(position=(0.0, 0.0, 0.0)) -> ot.Network:
     )
 
 
-def ball_model(**walls) -> tuple[mujoco.MjModel, ot.Pipes]:
+def ball_model(name: str = "ball", **walls) -> tuple[mujoco.MjModel, ot.Pipes]:
     """A green ball that lies in the level pipe, with a camera on it."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.001
     pipes = ot.add_pipes(spec, bend(), **walls)
-    body = spec.worldbody.add_body(name="ball", pos=[0.0, 0.1, BALL - 0.08])
+    body = spec.worldbody.add_body(name=name, pos=[0.0, 0.1, BALL - 0.08])
     body.add_freejoint()
     body.add_geom(size=[BALL, 0, 0], mass=0.2, rgba=GREEN, condim=6, friction=[0.8, 0, 1e-4])
     body.add_camera(name="eye", fovy=90, quat=[0.5, 0.5, 0.0, 0.0])
@@ -480,3 +480,10 @@ def test_the_section_of_the_page_runs(tmp_path, monkeypatch):
     made = ["figure.png", "run.html", "run.mp4", "run.npz", "run.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == made
     assert len(ot.Recording.load("run.npz")) == 6
+
+
+@pytest.mark.parametrize(("name", "told"), [("ball", "ball"), ("", "the robot")])
+def test_a_recording_is_of_its_body_by_name(name, told):
+    """A body without a name is the robot."""
+    playback = RecordingPlayback(recorded(*ball_model(name), 0.02))
+    assert playback.name == f"recording of {told}"

@@ -111,3 +111,27 @@ def test_routes_that_are_added_keep_the_numbers_of_those_before():
     assert (one.version, together.version) == (len(routes()), 1)
     for name in ("first", "count", "last", "route_of", "start", "turn", "directions", "radius"):
         np.testing.assert_array_equal(getattr(one, name), getattr(together, name))
+
+
+def test_theta5_of_a_bend_behind_is_told_by_its_end():
+    """A robot in the second of two bends in other planes keeps its angle in the plane of the first.
+
+    However far it is beyond: the first bend's direction at its end counts, not the second's.
+    """
+    bend = fitting_class("elbow")
+    route = ot.route(
+        [
+            ot.Step("s", fitting_class("straight")(length=0.5), "start", "end"),
+            ot.Step("a", bend(mean_radius=0.2, angle=math.radians(60)), "start", "end"),
+            ot.Step(
+                "b", bend(mean_radius=0.2, angle=math.radians(60)), "start", "end", math.pi / 2
+            ),
+        ]
+    )
+    made, first = RouteMap([route]), np.zeros(1, int)
+    end = np.array([made.end[0]])
+    _, rotation = made.start_poses(first, end - 1e-6, np.array([0.7]))
+    for s in (end - 1e-6, end, end + 1e-6, end + 0.05):
+        position, _ = made.start_poses(first, s, np.zeros(1))
+        here = made.locate(position, rotation, first, s)
+        assert made.theta5(here, first) == pytest.approx(0.7, abs=1e-4)

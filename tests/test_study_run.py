@@ -72,6 +72,15 @@ def test_the_folder_holds_its_files(calm):
     assert summary["start"]["values"] == {"control.cruise_speed": 0.1, "robot.preload": 25.0}
 
 
+def test_trials_tell_the_check_from_the_search(calm):
+    """Each trial of both is in the table, those of the check behind those of the search."""
+    table = pq.read_table(calm / "trials.parquet")
+    in_check = table["check"].to_pylist()
+    assert in_check == sorted(in_check)
+    assert in_check.count(False) == 38
+    assert in_check.count(True) > 0
+
+
 @pytest.mark.parametrize(
     ("metric", "unit"),
     [("duration_s", "s"), ("attempts", "1"), ("success_rate", "1"), ("torque_rms_nm", "N m")],

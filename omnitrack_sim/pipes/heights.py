@@ -35,8 +35,15 @@ HEAD = 9
 round the pipe; of the first node the place, m, and spacing along, m; its angle, rad, and spacing;
 largest inward height of the wall over the patch, m; largest curvature of its height, 1/m; count of
 all its numbers. Coefficients are followed by the wall's radius, m, at the nodes."""
-STEPS, SETTLED, MAX_STEP = 20, 1e-11, 0.01
-"""Of Newton's method: steps at most, the last step, m, and the longest one, m."""
+STEPS, SETTLED, MAX_STEP = 20, 1e-6, 0.01
+"""Of Newton's method: steps at most, the last step, m, and the longest one, m. What is left after
+the last one is of the order of its square times the curvature: 1e-9 m where that is 1 / mm."""
+NEAR = 0.5
+"""Distance from the wall, in its least radius of curvature, up to which there is but one foot, to
+which the one on the round bore leads: no node is looked at."""
+CLOSE = 1e-4
+"""Distance from the wall, m, up to which its gradient is the normal at the foot: that is as exact
+as the foot, their difference as the foot over the distance."""
 STARTS = 6
 """Nodes from which the foot is looked for, of each patch, at most."""
 
@@ -141,9 +148,8 @@ def _squared(radius, rho, theta, z, s, angle, height):
 def _foot(patches, count, radius, rho, theta, z, s, angle, height):
     """Return place and squared distance of the foot that Newton's method reaches from a place.
 
-    Place along the pipe, m, and angle, rad; ``height`` is that at the foot.
+    Place along the pipe, m, and angle, rad; ``height`` is that there, and then that at the foot.
     """
-    height_at(patches, count, s, angle, height)
     f = _squared(radius, rho, theta, z, s, angle, height)
     for _ in range(STEPS):
         r, delta = radius - height[0], angle - theta
@@ -181,7 +187,7 @@ def _foot(patches, count, radius, rho, theta, z, s, angle, height):
 
 
 @compiled
-def _nodes(patch, radius, rho, theta, z, best, starts):
+def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
     """Write the nearest nodes of a patch that may lead to a nearer foot to ``starts``.
 
     Args:
@@ -190,7 +196,9 @@ def _nodes(patch, radius, rho, theta, z, best, starts):
         rho: m, distance of the point from the axis.
         theta: rad, its angle.
         z: m, its place along the pipe.
-        best: m, distance of the nearest place that is known.
+        s: m along the pipe, of the nearest place that is known, to which its neighbours lead.
+        turned: rad, its angle.
+        best: m, its distance.
         starts: room for three numbers of each start: distance, m, row and column.
 
     Returns:
@@ -233,10 +241,18 @@ def _nodes(patch, radius, rho, theta, z, best, starts):
     angle = patch[FIRST] + first * step - theta
     c, d = math.cos(angle), math.sin(angle)
     radii = HEAD + rows * columns
+    s_row = (s - patch[BEGIN]) / spacing
+    turned -= patch[FIRST]
+    own = (turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi))) / step
+    around = 2.0 * math.pi / step
     for column in range(first, last + 1):
         j = column % columns
         flat = 2.0 * rho * c
+        beside = abs(j - own)
+        is_beside = min(beside, around - beside) <= 1.0
         for row in range(low, high + 1):
+            if is_beside and abs(row - s_row) <= 1.0:
+                continue
             r, along = patch[radii + row * columns + j], patch[BEGIN] + row * spacing - z
             square = rho * rho + r * (r - flat) + along * along
             if square >= limit:
@@ -267,6 +283,34 @@ def _nodes(patch, radius, rho, theta, z, best, starts):
 
 
 @compiled
+def _foot_from_nodes(patches, count, radius, rho, theta, z, s, angle, f, starts, height):
+    """Return place and squared distance of the nearest foot: a known one, or reached from nodes.
+
+    ``f``: half of the known one's squared distance.
+    """
+    p = 0
+    for _ in range(count):
+        patch = at(patches, p)
+        p += int(patch[LENGTH])
+        n = _nodes(patch, radius, rho, theta, z, s, angle, math.sqrt(2.0 * f), starts)
+        nearest = math.inf
+        for k in range(n):
+            nearest = min(nearest, starts[3 * k])
+        slack = 0.5 * patch[SPACING] * patch[SPACING]
+        slack *= patch[BEND] + 1.0 / max(math.sqrt(2.0 * f), patch[SPACING])
+        for k in range(n):
+            if math.sqrt(starts[3 * k]) > math.sqrt(nearest) + slack:
+                continue
+            place = patch[BEGIN] + starts[3 * k + 1] * patch[SPACING]
+            turn = patch[FIRST] + starts[3 * k + 2] * patch[STEP]
+            height_at(patches, count, place, turn, height)
+            u, v, g = _foot(patches, count, radius, rho, theta, z, place, turn, height)
+            if g < f:
+                s, angle, f = u, v, g
+    return s, angle, f
+
+
+@compiled
 def distance(patches, count, radius, x, y, z, room, out):
     """Return the distance, m, of a point from a wall of patches; the gradient goes to ``out``.
 
@@ -282,35 +326,25 @@ def distance(patches, count, radius, x, y, z, room, out):
     """
     rho, theta = math.sqrt(x * x + y * y), math.atan2(y, x)
     height, starts = room, at(room, 6)
-    s, angle, f = _foot(patches, count, radius, rho, theta, z, z, theta, height)
-    p = 0
-    for _ in range(count):
-        patch = at(patches, p)
-        p += int(patch[LENGTH])
-        n = _nodes(patch, radius, rho, theta, z, math.sqrt(2.0 * f), starts)
-        nearest = math.inf
-        for k in range(n):
-            nearest = min(nearest, starts[3 * k])
-        slack = 0.5 * patch[SPACING] * patch[SPACING]
-        slack *= patch[BEND] + 1.0 / max(math.sqrt(2.0 * f), patch[SPACING])
-        for k in range(n):
-            if math.sqrt(starts[3 * k]) > math.sqrt(nearest) + slack:
-                continue
-            place = patch[BEGIN] + starts[3 * k + 1] * patch[SPACING]
-            turn = patch[FIRST] + starts[3 * k + 2] * patch[STEP]
-            u, v, g = _foot(patches, count, radius, rho, theta, z, place, turn, height)
-            if g < f:
-                s, angle, f = u, v, g
     height_at(patches, count, z, theta, height)
     side = 1.0 if rho <= radius - height[0] else -1.0
-    height_at(patches, count, s, angle, height)
+    s, angle, f = _foot(patches, count, radius, rho, theta, z, z, theta, height)
+    bend, p = 1.0 / radius, 0
+    for _ in range(count):
+        bend += patches[p + BEND]
+        p += int(patches[p + LENGTH])
+    if math.sqrt(2.0 * f) * bend > NEAR:
+        s, angle, f = _foot_from_nodes(
+            patches, count, radius, rho, theta, z, s, angle, f, starts, height
+        )
+        height_at(patches, count, s, angle, height)
     r, d = radius - height[0], math.sqrt(2.0 * f)
     cos, sin = math.cos(angle), math.sin(angle)
-    if d > 1e-7:
+    if d > CLOSE:
         scale = side / d
         put(out, scale * (x - r * cos), scale * (y - r * sin), scale * (z - s), FACE)
     else:
-        # On the wall: the normal of its two tangents, into the bore.
+        # The normal of its two tangents, into the bore.
         nx, ny, nz = -r * cos + height[2] * sin, -r * sin - height[2] * cos, -r * height[1]
         size = math.sqrt(nx * nx + ny * ny + nz * nz)
         put(out, nx / size, ny / size, nz / size, FACE)
@@ -339,7 +373,8 @@ class Patch:
         begin: m along the pipe, of the first row of nodes. spacing: m, of rows.
         first: rad about the axis, of the first column. step: rad, of columns.
         coefficients: (rows, columns) m, inward.
-        bumps: m, width of its bumps into the bore; 0 without any.
+        width: m, of its narrowest waves.
+        bulges: whether its waves stand in the bore, so that a flat face may touch them.
     """
 
     begin: float
@@ -347,7 +382,8 @@ class Patch:
     first: float
     step: float
     coefficients: Array
-    bumps: float = 0.0
+    width: float
+    bulges: bool = True
 
     @classmethod
     def through(
@@ -357,7 +393,7 @@ class Patch:
         first: float,
         step: float,
         samples: Array,
-        bumps: float = 0.0,
+        width: float,
     ) -> Patch:
         """Return the patch with heights ``samples`` (rows, columns) m at the nodes.
 
@@ -366,7 +402,7 @@ class Patch:
         rows, columns = (2 + np.cos(2 * np.pi * np.fft.fftfreq(n)) for n in samples.shape)
         gain = np.outer(rows, columns) / 9
         coefficients = np.fft.ifft2(np.fft.fft2(samples) / gain).real
-        return cls(begin, spacing, first, step, coefficients, bumps)
+        return cls(begin, spacing, first, step, coefficients, width)
 
     @classmethod
     def over(
@@ -376,7 +412,7 @@ class Patch:
         spacing: float,
         arc: tuple[float, float] | None,
         step: float,
-        bumps: float = 0.0,
+        width: float,
     ) -> Patch:
         """Return the patch of a function of place, m, and angle, rad, that is 0 beyond its ends.
 
@@ -386,7 +422,7 @@ class Patch:
             spacing: m, of rows, at most.
             arc: middle and half width, rad, beyond which it is 0; None: all round.
             step: rad, of columns, at most.
-            bumps: m, width of its bumps into the bore; 0 without any.
+            width: m, of its narrowest waves.
         """
         rows = math.ceil((ends[1] - ends[0]) / spacing - 1e-9)
         spacing = (ends[1] - ends[0]) / rows
@@ -400,7 +436,7 @@ class Patch:
             first = arc[0] - arc[1] - PAD * step
         s: Array = begin + spacing * np.arange(count, dtype=float)
         angle: Array = first + step * np.arange(columns, dtype=float)
-        return cls.through(begin, spacing, first, step, height(s[:, None], angle[None, :]), bumps)
+        return cls.through(begin, spacing, first, step, height(s[:, None], angle[None, :]), width)
 
     def numbers(self, radius: float = 0.0, total: Array | None = None) -> Array:
         """Return its numbers, see ``ROWS``.

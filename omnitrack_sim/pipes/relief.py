@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
@@ -113,7 +114,9 @@ class Ovality(Relief):
             return -amplitude * inside * np.cos(2 * (angle - turn))
 
         ends = at - half, at + half
-        return Patch.over(height, ends, fade / 12, None, 2 * math.pi / 32)
+        patch = Patch.over(height, ends, fade / 12, None, 2 * math.pi / 32, fade / 4)
+        # Where the wall bends inward along the pipe it is concave round it.
+        return replace(patch, bulges=False)
 
 
 class Weld(Relief):
@@ -246,8 +249,8 @@ class Dent(Relief):
             return self.depth * np.maximum(1 - square, 0.0) ** 3
 
         ends = self.at - self.length / 2, self.at + self.length / 2
-        bumps = min(self.length, self.width) / 4
-        return Patch.over(height, ends, self.length / 16, (turn, half), half / 8, bumps)
+        narrowest = min(self.length, self.width) / 4
+        return Patch.over(height, ends, self.length / 16, (turn, half), half / 8, narrowest)
 
 
 MAX_NODES = 400_000
@@ -297,7 +300,7 @@ class Corrosion(Relief):
         fade = smooth((s - spacing) / self.wavelength)
         height *= (fade * fade[::-1])[:, None]
         padded = np.pad(height, ((PAD, PAD), (0, 0)))
-        return Patch.through(-PAD * spacing, spacing, 0.0, step, padded, self.wavelength / 4)
+        return Patch.through(-PAD * spacing, spacing, 0.0, step, padded, self.wavelength / 5)
 
 
 def smooth(part: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from omnitrack_sim.base.errors import InputError, ScenarioError
 from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.scenario.model import max_seconds, min_seconds
+from omnitrack_sim.sim.builder import batch_key
 from omnitrack_sim.sim.simulation import Simulation
 from omnitrack_sim.trials.batches import Batch, Trial, changed
 from omnitrack_sim.trials.plan import Plan
@@ -128,6 +129,6 @@ def _scenario(batch: Batch, trial: Trial) -> Scenario | None:
 
 
 def _robot_of(scenario: Scenario) -> str:
-    """Text of what the pace depends on most."""
+    """Text of what the pace depends on most: robots that differ in their own values have one."""
     data: dict[str, Any] = scenario.model_dump(mode="json", include={"robot", "physics", "sensing"})
-    return json.dumps([data, scenario.control.kind], sort_keys=True)
+    return batch_key({**data, "control": scenario.control.kind})

@@ -24,8 +24,9 @@ from omnitrack_sim.walls.curves import (
     slope_at,
 )
 from omnitrack_sim.walls.deepest import LINE, corner_ball, edge_no_deeper, is_in_ball, no_deeper
-from omnitrack_sim.walls.faces import face_contacts, triangle_contacts
-from omnitrack_sim.walls.record import BOX, BUMPS, ENDS, SIZE
+from omnitrack_sim.walls.faces import MANTLE, face_contacts, triangle_contacts
+from omnitrack_sim.walls.faces import SIDE as ELLIPSOID_SIDE
+from omnitrack_sim.walls.record import BOX, BUMPS, ENDS, SIZE, WAVES
 from omnitrack_sim.walls.rims import CYLINDER, ELLIPSOID
 
 SAME_IN_BORE, SAME_IN_REACH = 0.04, 0.05
@@ -52,8 +53,8 @@ def wall_of(surface, span, sizes, records, w, depth, margin, reach):
     """Return what all contacts of a pair need.
 
     Addresses of ``surface`` and ``span``, sizes, ends, depth of the wall, margin, distance up to
-    which two contacts are one, spacing of samples, radius of the bore, and width of the bumps that
-    stand in it, 0 without any, m.
+    which two contacts are one, spacing of samples, radius of the bore, width of the bumps that
+    stand in it, 0 without any, and of the waves of a smooth wall, 0 for others, m.
 
     Args:
         surface: address.
@@ -67,9 +68,11 @@ def wall_of(surface, span, sizes, records, w, depth, margin, reach):
     """
     size = records[w + SIZE]
     same = min(SAME_IN_BORE * size, SAME_IN_REACH * reach)
-    bumps, spacing = records[w + BUMPS], SPACING_IN_BORE * size
+    bumps, waves, spacing = records[w + BUMPS], records[w + WAVES], SPACING_IN_BORE * size
     if bumps > 0.0:
         spacing = min(spacing, bumps)
+    if waves > 0.0:
+        spacing = min(spacing, waves)
     return (
         surface,
         span,
@@ -81,6 +84,7 @@ def wall_of(surface, span, sizes, records, w, depth, margin, reach):
         spacing,
         size,
         bumps,
+        waves,
     )
 
 
@@ -197,8 +201,9 @@ def face_of(con, n, wall, frame, axis, height, half_a, half_b, shape, out):
     u = y if axis == 0 else (z if axis == 1 else x)
     v = z if axis == 0 else (x if axis == 1 else y)
     middle = px + height * normal[0], py + height * normal[1], pz + height * normal[2]
-    face = (*middle, *u, *v, half_a, half_b, shape, 0.0)
-    return face_contacts(con, n, wall, face, out)
+    axes = u[0], v[0], normal[0], u[1], v[1], normal[1], u[2], v[2], normal[2]
+    face = (*middle, *axes, shape, half_a, half_b, 0.0)
+    return face_contacts(con, n, wall, face, wall[9], out)
 
 
 @compiled
@@ -334,11 +339,22 @@ def cylinder(con, n, wall, frame, radius, half, out):
         px, py, pz = point_at(frame, 0.0, 0.0, side)
         circle = (px, py, pz, xx, yx, zx, xy, yy, zy, radius)
         n = along_circle(con, n, wall, circle, out)
-    n = _mantle(con, n, wall, frame, radius, half, out)
+    if wall[10] > 0.0:
+        n = round_face(con, n, wall, frame, MANTLE, radius, half, 0.0, out)
+    else:
+        n = _mantle(con, n, wall, frame, radius, half, out)
     if wall[9] > 0.0:
         for side in (-half, half):
             n = face_of(con, n, wall, frame, 2, side, radius, radius, 1.0, out)
+    if wall[10] > 0.0:
+        return n
     return no_deeper(con, n, wall, frame, (CYLINDER, radius, half, 0.0), 0.0, out)
+
+
+@compiled
+def round_face(con, n, wall, frame, shape, a, b, c, out):
+    """Add the contacts within a round face of a geom with a smooth wall."""
+    return face_contacts(con, n, wall, (*frame, shape, a, b, c), wall[10], out)
 
 
 @compiled
@@ -524,8 +540,13 @@ def _seed(i):
 def ellipsoid(con, n, wall, frame, a, b, c, out):
     """Add the contacts of an ellipsoid: local minima of the distance all over it.
 
-    They are reached from those of 14 places that are nearer to the wall than their neighbours.
+    They are reached from those of 14 places that are nearer to the wall than their neighbours; at a
+    smooth wall from samples all over it.
     """
+    if wall[10] > 0.0:
+        for side in range(6):
+            n = round_face(con, n, wall, frame, ELLIPSOID_SIDE + side, a, b, c, out)
+        return n
     distances = row()
     for i in range(SEEDS):
         distances[i] = _ellipsoid_point(wall, frame, a, b, c, _seed(i), out)[0]

@@ -261,13 +261,13 @@ def _contacts(model, con, wall, frame, geom, kind, out):
 @compiled
 def _contacts_of_each(model, con, wall, solids, frame, geom, kind, out):
     """Find the contacts of a geom with each of the solids of a wall; returns their number."""
-    surface, span, whole, ends, depth, margin, same, spacing, size, bumps = wall
+    surface, span, whole, ends, depth, margin, same, spacing, size, bumps, waves = wall
     sizes, kept, total = row(), scratch(), 0
     for i in range(MAX_SIZES):
         sizes[i] = whole[i]
     for k in range(solids):
         sizes[SOLID] = k + 1.0
-        one = surface, span, sizes, ends, depth, margin, same, spacing, size, bumps
+        one = surface, span, sizes, ends, depth, margin, same, spacing, size, bumps, waves
         n = _contacts(model, con, one, frame, geom, kind, out)
         total = add_apart(kept, total, con, n, same)
     for i in range(total * CONTACT_SIZE):

@@ -306,8 +306,9 @@ def no_deeper(con, n, wall, frame, body, reach, out):
         out: room for what the surface writes.
     """
     kind, a, b, c = body
-    # The fitting that holds the middle proves it.
-    if not holds(wall, frame[0], frame[1], frame[2], out):
+    # The fitting that holds the middle proves it. On a smooth wall the samples of a line are as
+    # close as its waves are wide.
+    if (kind == LINE and wall[10] > 0.0) or not holds(wall, frame[0], frame[1], frame[2], out):
         return n
     ball, point, target = _first_ball(con, n, wall, frame, reach, out)
     ball, room, end = _beside(body, frame, ball), scratch(), 1
@@ -387,9 +388,9 @@ def corner_ball(con, n, wall, frame, out):
     """Return a ball of the bore at the deepest contact, in the fitting's frame, and its target.
 
     A geom whose corners all lie in the ball, see ``is_in_ball``, is nowhere deeper. It is without
-    end where another fitting holds the geom's middle, and proves it.
+    end at a smooth wall, and where another fitting holds the geom's middle, and proves it.
     """
-    if not holds(wall, frame[0], frame[1], frame[2], out):
+    if wall[10] > 0.0 or not holds(wall, frame[0], frame[1], frame[2], out):
         return (0.0, 0.0, 0.0, math.inf), 0.0
     ball, _, target = _first_ball(con, n, wall, frame, 0.0, out)
     return ball, target

@@ -19,17 +19,18 @@ from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings.base import ADDRESS, MAX_PORTS, MAX_SIZES
 from omnitrack_sim.pipes.obstacles import Obstacle, corners_of
 
-MARK = 402656.0
+MARK = 402657.0
 """First number of every record of this layout. Six digits, as many as MJCF keeps of a number."""
-KIND, SIZE, DEPTH, ORDER, PARTS, LONG, BUMPS, BOX = 1, 2, 3, 4, 5, 6, 7, 8
+KIND, SIZE, DEPTH, ORDER, PARTS, LONG, BUMPS, WAVES, BOX = 1, 2, 3, 4, 5, 6, 7, 8, 9
 ENDS = BOX + 3
 SIZES = ENDS + MAX_PORTS
 RECORD_SIZE = SIZES + MAX_SIZES
 """Indices in the record of a wall, and its size: mark, number of the kind, radius of the bore, m,
 depth to which the wall is solid towards other bores, m, number of the part and count of all parts,
 whose walls follow each other, whether (over 0) the sizes are not here but in ``long_sizes``, width
-of bumps into the bore, m, 0 without any, centre of the bounding box (3), whether contact ends at
-each port, the fitting's ``wall_sizes`` or the two numbers of their key."""
+of bumps into the bore, m, 0 without any, width of the waves of a smooth wall, m, 0 for others,
+centre of the bounding box (3), whether contact ends at each port, the fitting's ``wall_sizes`` or
+the two numbers of their key."""
 
 DEPTH_IN_BORE = 2.0
 """Largest depth to which a wall is solid, in radii of its bore: 160 mm at 80 mm. The middle of a
@@ -149,7 +150,8 @@ def wall_record(
     record[0], record[KIND] = MARK, kinds.add(type(fitting))
     record[SIZE], record[DEPTH] = fitting.max_radius, depth
     record[ORDER], record[PARTS] = number, count
-    record[BUMPS], record[BOX:ENDS] = fitting.bumps, bounding_box(fitting, depth)[0]
+    record[BUMPS], record[WAVES] = fitting.bumps, fitting.waves
+    record[BOX:ENDS] = bounding_box(fitting, depth)[0]
     record[ENDS : ENDS + len(ends)] = ends
     put_sizes(record, fitting.wall_sizes)
     return record

@@ -161,6 +161,7 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
         collider.sizes_of: lambda body, node: _at(body, _sizes_in(node)),
         straight.from_relief: lambda body, node: Code("0", REAL),  # noqa: ARG005
         bodies.face_of: lambda body, node: body.value(node.args[1]),
+        bodies.round_face: lambda body, node: body.value(node.args[1]),
         bodies.mesh_face: lambda body, node: body.value(node.args[1]),
         collider.doubles: lambda body, node: _pointer(body, node, 8),
         collider.floats: lambda body, node: _pointer(body, node, 4),

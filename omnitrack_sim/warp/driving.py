@@ -30,6 +30,7 @@ from omnitrack_sim.warp.starts import (
     GRAVITY,
     MAX_STEPS,
     MODULE_SPEED,
+    MOTOR,
     NORMAL_FORCE,
     PASSAGE,
     PATIENCE,
@@ -46,15 +47,16 @@ from omnitrack_sim.warp.starts import (
     STEPS,
     TIME,
     TORQUE,
-    TORQUE_LIMIT,
     TRACTION,
     WAITING,
+    WEIGHT,
 )
 from omnitrack_sim.warp.translation import INT, INTS, REAL, REALS, Translation
 
 wp.set_module_options({"enable_backward": False})
 
 DISTANCE, OFFSET, TILT, THETA5 = PLACE, PLACE + 1, PLACE + 3, PLACE + 4
+TORQUE_LIMIT = MOTOR + drive.LIMIT
 ASIDE, TANGENT, TURNING = PLACE + 5, PLACE + 8, PLACE + 14
 PROGRESS, TILTING, SLIPPING, TORQUE_CHANGE, ARRIVAL, FAILURE = 0, 1, 2, 3, 4, 5
 """Columns of the terms of the reward, in the order of ``gym.options.TERMS``."""
@@ -83,11 +85,9 @@ class Robot:
 
     period: float
     bore: float
-    weight: float
     lug_radius: float
     lug_pitch: float
     roll_rate: float
-    max_torque: float
     half_length: float
     route_length: float
     progress: float
@@ -113,7 +113,7 @@ class Robot:
 
 @wp.struct
 class Tables:
-    """Tables of the route and of the motor, see ``RouteMap.arrays`` and ``SpeedLoop.constants``."""
+    """Tables of the route, see ``RouteMap.arrays``, and of what lies beside it."""
 
     segments: wp.array(dtype=float)
     lines: wp.array(dtype=int)
@@ -121,7 +121,6 @@ class Tables:
     spans: wp.array(dtype=int)
     kinds: wp.array2d(dtype=float)
     arms: wp.array2d(dtype=float)
-    motor: wp.array(dtype=float)
 
 
 def _snippets() -> tuple[str, str, str]:
@@ -131,7 +130,7 @@ def _snippets() -> tuple[str, str, str]:
     locate = whole.function(route_map._locate, kinds).name
     segment = whole.function(centreline.segment_at, [REALS, INT, INT, REAL]).name
     place = whole.function(centreline.place_on, [REALS, REAL]).name
-    advance = whole.function(drive._advance, [INT, INT, REAL, *[REALS] * 7]).name
+    advance = whole.function(drive._advance, [INT, INT, REAL, *[REALS] * 6]).name
     members = whole.members(locate, segment, place, advance)
     head = f"struct Laws {{ typedef float real;\n{members}\n}};\n"
     row = "float* row = &wp::index(state, world, 0);\n"
@@ -146,7 +145,7 @@ def _snippets() -> tuple[str, str, str]:
     return wp::vec_t<3, wp::float32>(tangent.a0, tangent.a1, tangent.a2);"""
     driving = f"""{head}{row}    float asked[12];
     Laws::{advance}(
-      1, 3, period, tables.motor.data, row + {TORQUE_LIMIT}, &wp::index(wanted, world, 0),
+      1, 3, period, row + {MOTOR}, &wp::index(wanted, world, 0),
       row + {BELT_SPEED}, row + {TORQUE}, row + {CORRECTION}, asked);
     for (int i = 0; i < 9; ++i)
       wp::index(motors, world, i) = asked[i];"""
@@ -168,7 +167,6 @@ def tangent_at(tables: Tables, s: float) -> wp.vec3:
 
 @wp.func_native(_ADVANCE)
 def advance_motors(
-    tables: Tables,
     period: float,
     wanted: wp.array2d(dtype=float),
     state: wp.array2d(dtype=float),
@@ -236,7 +234,7 @@ def command(
             state[world, ACTION + i] * state[world, SPEED_LIMIT] * state[world, FORWARD + i]
         )
         state[world, ROLL_SET + i] = state[world, ROLL_SET + i] + turned
-    advance_motors(tables, robot.period, wanted, state, motors, world)
+    advance_motors(robot.period, wanted, state, motors, world)
     for i in range(3):
         ctrl[world, robot.belt_motors[i]] = motors[world, i]
         force_range[world, robot.belt_motors[i]] = wp.vec2(
@@ -489,7 +487,7 @@ def observe(
         roll = state[world, ROLL + k]
         sign = belt_sign(roll)
         entries[world, i] = state[world, BELT_SPEED + k] * sign / limit
-        entries[world, 3 + i] = state[world, TORQUE + k] * sign / robot.max_torque
+        entries[world, 3 + i] = state[world, TORQUE + k] * sign / state[world, TORQUE_LIMIT]
         entries[world, 6 + i] = state[world, SLIDE + k] / bore
         double += wp.vec2(wp.cos(2.0 * roll), wp.sin(2.0 * roll)) / 3.0
         lag += (state[world, ROLL_SET + k] - roll) / 3.0
@@ -527,8 +525,8 @@ def observe(
     n = put(entries, world, n, in_frame(frame, tangent_at(tables, s + AHEAD_3 * bore)))
     for i in range(3):
         k = (i + first) % 3
-        entries[world, n + i] = state[world, NORMAL_FORCE + k] / robot.weight
-        entries[world, n + 3 + i] = state[world, TRACTION + k] / robot.weight
+        entries[world, n + i] = state[world, NORMAL_FORCE + k] / state[world, WEIGHT]
+        entries[world, n + 3 + i] = state[world, TRACTION + k] / state[world, WEIGHT]
         entries[world, n + 6 + i] = state[world, SLIP + k] / limit
         entries[world, n + 9 + i] = state[world, MODULE_SPEED + k] / limit
         for j in range(2):

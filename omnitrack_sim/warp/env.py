@@ -257,9 +257,9 @@ def robot_of(starts: Starts) -> Any:
     at, route = simulation.readings.at, simulation.legs.routes
     own = driving.Robot()
     own.period, own.bore = simulation.period, robot.nominal_bore
-    own.weight, own.standard_gravity = robot.mass * GRAVITY, GRAVITY
+    own.standard_gravity = GRAVITY
     own.lug_radius, own.lug_pitch = robot.lug_radius, robot.lug_pitch
-    own.roll_rate, own.max_torque = robot.roll_rate, robot.motor.max_torque
+    own.roll_rate = robot.roll_rate
     own.half_length, own.route_length = robot.length / 2, float(route.lengths[0])
     own.progress, own.slide_back = headway.progress, headway.slide_back
     own.wedged_cosine = simulation.scenarios[0].monitor.wedged_cosine
@@ -281,12 +281,11 @@ def robot_of(starts: Starts) -> Any:
 
 
 def tables_of(simulation: Simulation) -> Any:
-    """Return the tables of the route and of the motor."""
+    """Return the tables of the route."""
     routes, robot = simulation.legs.routes, simulation.scenarios[0].robot
     segments, lines, passages, spans = routes.arrays
     tables, bore = driving.Tables(), robot.nominal_bore
-    reals = {"segments": segments, "passages": passages, "motor": simulation.plant.motors.constants}
-    for name, values in reals.items():
+    for name, values in (("segments", segments), ("passages", passages)):
         setattr(tables, name, wp.array(values.ravel().astype(np.float32), dtype=float))
     for name, values in (("lines", lines), ("spans", spans)):
         setattr(tables, name, wp.array(values.ravel().astype(np.int32), dtype=int))

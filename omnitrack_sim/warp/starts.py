@@ -19,9 +19,10 @@ from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.robots.feature import steps_of_decision
 from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.drive import drive_of
+from omnitrack_sim.robots.omnitrack.drive import FIGURES, drive_of
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURES
+from omnitrack_sim.robots.size import GRAVITY as GRAVITY_SIZE
 from omnitrack_sim.sim.simulation import Simulation
 from omnitrack_sim.warp.plant import FieldsBatch, differs
 
@@ -55,7 +56,8 @@ SIZES = {
     "gravity": 3,
     "speed_limit": 1,
     "cruise_speed": 1,
-    "torque_limit": 1,
+    "motor": FIGURES,
+    "weight": 1,
     "goal": 1,
     "patience": 1,
     "max_steps": 1,
@@ -92,7 +94,8 @@ controls, and what belongs to the episode."""
     GRAVITY,
     SPEED_LIMIT,
     CRUISE_SPEED,
-    TORQUE_LIMIT,
+    MOTOR,
+    WEIGHT,
     GOAL,
     PATIENCE,
     MAX_STEPS,
@@ -219,7 +222,6 @@ def _state(simulation: Simulation) -> Array:
     """Return the states (n, STATE_SIZE) of robots at their start."""
     readings, setup, n = simulation.readings, simulation.setup, simulation.n
     location, headway = simulation.location, simulation.monitor.headway
-    limits = np.array([robot.motor.max_torque for robot in setup.robots])
     own = {
         "place": place_of(location),
         "passage": location.passage,
@@ -235,7 +237,8 @@ def _state(simulation: Simulation) -> Array:
         "gravity": setup.gravity,
         "speed_limit": setup.settings.speed_limit,
         "cruise_speed": setup.settings.cruise_speed,
-        "torque_limit": limits,
+        "motor": simulation.plant.motors.figures,
+        "weight": setup.own("mass") * GRAVITY_SIZE,
         "goal": simulation.legs.end,
         "patience": headway.patience,
         "max_steps": [math.ceil(limit / simulation.period) for limit in headway.time_limit],

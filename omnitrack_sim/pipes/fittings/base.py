@@ -368,6 +368,14 @@ class Fitting(ABC):
         """
         return 0.0
 
+    @property
+    def waves(self) -> float:
+        """Width, m, of the narrowest waves of a wall that is smooth all over; 0 for any other.
+
+        Samples of the distance that lie as close miss no minimum.
+        """
+        return 0.0
+
     def axis_frame(self, s: float) -> Pose:
         """Return the frame (fitting frame) of obstacles at arc length ``s`` m: z along the axis."""
         return Pose(np.eye(3), s * Z)
