@@ -63,8 +63,8 @@ def test_what_there_is_not_on_a_device_is_refused(given, where):
 @pytest.mark.long
 def test_decisions_are_seen_and_rewarded_as_on_the_processor():
     """All entries and terms, of robots about to turn at a tee that count their modules from other
-    ones; the processor's robots carry out the same actions."""
-    near = {"start.distance": 0.33}
+    ones, and have masses of their own; the processor's robots carry out the same actions."""
+    near = {"start.distance": 0.33, "robot.chassis_mass": (0.2, 0.6)}
     env = made("tee_turn", 3, starts=3, start_seed=1, observation="truth", ranges=near)
     observed, _ = env.reset(seed=3)
     simulation, start = env.starts.simulation, env.start.numpy().copy()

@@ -11,6 +11,7 @@ import warp as wp
 import omnitrack_sim as ot
 import omnitrack_sim.warp
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.warp import plant
 
 wp.config.quiet = True
 STEPS = 100
@@ -121,3 +122,13 @@ def test_another_robot_is_seated_and_driven_as_on_the_processor():
     assert expected["wall_force"].max() > 10.0
     assert np.abs(expected["position"] - found["position"]).max() < 1e-6
     assert np.abs(expected["wall_force"] - found["wall_force"]).max() < 0.01
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("room", ["CONTACTS", "ROWS"])
+def test_contacts_that_find_no_room_are_an_error(room, monkeypatch):
+    """They would be left out."""
+    monkeypatch.setattr(plant, room, 4)
+    _, simulation = simulations([ot.load_scenario("straight", WORLD)])
+    with pytest.raises(RuntimeError, match="contacts"):
+        drive(simulation, 1)

@@ -215,7 +215,6 @@ def begin_decision(
 @wp.kernel
 def command(
     robot: Robot,
-    tables: Tables,
     state: wp.array2d(dtype=float),
     wanted: wp.array2d(dtype=float),
     motors: wp.array2d(dtype=float),

@@ -22,7 +22,14 @@ from omnitrack_sim.robots.omnitrack.policy.features import ACTIONS
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.sim.simulation import Simulation
 from omnitrack_sim.warp import driving
-from omnitrack_sim.warp.plant import CONTACTS, ROWS, field_of, put_field, put_seated_model
+from omnitrack_sim.warp.plant import (
+    CONTACTS,
+    ROWS,
+    UNREAD,
+    field_of,
+    put_field,
+    put_seated_model,
+)
 from omnitrack_sim.warp.starts import STATE_SIZE, Starts, entry_numbers, starts_of
 
 SEEDS = 2**31
@@ -111,6 +118,8 @@ class WarpVectorEnv(VectorEnv):
         targets = {"state": self._state, "qpos": self.d.qpos, "ctrl": self.d.ctrl}
         self._copies = []
         for name, values in starts.arrays.items():
+            if name in UNREAD:
+                continue
             if name not in targets:
                 holder = self.model.opt if "." in name else self.model
                 shape = np.shape(getattr(holder, name.removeprefix("opt.")))
@@ -207,7 +216,7 @@ class WarpVectorEnv(VectorEnv):
         seen = [d.qpos, d.qvel, d.xpos, d.xmat, d.sensordata, d.actuator_force, state]
         own = [self._robot, self._tables]
         for _ in range(starts.hold):
-            wp.launch(driving.command, n, inputs=[*own, *moving])
+            wp.launch(driving.command, n, inputs=[self._robot, *moving])
             for _ in range(starts.substeps):
                 mjw.step(self.m, d)
             wp.launch(driving.judge, n, inputs=[*own, *seen, self._outcome, self._terms])

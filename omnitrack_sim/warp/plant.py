@@ -31,6 +31,8 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied")
 BEFORE_POSITION = (1, 3, 3, 1)
 """Numbers of the fields of a contact sensor that come before the position: whether it is found,
 force, torque, distance."""
+UNREAD = ("dof_M0",)
+"""Fields in which robots may differ and that no step of MuJoCo Warp reads: it has none such."""
 _FULL = mjw.OverflowType.NEFC | mjw.OverflowType.NARROWPHASE
 
 
@@ -130,6 +132,7 @@ class WarpBatch(FieldsBatch):
             raise ValueError(f"stage is {stage}; steps on a device compute none at the new state")
         rows = np.arange(self.nsim) if ids is None else np.arange(self.nsim)[np.asarray(ids)]
         origins = self._put()
+        self._d.overflow.zero_()
         self._run(nstep)
         self._get(rows, origins)
         full = self._d.overflow.numpy()[rows] & int(_FULL) != 0
@@ -162,7 +165,7 @@ class WarpBatch(FieldsBatch):
 
     def _put_field(self, name: str, values: NDArray[Any]) -> None:
         """Bring a field of the model in which simulations may differ to the device."""
-        if np.array_equal(self._known.get(name, ()), values):
+        if name in UNREAD or np.array_equal(self._known.get(name, ()), values):
             return
         if name in self._known or differs(self.model, name, values):
             old, new = field_of(self._m, name), put_field(self._m, name, values)
