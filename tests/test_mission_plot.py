@@ -17,6 +17,7 @@ from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.mission_figure import EventMark, _round_up, marks_of
+from omnitrack_sim.show.plots.network_figure import extent
 
 
 @pytest.fixture(scope="module")
@@ -250,3 +251,12 @@ def test_signs_stand_where_things_were():
         for places in wanted:
             flat = places[:, columns]
             assert any(d.shape == flat.shape and np.allclose(d, flat) for d in drawn)
+
+
+def test_the_frame_of_a_map_is_wider_than_its_pipes_by_a_share_of_them():
+    """4 % of the longest side all round, in any unit."""
+    faces = np.array([[[0.0, 0.0, 0.0], [2.0, 1.0, 0.5], [1.0, 0.2, 0.1]]])
+    for scale in (1.0, 1000.0):
+        low, high = extent(scale * faces)
+        np.testing.assert_allclose(low, scale * np.full(3, -0.08))
+        np.testing.assert_allclose(high, scale * np.array([2.08, 1.08, 0.58]))
