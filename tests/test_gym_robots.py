@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 
 import omnitrack_sim as ot
 import omnitrack_sim.gym
-from omnitrack_sim.robots.decisions import _joint_positions, _joint_speeds
+from omnitrack_sim.robots.decisions import InputDecisions, _joint_positions, _joint_speeds
 
 BRIEF = {"changes": {"run.time_limit": 0.4}}
 
@@ -55,6 +55,18 @@ def test_joints_are_observed_in_what_does_not_depend_on_their_size():
     asked: Any = SimpleNamespace(setup=setup, observation=SimpleNamespace(qpos=qpos, qvel=qvel))
     np.testing.assert_allclose(_joint_positions(asked), [[np.sin(2.0), 0.5]])
     np.testing.assert_allclose(_joint_speeds(asked), [[3.0, 0.25]])
+
+
+def test_before_the_first_decision_inputs_are_those_of_the_start():
+    """Whatever their ranges; a decision of 1 is the end of each, and beyond it nothing is."""
+    robot = SimpleNamespace(input_range=np.array([[-1.0, 3.0], [0.0, 0.5], [-2.0, 2.0]]))
+    start = np.array([[0.0, 0.4, -2.0], [2.5, 0.0, 1.0]])
+    setup: Any = SimpleNamespace(period=0.01, robot=robot, n=2, command=SimpleNamespace(ctrl=start))
+    decisions = InputDecisions(setup, ())
+    unseen: Any = None
+    np.testing.assert_allclose(decisions.command(unseen).ctrl, start)
+    decisions.decide(np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -2.0]]))
+    np.testing.assert_allclose(decisions.command(unseen).ctrl, robot.input_range.T[::-1])
 
 
 def test_a_presser_drives_as_its_controller_does():

@@ -144,6 +144,24 @@ def test_colours_are_the_recorded_values(figure):
     assert 9.0 < first[2].min() < 11.0
 
 
+def test_the_way_back_is_drawn_beside_the_way_there(figure):
+    """A leg that is driven tail first half a radius to its right, in the planes of the maps."""
+    position = two_legs_result().trajectory["position"]
+    for axis in figure.axes:
+        lines = [c for c in axis.collections if isinstance(c, LineCollection)]
+        ways = [way for way in lines if way.get_array() is not None]
+        if not ways:
+            continue
+        columns = [0, "xyz".index(axis.get_ylabel()[0])]
+        there, back = (np.array([piece[0] for piece in way.get_segments()]) for way in ways)
+        flat = position[:, columns]
+        apart = [
+            np.linalg.norm(way[:, None] - flat, axis=-1).min(axis=1).max() for way in (there, back)
+        ]
+        assert apart[0] < 1e-9
+        assert apart[1] == pytest.approx(0.04, abs=1e-4)
+
+
 def test_signs_are_explained(figure):
     """The legends name what occurs: roll, retry, tail first, manoeuvres; and no end, for the goal
     was reached."""
