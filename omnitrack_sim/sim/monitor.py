@@ -122,8 +122,14 @@ class Monitor:
     @property
     def headway(self) -> Headway:
         """Headway of the robots, and what is asked of them."""
-        own = self._patience, self._waiting, self._time_limit, self._max_distance
-        return Headway(*(values.copy() for values in own), self._progress, self._slide_back)
+        return Headway(
+            self._patience.copy(),
+            self._waiting.copy(),
+            self._time_limit.copy(),
+            self._max_distance.copy(),
+            self._progress,
+            self._slide_back,
+        )
 
     def reset(
         self,
