@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import omnitrack_sim as ot
 from omnitrack_sim.calibration.calibration import FittedColumn
@@ -282,6 +283,25 @@ def test_a_bag_of_ros_is_a_log(ending, tmp_path):
         ot.load_log(tmp_path / "run.toml")
 
 
+def test_the_time_of_an_mcap_is_since_its_first_message(tmp_path):
+    """Whatever the clock's epoch is: nanoseconds since 1970 leave no digit for a millisecond."""
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("odometry", "jsonschema", b"{}")
+        channel = writer.register_channel("/way", "json", schema)
+        for step in range(4):
+            time = 1_764_000_000_123_456_789 + 1_000_001 * step
+            writer.add_message(channel, time, json.dumps({"value": 0.1 * step}).encode(), time)
+        writer.finish()
+    (tmp_path / "bag.toml").write_text(
+        'file = "bag.mcap"\n[columns]\ndistance = { column = "/way.value" }\n'
+    )
+    log = ot.load_log(tmp_path / "bag.toml")
+    np.testing.assert_allclose(log.time, 1.000001e-3 * np.arange(4), rtol=1e-12)
+    np.testing.assert_array_equal(log.values["distance"], 0.1 * np.arange(4))
+
+
 def test_the_csv_of_an_exported_run_is_a_log_of_all_its_channels(climb, tmp_path):
     """Each channel's columns have the names of the trajectory's, and its numbers."""
     run = ot.run(ot.override(climb, {"run.time_limit": 0.2}), no_load=False)
@@ -370,6 +390,17 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_calibration_of_many_parameters_is_read_back(tmp_path):
+    """Fifty are kept; more are no calibration that anybody fits."""
+    for count in (50, 51):
+        rows = [Parameter(f"robot.p{k}", 1.0, 0.0, 2.0, "N", "assumed", 1.0) for k in range(count)]
+        made = ot.Calibration(rows, np.ones(count), np.eye(count))
+        made.save(tmp_path / f"{count}.toml")
+    assert len(ot.load_calibration(tmp_path / "50.toml").fit) == 50
+    with pytest.raises(ot.InputError, match="at most 50"):
+        ot.load_calibration(tmp_path / "51.toml")
 
 
 def test_a_passport_draws_the_robots_own_parameters(found):
