@@ -5,7 +5,8 @@ python benchmarks/bench_tables.py SUITE --out DIR [--course COURSE ...] [--entry
 
 Printed are the trials passed of each entry and course; of robots also what they are, what stopped
 them, their figures over all courses, and, of all shipped ones, what these teach; of controllers the
-means of each entry, and its paired differences to the default one, a table a course.
+means of each entry, and its paired differences to the default one, a table a course. Of courses
+over ladders of sizes it prints the least size that stops each robot.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from mobility_lessons import lessons, plus_minus
 from shape import Arguments, markdown
 
 import omnitrack_sim as ot
-from omnitrack_sim.trials.bench_table import ALL, rate_of
+from omnitrack_sim.record.statistics import wilson_interval
+from omnitrack_sim.trials.bench_table import ALL, rate_of, stops_table
 from omnitrack_sim.trials.entries import robot_of
 from omnitrack_sim.trials.suite import BenchMeasure
 
@@ -125,6 +127,17 @@ def robots(bench: ot.Bench) -> str:
     return markdown(heads, body)
 
 
+def of_ladders(rows: Sequence[Row]) -> None:
+    """Print the least sizes that stop each robot, and the intervals of the rates."""
+    most = max(row["trials"] for row in rows if row.get("ladder"))
+    body = [
+        [f"{passed} of {most}", *(f"{100 * end:.0f}" for end in wilson_interval(passed, most))]
+        for passed in range(most + 1)
+    ]
+    print("## stops\n", *stops_table(rows), sep="\n")
+    print(f"## intervals\n\n{markdown(['passed', 'from, %', 'to, %'], body)}\n")
+
+
 def of_controllers(bench: ot.Bench, rows: Sequence[Row]) -> None:
     """Print what was passed, means, and differences to the default."""
     suite = bench.suite
@@ -150,10 +163,12 @@ def main() -> None:
     result = ot.run_trials(bench, out=given.out, workers=given.workers)
     if bench.suite.compares == "controllers":
         of_controllers(bench, result.summary["rows"])
+    elif any(course.ladder for course in bench.courses):
+        of_ladders(result.summary["rows"])
     else:
         of_robots(bench, result.summary["rows"])
-    if bench.suite.compares != "controllers" and not given.entries:
-        print(f"## lessons\n\n{lessons(result.table.to_pylist())}\n")
+        if not given.entries:
+            print(f"## lessons\n\n{lessons(result.table.to_pylist())}\n")
 
 
 if __name__ == "__main__":

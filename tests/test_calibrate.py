@@ -9,7 +9,12 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.calibration.compare import targets_of
-from omnitrack_sim.calibration.doubt import draw_within, independent_count, indistinct_of
+from omnitrack_sim.calibration.doubt import (
+    draw_within,
+    independent_count,
+    indistinct_of,
+    information_of,
+)
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
@@ -69,6 +74,46 @@ def test_doubt_agrees_with_the_scatter_over_noise(climb, pulled):
     scatter = np.std([fit.values[0] for fit in fits], ddof=1)
     # chi-square of 11 degrees of freedom, 99.8 %
     assert 0.45 < scatter / np.mean([fit.std[0] for fit in fits]) < 1.7
+
+
+@pytest.mark.parametrize("part", [0.005, 0.05])
+def test_no_log_tells_a_parameter_better_than_the_model_is_right(part, climb, pulled):
+    """One without noise tells it to that part of its size, or of a column that it changes less; two
+    together to less by the root of 2."""
+    quiet = noisy(pulled, 1, dict.fromkeys(NOISE, 1e-9))
+    one = ot.calibrate([quiet], climb, [FORCE], model_error=part)
+    two = ot.calibrate([quiet, quiet], climb, [FORCE], model_error=part)
+    assert part < one.std[0] / one.values[0] < 4 * part  # the weight is 1.6 times the pull
+    assert two.std[0] == pytest.approx(one.std[0] / 2**0.5, rel=0.05)
+
+
+@pytest.mark.long
+def test_doubt_covers_the_error_of_a_model_in_each_log(climb):
+    """Logs of pairs of robots whose loads are off by a known part each, normally drawn: what is
+    fitted to them is off by what is stated, in the mean square over eight pairs."""
+    part, rng, errors = 0.05, np.random.default_rng(3), []
+    load = 6.0 + 9.81 * climb.robot.mass
+    for _ in range(8):
+        pulls = 6.0 + load * part * rng.normal(size=2)
+        runs = [ot.run(ot.override(climb, {FORCE: pull}), no_load=False) for pull in pulls]
+        logs = [noisy(run.trajectory, seed) for seed, run in enumerate(runs)]
+        fit = ot.calibrate(logs, climb, [FORCE], model_error=part)
+        errors.append((fit.values[0] - 6.0) / fit.std[0])
+    # chi-square of 8 degrees of freedom, 99.8 %; a fit without it would be off by hundreds
+    assert 0.1 < np.mean(np.square(errors)) < 3.3
+
+
+def test_slopes_that_are_chance_tell_nothing():
+    """Those of a column that changes at random with each parameter add no information; a slope
+    that both share is kept."""
+    rng = np.random.default_rng(0)
+    slope, chance = rng.normal(size=(400, 1)), 3 * rng.normal(size=(400, 2))
+    told = information_of(slope + chance, np.full((400, 2), 3.2))
+    strengths = np.linalg.eigvalsh(told)
+    assert strengths[0] == pytest.approx(0.0, abs=1e-9)
+    assert strengths[1] < 0.5 * 2 * 400
+    clean = information_of(slope + np.zeros(2), np.zeros((400, 2)))
+    np.testing.assert_allclose(clean, np.full((2, 2), float(slope.ravel() @ slope.ravel())))
 
 
 def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):
@@ -146,13 +191,11 @@ def test_correlated_residuals_count_less():
 
 
 def test_the_open_direction_is_that_of_the_product():
-    """Where only x y is known, x up with y down is open, whatever the units of x."""
-    for unit in (1.0, 1e3):
-        x, y = 0.8 * unit, 25.0
-        slope = np.array([[y, x]]) / (0.01 * x * y)
-        (one,) = indistinct_of(["x", "y"], np.array([x, y]), slope.T @ slope)
-        assert one.weights["x"] * one.weights["y"] == pytest.approx(-0.5)
-        assert one.text.startswith("the logs cannot tell")
+    """Where only x y is known, x up with y down is open."""
+    slope = np.array([[1.0, 1.0]]) / 0.01
+    (one,) = indistinct_of(["x", "y"], slope.T @ slope)
+    assert one.weights["x"] * one.weights["y"] == pytest.approx(-0.5)
+    assert one.text.startswith("the logs cannot tell")
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,17 @@ def test_words_that_begin_so_are_offered(tmp_path, line, words):
 @pytest.mark.parametrize(
     "name",
     [
-        *("scenarios", "sweeps", "studies", "suites", "networks", "policies", "towns", "kinds"),
+        *(
+            "scenarios",
+            "sweeps",
+            "studies",
+            "suites",
+            "networks",
+            "conditions",
+            "policies",
+            "towns",
+            "kinds",
+        ),
         *("reproduced", "robots", "cameras", "settings"),
     ],
 )

@@ -12,11 +12,14 @@ from pydantic import BaseModel
 from typer.main import get_command
 
 import omnitrack_sim
+from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.base.naming import (
     shipped_files,
 )
+from omnitrack_sim.base.reading import checked
 from omnitrack_sim.cli import app
 from omnitrack_sim.cli.common import assignment
+from omnitrack_sim.pipes.condition import Condition
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.network import validate as validate_network
@@ -163,18 +166,21 @@ def test_networks_and_their_keys_are_documented():
 
 @pytest.mark.long
 def test_examples_of_the_network_page_run(capsys):
-    """The TOML of networks.md are networks, and its Python runs."""
+    """The TOML of networks.md are networks and a condition, and its Python runs."""
     text = page("networks")
     examples = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    found = [validate_network(tomllib.loads(example)).open_ends for example in examples]
+    *examples, condition = [tomllib.loads(example) for example in examples]
+    drawn = checked(Condition, {"name": "street", **condition}, NetworkError).defects
+    assert [defect.kind for defect in drawn] == ["offset", "deposit"]
+    found = [validate_network(example).open_ends for example in examples]
     assert found == [
         ("riser.start", "t1.run_end", "bend.end"),
         ("main.start", "end.end"),
         ("old.start", "old.end"),
         ("before.start", "behind.end"),
     ]
-    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
+    for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(code, "networks.md", "exec"), {"__name__": "networks"})
     assert "bridge" not in capsys.readouterr().out
 
 

@@ -99,6 +99,10 @@ PROBES = {
     ),
     "wye": Probe("wye_turn", {"start.distance": 0.2}, 3.5, "a turn into a wye's branch"),
     "mission": Probe("missions/close_fittings", {}, 3.5, "fittings close together"),
+    "step": Probe("step", {"start.distance": 0.3}, 2.0, "over a step up"),
+    "relief": Probe(
+        "old_pipe", {"start.distance": 0.5}, 3.0, "a pressed pipe with welds, silted up"
+    ),
     "primitives": Probe(
         "tee_turn",
         NEAR | {"start.theta5_deg": 8.0, "physics.collider": "primitives"},

@@ -23,10 +23,12 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined, to_jsonable_python
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.naming import shipped_files
 from omnitrack_sim.base.reading import KINDS
 from omnitrack_sim.base.table import meanings_of, symbol_of
 from omnitrack_sim.cli.complete import comment
 from omnitrack_sim.gym.options import TERMS, EnvOptions
+from omnitrack_sim.pipes.condition import Condition, load_condition
 from omnitrack_sim.pipes.fittings.kinds import shipped_fittings, table_of
 from omnitrack_sim.pipes.network import Joint, Network, Origin
 from omnitrack_sim.pipes.relief import relief_kinds
@@ -172,6 +174,32 @@ def rows_of_courses(suite: Suite) -> Iterator[Row]:
     return ((f"`{course.name}`", course.words) for course in suite.courses.values())
 
 
+def rows_of_ladders(suite: Suite) -> Iterator[Row]:
+    """Yield the courses of a benchmark, those that differ by their size alone in one row."""
+    sizes: dict[str, list[str]] = {}
+    words: dict[str, str] = {}
+    for course in suite.courses.values():
+        name, size = course.ladder or course.name, f"{course.size:g}" if course.ladder else ""
+        sizes.setdefault(name, []).append(size)
+        words.setdefault(name, course.words.removesuffix(f", {size}"))
+    return ((f"`{name}`", words[name], ", ".join(own)) for name, own in sizes.items())
+
+
+def conditions() -> dict[str, Condition]:
+    """Return the shipped conditions by name, the best first."""
+    own = {name: load_condition(name) for name in shipped_files("conditions")}
+    return dict(sorted(own.items(), key=lambda one: sum(d.per_km for d in one[1].defects)))
+
+
+def rows_of_conditions() -> Iterator[Row]:
+    """Yield the kinds of defects, each with its rate and sizes in the shipped conditions."""
+    tables = [{defect.kind: defect for defect in one.defects} for one in conditions().values()]
+    for kind in dict.fromkeys(kind for one in tables for kind in one):
+        drawn = [one.get(kind) for one in tables]
+        texts = [f"{d.per_km:g} a km, {d.size[0]:g} to {d.size[1]:g}" if d else "-" for d in drawn]
+        yield f"`{kind}`", *texts
+
+
 def keys_of(keys: Sequence[Key]) -> str:
     """Return the keys of a window."""
     return table(("key", "what it does"), ((key.name, key.meaning) for key in keys))
@@ -199,10 +227,16 @@ TABLES: dict[str, Callable[[], str]] = {
     "networks": lambda: table(("network", "what it holds"), rows_of_files("network")),
     "sweeps": lambda: table(("sweep", "what it answers"), rows_of_files("sweep")),
     "studies": lambda: table(("study", "what it answers"), rows_of_files("study")),
+    "conditions": lambda: table(
+        ("defect", *(f"`{name}`" for name in conditions())), rows_of_conditions()
+    ),
     "pipes": lambda: table(("key", "of", *KEYS[1:]), rows_of_pipes()),
     "relief": lambda: table(("`kind`", *KEYS), rows_of_relief()),
     "bench.mobility": lambda: table(
         ("course", "what the robot does"), rows_of_courses(load_suite("mobility"))
+    ),
+    "bench.as_built": lambda: table(
+        ("course", "what the robot does", "sizes, bores"), rows_of_ladders(load_suite("as_built"))
     ),
     "bench.control": lambda: table(
         ("course", "what the robot does"), rows_of_courses(load_suite("control"))

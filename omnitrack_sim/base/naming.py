@@ -284,7 +284,15 @@ def _scenario_folder() -> Path:
 
 
 ShippedKind = Literal[
-    "scenarios", "sweeps", "studies", "networks", "suites", "courses", "policies", "passports"
+    "scenarios",
+    "sweeps",
+    "studies",
+    "networks",
+    "conditions",
+    "suites",
+    "courses",
+    "policies",
+    "passports",
 ]
 
 
@@ -294,8 +302,8 @@ def shipped_files(kind: ShippedKind) -> ByName[Path]:
     The name is the file's own without its ending; of a scenario, its path below ``scenarios/``.
 
     Args:
-        kind: ``scenarios``, ``sweeps``, ``studies``, ``networks``, ``policies`` of networks,
-            ``suites`` and ``courses`` of benches, or ``passports`` of robots.
+        kind: ``scenarios``, ``sweeps``, ``studies``, ``networks``, ``conditions`` of pipes,
+            ``policies``, ``suites`` and ``courses`` of benches, or ``passports`` of robots.
 
     Example:
         >>> ot.shipped_files("scenarios")["tee_turn"].name

@@ -83,7 +83,8 @@ NETWORK = Kind("network", "network", frozenset({"fittings", "joints"}), "network
 STUDY = Kind("study", "optimise", frozenset({"variables", "objectives", "trials"}), "studies")
 SUITE = Kind("suite", "bench", frozenset({"courses", "measures"}), "suites")
 COURSE = Kind("course", "bench --course", frozenset({"words"}), "courses")
-KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE, SUITE)
+CONDITION = Kind("condition", "import --condition", frozenset({"defects"}), "conditions")
+KINDS = (SCENARIO, SWEEP, STUDY, NETWORK, COURSE, SUITE, CONDITION)
 _RECORDS = {
     frozenset({"outcome", "metrics"}): "is the result of a run; what was run stands beside it in "
     "scenario.json",

@@ -33,6 +33,7 @@ sweeps = _shipped("sweeps")
 studies = _shipped("studies")
 suites = _shipped("suites")
 networks = _shipped("networks")
+conditions = _shipped("conditions")
 
 
 def policies(incomplete: str) -> Choices:

@@ -29,6 +29,16 @@ if TYPE_CHECKING:
     from omnitrack_sim.pipes.network import NetworkFitting
 
 
+ConditionOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Draw relief and couplings into the pipes: good, fair, poor, or a file of rates.",
+        autocompletion=complete.conditions,
+    ),
+]
+
+
 @app.command()
 def network(
     source: Annotated[str | None, NetworkArgument] = None,
@@ -66,13 +76,14 @@ def network(
             help="Write the network: TOML; its centrelines by .geojson; an isometric by .pcf.",
         ),
     ] = None,
+    condition: ConditionOption = None,
     as_json: JsonOption = False,
     trust: TrustOption = False,
 ) -> None:
     """Show a pipe network: parts, open ends, shortest route between two, figures, exports."""
     # A random network may take seconds: places that cannot be written are refused before.
     _check_outputs(to_file, plot, export)
-    net = _network(source, random, fittings, trust)
+    net = _network(source, random, fittings, condition, trust)
     route = _asked_route(net, start, goal, avoid or [])
     written = _save(net, route, to_file, plot, export)
     if as_json:
@@ -123,6 +134,8 @@ def import_file(
         str | None,
         typer.Option(help="ASME B36.10 schedule of true bores: 40, 80, 160 or none."),
     ] = None,
+    condition: ConditionOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws of --condition.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Import a network from another program's file; list what was assumed, mended and left out."""
@@ -140,7 +153,7 @@ def import_file(
         "schedule": schedule,
     }
     asked = {key: value for key, value in options.items() if value is not None}
-    imported = ot.import_network(source, **asked)
+    imported = ot.import_network(source, condition=condition, seed=seed, **asked)
     if to_file is not None:
         write_file(to_file, imported.network.to_toml().encode())
     if as_json:
@@ -168,8 +181,13 @@ def _check_outputs(to_file: Path | None, plot: Path | None, export: Path | None)
         check_folder(export)
 
 
-def _network(source: str | None, seed: int | None, fittings: int | None, trust: bool) -> ot.Network:
-
+def _network(
+    source: str | None,
+    seed: int | None,
+    fittings: int | None,
+    condition: str | None,
+    trust: bool,
+) -> ot.Network:
     # Exactly one of the two says where the network comes from.
     if (source is None) == (seed is None):
         shipped = tuple(ot.shipped_files("networks"))
@@ -177,8 +195,12 @@ def _network(source: str | None, seed: int | None, fittings: int | None, trust: 
     if seed is None:
         if fittings is not None:
             raise NetworkError(Fault("--fittings", "is for --random"))
+        if condition is not None:
+            raise NetworkError(Fault("--condition", "is for --random, and for `omnitrack import`"))
         return ot.load_network(str(source), trust=trust)
-    return ot.random_network(seed) if fittings is None else ot.random_network(seed, fittings)
+    if fittings is None:
+        return ot.random_network(seed, condition=condition)
+    return ot.random_network(seed, fittings, condition=condition)
 
 
 def _asked_route(

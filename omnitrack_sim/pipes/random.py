@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from omnitrack_sim.base.bounds import MAX_LENGTH, MAX_PARTS
 from omnitrack_sim.base.errors import Fault, GeometryError, NetworkError
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes import Elbow, Fitting, Part, Reducer, Straight, Tee, attached
+from omnitrack_sim.pipes.condition import in_condition
 from omnitrack_sim.pipes.network import Network, validate
 
 CLEARANCE = 0.05
@@ -40,6 +42,7 @@ def random_network(
     inner_diameter: float = 0.16,
     diameters: tuple[float, ...] | None = None,
     reducer_share: float = 0.25,
+    condition: str | Path | None = None,
 ) -> Network:
     """Generate a valid random network whose open ends are straights that a robot fits in.
 
@@ -56,9 +59,12 @@ def random_network(
         diameters: m, bores that reducers lead to; without them all bores are the same.
         reducer_share: with ``diameters``, share of reducers among the fittings between straights;
             the first never is one.
+        condition: of the pipes: ``good``, ``fair``, ``poor`` or a file, by whose rates relief and
+            couplings are drawn into the straights; without one all are ideal.
 
     Raises:
-        NetworkError: the arguments make no sense, or no network of that size was found.
+        NetworkError: the arguments make no sense, there is no such condition, or no network of that
+            size was found.
 
     Example:
         >>> import omnitrack_sim as ot
@@ -76,7 +82,8 @@ def random_network(
         # Growth may wall itself in: another start with the same generator is another network.
         rows, joints = _grown(rng, count, supply)
         if len(rows) == count:
-            return validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
+            network = validate({"name": f"random_{seed}", "fittings": rows, "joints": joints})
+            return network if condition is None else in_condition(network, condition, seed)
     raise NetworkError(
         Fault("fittings", f"no network of {count} fittings was found; ask for fewer")
     )

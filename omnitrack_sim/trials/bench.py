@@ -12,7 +12,7 @@ import pyarrow as pa
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.text import counted
 from omnitrack_sim.show.plots.style import figure_bytes
-from omnitrack_sim.show.plots.success import bench_figure
+from omnitrack_sim.show.plots.success import bench_figure, ladder_figure
 from omnitrack_sim.trials.batches import FORMAT, Batch, sha256_of
 from omnitrack_sim.trials.bench_table import ALL, page, results_table, rows_of
 from omnitrack_sim.trials.entries import Changes, Entry
@@ -73,7 +73,7 @@ class Bench(Plan):
         Args:
             suite: its file, or a shipped one by name: ``mobility`` for robots, ``control`` for
                 controllers and policies.
-            courses: names of courses; none: all of them.
+            courses: names of courses, or of ladders of them; none: all of them.
             entries: names of shipped ones, robots, or pairs of a robot and its controller, of the
                 suite ``control`` controllers and policies; none: the shipped ones.
             options: ``quick``, ``trials``, ``changes`` and ``batch``.
@@ -82,10 +82,16 @@ class Bench(Plan):
             InputError: there is no such suite, course or entry.
         """
         own = load_suite(suite)
+        known = {name: {name, course.ladder} for name, course in own.courses.items()}
+        choices = tuple(dict.fromkeys(c.ladder or name for name, c in own.courses.items()))
         for name in courses or ():
-            if name not in own.courses:
-                raise InputError(Fault("--course", f"is {name!r}", tuple(own.courses), given=name))
-        chosen = [course for name, course in own.courses.items() if not courses or name in courses]
+            if not any(name in names for names in known.values()):
+                raise InputError(Fault("--course", f"is {name!r}", choices, given=name))
+        chosen = [
+            course
+            for name, course in own.courses.items()
+            if not courses or known[name] & {*courses}
+        ]
         made = []
         for source in own.entries if entries is None else entries:
             if not isinstance(source, str):
@@ -155,11 +161,12 @@ class Bench(Plan):
         rows = rows_of(self.suite, {**planned, **_tables_of(sweeps, table)})
         passable = {course.name for course in self.courses if course.is_passed} | {ALL}
         judged = [row for row in rows if row["course"] in passable]
+        figure = ladder_figure if any("ladder" in row for row in judged) else bench_figure
         return Conclusion(
             {"rows": rows},
             {"results": results_table(self.suite, rows)},
             {PAGE: page(self, rows).encode()},
-            (lambda: figure_bytes(bench_figure(judged))) if judged else None,
+            (lambda: figure_bytes(figure(judged))) if judged else None,
         )
 
     @property

@@ -40,6 +40,8 @@ def rows_of(suite: Suite, tables: Mapping[tuple[str, str], pa.Table | str]) -> l
     rows = []
     for (course, entry), table in {**tables, **_over_all(suite, tables)}.items():
         row: dict[str, Any] = {"course": course, "entry": entry}
+        if course in suite.courses and (ladder := suite.courses[course].ladder):
+            row |= {"ladder": ladder, "size": suite.courses[course].size}
         if isinstance(table, str):
             rows.append(row | _no_rates(table))
             continue
@@ -136,7 +138,7 @@ def results_table(suite: Suite, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Return the rows as a table with all columns, and the units of those that have one."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     kinds = {"trials": pa.int64(), "passed": pa.int64()}
-    kinds |= dict.fromkeys(("course", "entry", "others", "reason"), pa.string())
+    kinds |= dict.fromkeys(("course", "entry", "ladder", "others", "reason"), pa.string())
     # Means, their ends and their differences share the measure's name as a prefix.
     units = {name: m.unit for name in names for m in suite.measures if name.startswith(m.name)}
     fields = [column(name, kinds.get(name, pa.float64()), units.get(name, "1")) for name in names]
@@ -148,6 +150,8 @@ def page(bench: Bench, rows: Sequence[Mapping[str, Any]]) -> str:
     suite = bench.suite
     version = f"suite {suite.name}, version {suite.version}; {bench.extent}"
     lines = [f"# {suite.title}", "", version, "", *passed_table(rows)]
+    if stops := stops_table(rows):
+        lines += ["## least size that stops", "", *stops]
     units = [measure.head for measure in suite.measures]
     heads = ["entry", "passed", "95 % interval, %", *suite.heads.values(), "others"]
     for name, words in headings(bench, rows).items():
@@ -184,6 +188,32 @@ def passed_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     texts = {(row["course"], row["entry"]): rate_of(row) for row in rows}
     cells = [[f"`{one}`", *(texts.get((one, entry), "-") for entry in entries)] for one in courses]
     return markdown_table(["course", *(f"`{entry}`" for entry in entries)], cells)
+
+
+def stops_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return lines of Markdown: the least size that stops each entry, a row a ladder.
+
+    None without ladders.
+    """
+    ladders, entries = (
+        [*dict.fromkeys(row[key] for row in rows if row.get("ladder"))]
+        for key in ("ladder", "entry")
+    )
+    cells = [[f"`{one}`", *(least_size(rows, one, entry) for entry in entries)] for one in ladders]
+    heads = ["course", *(f"`{entry}`" for entry in entries)]
+    return markdown_table(heads, cells) if ladders else []
+
+
+def least_size(rows: Iterable[Mapping[str, Any]], ladder: str, entry: str) -> str:
+    """Return the least size of a ladder at which an entry passes less than half of its trials.
+
+    With how they ended.
+    """
+    own = [row for row in rows if row.get("ladder") == ladder and row["entry"] == entry]
+    for row in own:
+        if 2 * row["passed"] < row["trials"] or not row["trials"]:
+            return f"{row['size']:g}: {row['others']}"
+    return f"> {own[-1]['size']:g}" if own else "-"
 
 
 def rate_of(row: Mapping[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from itertools import pairwise
@@ -9,14 +10,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, Field, model_validator
 
 from omnitrack_sim.base.errors import InputError, ScenarioError
+from omnitrack_sim.base.paths import value_at
 from omnitrack_sim.base.reading import COURSE, NAME_PATTERN, checked, read_file
-from omnitrack_sim.base.table import Angle, NotNegative, Table, symbol_of
+from omnitrack_sim.base.table import Angle, NotNegative, Positive, Table, symbol_of
 from omnitrack_sim.pipes.fittings.kinds import fitting_class, table_of
 from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.random import random_network
+from omnitrack_sim.pipes.relief import relief_kind
 from omnitrack_sim.record.metrics import Metric, Run
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.robots.size import GRAVITY, REFERENCE_BORE
@@ -35,6 +38,8 @@ BEHIND = 0.25
 courses leave before its nose."""
 ROOM = 0.5
 """Least length of the straights of a network beyond that of the robot, bores."""
+MAX_SIZES = 100
+"""Sizes of a course."""
 FITTED = ("pipes", "network", "mission", "start")
 """Tables of a scenario whose faults say that a robot does not fit a course."""
 
@@ -49,7 +54,13 @@ class NetworkDraw(Table):
 
 
 class CourseFile(Table):
-    """A course as it is written. docs/studies/benchmark.md explains the keys."""
+    """A course as it is written, or a ladder of them. docs/studies/benchmark.md explains the keys.
+
+    Attributes:
+        sizes: of what stands in the way, such as a step, ascending: each makes a course.
+        grows: dotted paths to lengths and ratios in ``pipes``, and by how much each of them changes
+            with the size; what is left out there is 0 at size 0.
+    """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     words: str
@@ -57,6 +68,32 @@ class CourseFile(Table):
     pull_rate: NotNegative = 0.0
     pipes: tuple[dict[str, Any], ...] = ()
     network: NetworkDraw | None = None
+    sizes: Annotated[tuple[Positive, ...], Field(max_length=MAX_SIZES)] = ()
+    grows: dict[str, float] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _has_what_grows(self) -> CourseFile:
+        if bool(self.sizes) != bool(self.grows):
+            raise ValueError("needs both sizes and grows, or neither")
+        if any(low >= high for low, high in pairwise(self.sizes)):
+            raise ValueError("must have sizes that ascend")
+        for path in self.grows:
+            table, _, key = path.rpartition(".")
+            place = value_at({"pipes": list(self.pipes)}, table)
+            if not isinstance(place, dict) or not isinstance(place.get(key, 0.0), (int, float)):
+                raise ValueError(f"has no number at {path!r}, which is to grow")
+        return self
+
+    def of_size(self, size: float) -> CourseFile:
+        """Return the course of one of its sizes, with the size behind its name and words."""
+        data = {"pipes": copy.deepcopy(list(self.pipes))}
+        for path, rate in self.grows.items():
+            table, _, key = path.rpartition(".")
+            place = value_at(data, table)
+            place[key] = place.get(key, 0.0) + rate * size
+        made = {"name": f"{self.name}_{size:g}", "words": f"{self.words}, {size:g}"}
+        pipes = tuple(data["pipes"])
+        return self.model_copy(update=made | {"pipes": pipes, "sizes": (), "grows": {}})
 
     def scenario(self, changes: Changes, network: int = 0) -> Scenario:
         """Return the course for a robot.
@@ -132,12 +169,21 @@ class CourseFile(Table):
 
 
 def _scaled(fitting: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """Keys of a fitting with its lengths times ``factor``."""
-    table = fitting_class(str(fitting["kind"])).Table
+    """Keys of a fitting with its lengths, and those of its relief, times ``factor``."""
+    scaled = _with_lengths(fitting_class(str(fitting["kind"])).Table, fitting, factor)
+    if relief := fitting.get("relief"):
+        scaled["relief"] = [
+            _with_lengths(relief_kind(str(one.get("kind"))), one, factor) for one in relief
+        ]
+    return scaled
+
+
+def _with_lengths(table: type[BaseModel], data: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Keys of a table with its lengths times ``factor``."""
     lengths = [key for key in table.model_fields if symbol_of(table, key) == "m"]
     return {
         key: value * factor if key in lengths and value is not None else value
-        for key, value in fitting.items()
+        for key, value in data.items()
     }
 
 

@@ -23,7 +23,7 @@ from omnitrack_sim.base.reading import NAME_PATTERN, SUITE, beside, checked, rea
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Table
 from omnitrack_sim.trials.entries import Changes, Entry, controller_entry, robot_entry
-from omnitrack_sim.trials.mobility import BATCH, load_course, mission_sweep
+from omnitrack_sim.trials.mobility import BATCH, CourseFile, load_course, mission_sweep
 from omnitrack_sim.trials.sweep import Sweep
 from omnitrack_sim.trials.sweep_file import resolve
 from omnitrack_sim.trials.table import metric_columns, numbers_of, passed_of
@@ -100,6 +100,8 @@ class Course:
         sweep: makes the trials of an entry, from their number and the entry's changes; or says why
             the entry's robot does not fit the course.
         is_passed: whether a trial can pass it; else only its measures count.
+        ladder: name of the courses that differ from it by their size alone; empty for none.
+        size: of what stands in the way on a course of a ladder, bores.
     """
 
     name: str
@@ -108,6 +110,8 @@ class Course:
     quick: int
     sweep: Callable[[int, Changes], Sweep | str]
     is_passed: bool = True
+    ladder: str = ""
+    size: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -219,19 +223,27 @@ class CourseTable(Table):
             raise ValueError("needs name and words")
         return self
 
-    def made(self, folder: Path) -> Course:
-        """Return the course; paths are relative to ``folder``."""
+    def made(self, folder: Path) -> list[Course]:
+        """Return the course, or those of all its sizes; paths are relative to ``folder``."""
         counts = self.trials, self.quick
         if self.course is not None:
             file = load_course(beside(folder, self.course))
-            name, words = self.name or file.name, self.words or file.words
-            return Course(name, words, *counts, partial(file.sweep, self.seed), not file.pull_rate)
+            own = {"name": self.name or file.name, "words": self.words or file.words}
+            file = file.model_copy(update=own)
+            if file.sizes:
+                return [self._of(file.of_size(size), file.name, size) for size in file.sizes]
+            return [self._of(file)]
         name, words = self.name or "", self.words or ""
         if self.missions is not None:
             sweep = partial(mission_sweep, name, self.seed, self.missions.friction)
         else:
             sweep = partial(self._drawn, folder)
-        return Course(name, words, *counts, sweep)
+        return [Course(name, words, *counts, sweep)]
+
+    def _of(self, file: CourseFile, ladder: str = "", size: float = math.nan) -> Course:
+        """The course of a file."""
+        counts, sweep = (self.trials, self.quick), partial(file.sweep, self.seed)
+        return Course(file.name, file.words, *counts, sweep, not file.pull_rate, ladder, size)
 
     def _drawn(self, folder: Path, trials: int, changes: Changes) -> Sweep:
         """Random trials of a scenario."""
@@ -248,12 +260,17 @@ class CourseTable(Table):
 
 
 class SuiteFile(Table):
-    """A suite as it is written. docs/studies/benchmark.md explains the keys."""
+    """A suite as it is written. docs/studies/benchmark.md explains the keys.
+
+    Attributes:
+        like: suite whose entries and measures are this one's, too, before its own.
+    """
 
     name: Annotated[str, Field(pattern=NAME_PATTERN)]
     title: str
     version: Annotated[int, Field(ge=1)] = 1
     compares: Literal["robots", "controllers"] = "robots"
+    like: str | None = None
     default: str = ""
     measures: tuple[BenchMeasure, ...] = ()
     scores: tuple[Literal["min_friction"], ...] = ()
@@ -269,7 +286,12 @@ def load_suite(source: str | Path) -> Suite:
     """
     path, data = read_file(source, SUITE, InputError)
     file = checked(SuiteFile, data, InputError)
-    courses = [course.made(path.parent) for course in file.courses]
+    courses = [made for course in file.courses for made in course.made(path.parent)]
+    if file.like is not None:
+        _, data = read_file(beside(path.parent, file.like), SUITE, InputError)
+        like = checked(SuiteFile, data, InputError)
+        entries, measures = (*like.entries, *file.entries), (*like.measures, *file.measures)
+        file = file.model_copy(update={"entries": entries, "measures": measures})
     entries = [Entry(entry.name, entry.words, entry.changes) for entry in file.entries]
     return Suite(
         file.name,

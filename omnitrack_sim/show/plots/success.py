@@ -610,3 +610,45 @@ def _draw_course(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequen
     panel.tick_params(**TICKS)
     panel.grid(axis="y", visible=False)
     panel.spines["left"].set_color(GREY)
+
+
+@style(PAPER)
+def ladder_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Plot how many trials each entry of a benchmark passed at each size of each ladder.
+
+    There is a panel for each ladder, with a row for each entry and a cell for each size: its colour
+    is the rate, the number in it how many trials passed. ``rows`` are those of its table.
+    """
+    own = [row for row in rows if row.get("ladder")]
+    ladders, entries = ([*dict.fromkeys(row[key] for row in own)] for key in ("ladder", "entry"))
+    across, down = min(len(ladders), _ACROSS), math.ceil(len(ladders) / _ACROSS)
+    height = down * (_HEAD + _ROW * len(entries))
+    figure = new_figure((PAGE, height), layout="constrained")
+    panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+    for panel, ladder in zip(panels, ladders, strict=False):
+        _draw_ladder(panel, [row for row in own if row["ladder"] == ladder], entries)
+        panel.set_title(f"{ladder.replace('_', ' ')}, size in bores", loc="left")
+    for panel in panels[len(ladders) :]:
+        panel.set_axis_off()
+    return figure
+
+
+def _draw_ladder(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
+    sizes = list(dict.fromkeys(row["size"] for row in rows))
+    cells = np.full((len(entries), len(sizes)), np.nan)
+    for row in rows:
+        place = entries.index(row["entry"]), sizes.index(row["size"])
+        text, colour = "-", GREY
+        if row["trials"]:
+            cells[place] = 100 * row["passed"] / row["trials"]
+            text, colour = str(row["passed"]), "white"
+        panel.text(place[1], place[0], text, ha="center", va="center", size=5.5, color=colour)
+    edges = np.arange(len(sizes) + 1) - 0.5, np.arange(len(entries) + 1) - 0.5
+    look: dict[str, Any] = {"cmap": _success_colours(), "vmin": 0, "vmax": 100, "rasterized": True}
+    panel.pcolormesh(*edges, np.ma.masked_invalid(cells), lw=0.8, edgecolor="white", **look)
+    panel.set_facecolor(_NO_OUTCOME)
+    panel.set_xticks(range(len(sizes)), [f"{size:g}" for size in sizes])
+    panel.set_yticks(range(len(entries)), [clipped(name, _MAX_NAME) for name in entries])
+    panel.set_ylim(len(entries) - 0.5, -0.5)
+    panel.tick_params(**TICKS)
+    panel.grid(visible=False)
