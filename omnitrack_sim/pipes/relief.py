@@ -296,10 +296,7 @@ class Corrosion(Relief):
         if self.wavelength > min(pipe.axis_length / 3, pipe.radius):
             yield "wavelength", f"is {self.wavelength:g} m; at most a third of the pipe, or R"
         elif math.prod(self._grid(pipe)) > MAX_NODES:
-            yield (
-                "wavelength",
-                f"is {self.wavelength:g} m, too fine for {pipe.axis_length:g} m of pipe",
-            )
+            yield "wavelength", f"is {self.wavelength:g} m, too fine for {pipe.axis_length:g} m"
 
     def _grid(self, pipe: Relieved) -> tuple[int, int]:
         """Return how many nodes there are along and round the pipe, five in a wavelength."""

@@ -306,7 +306,8 @@ class Relieved(Fitting):
         rows = np.unique(rows[(rows >= 0) & (rows <= self.axis_length)].round(4))
         rows[-1] = self.axis_length
         angles = 2 * np.pi * np.arange(columns) / columns
-        rings = self.on_wall(np.stack(np.meshgrid(rows, angles, indexing="ij"), axis=-1), more)
+        places: Array = np.stack(np.meshgrid(rows, angles, indexing="ij"), axis=-1).astype(float)
+        rings = self.on_wall(places, more)
         rings[-1] += beyond * self.axis_frame(self.axis_length).rotation[:, 2]
         return kit.loft(rings, 0)
 
