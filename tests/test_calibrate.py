@@ -6,9 +6,12 @@ import json
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import omnitrack_sim as ot
+from omnitrack_sim.calibration.calibration import FittedColumn
 from omnitrack_sim.calibration.compare import targets_of
+from omnitrack_sim.calibration.contradictions import contradictions_of
 from omnitrack_sim.calibration.doubt import (
     draw_within,
     independent_count,
@@ -136,6 +139,18 @@ def test_a_log_of_a_slipping_run_contradicts_a_fit_that_cannot_slip(climb, pulle
     assert any("distance is not met" in text and "slips" in text for text in fit.contradictions)
 
 
+def test_what_no_figure_would_show_is_no_contradiction():
+    """A tilt of a millionth of a radian that the fit does not meet; one of two degrees is one."""
+    channel, time = ot.Omnitrack().channels["tilt"], np.linspace(0.0, 1.0, 50)
+    for size, count in ((1e-6, 0), (0.035, 1)):
+        log = ot.Log("still", time, {"tilt": size * np.sin(9 * time)})
+        ((target,), _) = targets_of(0, log, [channel], 0.02)
+        column = FittedColumn(
+            *("still", "tilt", "rad", time, target.values, np.zeros(50)), 50.0, 0.0, target.span
+        )
+        assert len(contradictions_of([column], [], [], [], np.zeros(0), [])) == count
+
+
 def test_what_was_saved_is_read_back(found, tmp_path):
     """Values, covariance and ranges; `--set @FILE` takes the values alone, and a page stands by."""
     file, page = found.save(tmp_path / "mine.toml")
@@ -240,6 +255,25 @@ def test_a_log_of_mcap_is_read(climb, tmp_path):
         ot.load_log(tmp_path / "run.toml")
 
 
+def test_the_time_of_an_mcap_is_since_its_first_message(tmp_path):
+    """Whatever the clock's epoch is: nanoseconds since 1970 leave no digit for a millisecond."""
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("odometry", "jsonschema", b"{}")
+        channel = writer.register_channel("/way", "json", schema)
+        for step in range(4):
+            time = 1_764_000_000_123_456_789 + 1_000_001 * step
+            writer.add_message(channel, time, json.dumps({"value": 0.1 * step}).encode(), time)
+        writer.finish()
+    (tmp_path / "bag.toml").write_text(
+        'file = "bag.mcap"\n[columns]\ndistance = { column = "/way.value" }\n'
+    )
+    log = ot.load_log(tmp_path / "bag.toml")
+    np.testing.assert_allclose(log.time, 1.000001e-3 * np.arange(4), rtol=1e-12)
+    np.testing.assert_array_equal(log.values["distance"], 0.1 * np.arange(4))
+
+
 def test_the_csv_of_an_exported_run_is_a_log_of_all_its_channels(climb, tmp_path):
     """Each channel's columns have the names of the trajectory's, and its numbers."""
     run = ot.run(ot.override(climb, {"run.time_limit": 0.2}), no_load=False)
@@ -328,6 +362,17 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_calibration_of_many_parameters_is_read_back(tmp_path):
+    """Fifty are kept; more are no calibration that anybody fits."""
+    for count in (50, 51):
+        rows = [Parameter(f"robot.p{k}", 1.0, 0.0, 2.0, "N", "assumed", 1.0) for k in range(count)]
+        made = ot.Calibration(rows, np.ones(count), np.eye(count))
+        made.save(tmp_path / f"{count}.toml")
+    assert len(ot.load_calibration(tmp_path / "50.toml").fit) == 50
+    with pytest.raises(ot.InputError, match="at most 50"):
+        ot.load_calibration(tmp_path / "51.toml")
 
 
 def test_a_passport_draws_the_robots_own_parameters(found):

@@ -35,8 +35,6 @@ SEARCHED = 12
 slips or does not, a small step from a bad start changes nothing."""
 SEARCH_TIMES = 3.0
 """They lie between the start values over this and times this, and within the ranges."""
-STARTS = 2
-"""Best ones of them from which the first steps begin: a valley may end at a pass."""
 STEP = 0.01
 """Step of finite differences, as a part of a value: above the jitter of contacts, below the
 curvature."""
@@ -269,20 +267,17 @@ class _Fit:
 
     def result(self) -> Calibration:
         """Fit the parameters, and return them with their doubt."""
-        starts, number = self._search(), 0
+        values, number = self._search(), 0
         # What the best of them does not meet yet counts as noise, so that first steps end early.
-        self._weigh(starts[0])
+        self._weigh(values)
         while True:
             number += 1
             self._tell(number / (ROUNDS + 1), f"round {number} of up to {ROUNDS}")
-            before = starts[0]
-            ends = np.array([self._descend(start) for start in starts])
-            values = ends[np.argmin(self._costs(ends))]
+            before, values = values, self._descend(values)
             self._weigh(values)
             information = self._information(values)
             covariance = self._covariance(values, information)
             moved = np.abs(values - before) / np.sqrt(np.diag(covariance))
-            starts = values[None]
             if (number > 1 and (moved < CLOSE).all()) or number == ROUNDS:
                 return self._calibration(values, information, covariance)
 
@@ -291,7 +286,7 @@ class _Fit:
             self._progress(part, text)
 
     def _search(self) -> Array:
-        """Return the best sets of values (k, p) around the start, and weigh columns by size."""
+        """Return the best set of values (p,) around the start, and weigh columns by size."""
         self._tell(0.0, f"{SEARCHED + 1} sets of values around the start")
         count, p = SEARCHED, len(self._parameters)
         rng = np.random.default_rng(0)
@@ -309,7 +304,7 @@ class _Fit:
             self._weights[t] = 1 / max(
                 float(np.hypot(target.noise, self._model_error * size)), 1e-12
             )
-        return sets[np.argsort(self._costs(sets), kind="stable")[:STARTS]]
+        return sets[np.argmin(self._costs(sets))]
 
     def _costs(self, sets: Array) -> Array:
         """Return the sum of squares (k,) of sets of values (k, p)."""
@@ -375,7 +370,6 @@ class _Fit:
             return self._residuals(self._values(coordinates.T))
 
         def jacobian(coordinates: Array, _: Array) -> Array:
-            # Differences to both sides: along a valley the two sides of it must balance.
             return self._jacobian(coordinates.ravel())
 
         found, _ = minimize.least_squares(
@@ -426,11 +420,12 @@ class _Fit:
         ]
 
     def _jacobian(self, coordinates: Array) -> Array:
-        """Return the derivatives (r, p) of the weighted residuals, by differences to both sides."""
-        ahead, behind, lengths = self._sides(coordinates)
-        residuals = self._residuals(self._values(np.vstack([ahead, behind])))
-        own, other = np.split(residuals, 2, axis=1)
-        return (own - other) / lengths
+        """Return the derivatives (r, p) of the weighted residuals, by differences to one side."""
+        ahead, behind, _ = self._sides(coordinates)
+        room = np.diag(ahead) > coordinates  # else it lies at the upper end of its range
+        sides = np.where(room[:, None], ahead, behind)
+        residuals = self._residuals(self._values(np.vstack([coordinates, sides])))
+        return (residuals[:, 1:] - residuals[:, :1]) / (np.diag(sides) - coordinates)
 
     def _sides(self, coordinates: Array) -> tuple[Array, Array, Array]:
         """Return coordinates (p, p) a step ahead and behind in each, and the ways between (p,)."""
@@ -502,6 +497,7 @@ class _Fit:
                 target.values - target.residual(simulated),
                 independent,
                 target.noise,
+                target.span,
             )
             for target, simulated, independent in zip(
                 runs.targets, point.simulated, self.independent, strict=True
