@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Angle, Size, Unit
 from omnitrack_sim.pipes.compiled import FACE, Wall, clip, compiled, in_bore, put
@@ -36,7 +35,7 @@ from omnitrack_sim.pipes.native import SIGNATURES, at, c_function, call_surface,
 from omnitrack_sim.pipes.obstacles import PLACED, Obstacle
 from omnitrack_sim.pipes.obstacles import nearest as nearest_obstacle
 from omnitrack_sim.pipes.profile import Profile, load_profile
-from omnitrack_sim.pipes.relief import MAX_RELIEF, Deposit, Relief, relief_kind
+from omnitrack_sim.pipes.relief import Deposit, Entries, relief_tables
 from omnitrack_sim.pipes.sections import CODES, MAX_OVALITY, Section, SectionName
 from omnitrack_sim.pipes.sections import distance as from_section
 from omnitrack_sim.pipes.sections import leaving as out_of_section
@@ -125,7 +124,8 @@ class Straight(Axial):
             egg, mouth or arch; the axis is that of the largest ball in it.
         ovality: of an oval, the difference of its longest and shortest diameter over the nominal.
         direction: rad about the axis, from x, of an oval's longest diameter, or of the invert.
-        relief: how its wall differs from that: tables, or plain data of them.
+        relief: how its wall differs from that: a list of tables by ``kind``, such as the weld
+            below; docs/reference/networks.md has the keys of each kind.
 
     Example:
         >>> ot.Straight(0.5).length_of_axes
@@ -166,12 +166,7 @@ class Straight(Axial):
             0.0
         )
         """Of an oval's longest diameter, or of the invert, about the axis from the x axis."""
-        relief: Annotated[
-            tuple[Annotated[SerializeAsAny[Relief], by_kind(relief_kind, strict=True)], ...],
-            # Pipes of a scenario come as lists of Python, which strict tuples are not.
-            BeforeValidator(lambda relief: tuple(relief) if isinstance(relief, list) else relief),
-            Field(max_length=MAX_RELIEF, exclude_if=lambda relief: not relief),
-        ] = ()
+        relief: Annotated[Entries, Field(exclude_if=lambda relief: not relief)] = ()
         """How the wall differs from the bore, such as by beads of welds: a list of tables, by
         `kind`. It ends within the pipe: the ports stay as they are."""
         profile: Annotated[Profile | None, Field(exclude_if=lambda profile: profile is None)] = None
@@ -179,13 +174,7 @@ class Straight(Axial):
 
     def __post_init__(self) -> None:
         """Check the sizes."""
-        tables = tuple(
-            relief_kind(str(one.get("kind"))).model_validate(one)
-            if isinstance(one, Mapping)
-            else one
-            for one in self.relief
-        )
-        object.__setattr__(self, "relief", tables)
+        object.__setattr__(self, "relief", relief_tables(self.relief, self.kind))
         object.__setattr__(self, "profile", _profile_of(self.profile))
         check(
             self.kind,
