@@ -51,7 +51,8 @@ class Passport:
     Example:
         >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=2)
         >>> passport = plan.passport(ot.run_trials(plan).table)
-        >>> list(passport.kinds), passport.estimate("elbow", [[0.8, 0, 0, 0, 90, 0.7, 1, 0, 0, 0, 0]]).is_known
+        >>> point = [0.8, 0, 0, 0, 90, 0.7, 1, 0, 0, 0, 0]
+        >>> list(passport.kinds), passport.estimate("elbow", [point]).is_known
         (['straight'], array([False]))
     """
 
