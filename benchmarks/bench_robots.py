@@ -1,6 +1,7 @@
 """How well robots are calibrated by the logs of short tests on a bench.
 
 python benchmarks/bench_robots.py robots [--quick] [--robots N] [--seed S] [--out DIR]
+python benchmarks/bench_robots.py alone [--quick] [--robots N] [--seed S]
 python benchmarks/bench_robots.py apart [--quick] [--robots N] [--seed S]
 python benchmarks/bench_robots.py presser [--quick] [--robots N] [--seed S] [--out DIR]
 python benchmarks/bench_robots.py stranger [--seed S]
@@ -11,6 +12,9 @@ them (``ot.calibrate``) from the shipped values on. The logs come from another m
 that is fitted: a time step of 0.5 ms, walls of primitives, 12 % more play of the arms, and noise on
 what is measured. Printed are the errors of the values and how many lie within the stated 95 %. With
 --out each robot is kept in a file, and is not fitted again.
+
+``alone`` fits one parameter to one log without noise at a time, all others known: what it is off by
+is the error of the model in that log, for which ``ot.calibrate(model_error=)`` stands.
 
 ``apart`` gives the fit the logs of fewer tests, which cannot tell two parameters apart, and counts
 how often it says so.
@@ -96,8 +100,10 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
     return {path: float(rng.uniform(*within)) for path, within in DRAWN.items()}
 
 
-def log_of(test: str, robot: Mapping[str, float], rng: np.random.Generator) -> ot.Log:
-    """Return the log of a robot's test: another model's run, with noise."""
+def log_of(
+    test: str, robot: Mapping[str, float], rng: np.random.Generator, noise: float = 1.0
+) -> ot.Log:
+    """Return the log of a robot's test: another model's run, with ``noise`` times that of a lab."""
     play = value(scenario_of(test), "robot.pitch_limit") * MORE_PLAY
     scenario = scenario_of(test, {**robot, **OTHER, "robot.pitch_limit": play})
     trajectory = ot.run(scenario, no_load=False).trajectory
@@ -107,7 +113,7 @@ def log_of(test: str, robot: Mapping[str, float], rng: np.random.Generator) -> o
     measured = {}
     for channel in MEASURED[test]:
         for name in trajectory.schema[channel].columns:
-            noisy = columns[name] + rng.normal(0.0, NOISE[channel], len(columns[name]))
+            noisy = columns[name] + noise * rng.normal(0.0, NOISE[channel], len(columns[name]))
             measured[name] = np.where(left_out, np.nan, noisy)
     return ot.Log(test, trajectory.time, measured)
 
@@ -180,11 +186,38 @@ def print_seconds(rows: Sequence[Mapping[str, Any]]) -> None:
     print(f"\nProcessor seconds a robot: {made:.0f} for the logs, {fitted:.0f} for the fit.")
 
 
+# The error of the model in one log
+
+ALONE = {SLIDE: FRICTION, PULL: FRICTION, TIGHT: FRICTION, CLIMB: CONSTANT, STALL: CONSTANT}
+"""The parameter that each log alone tells best."""
+
+
+def error_alone(number: int, seed: int, test: str) -> float:
+    """Return the relative error of a parameter that is fitted to one log without noise."""
+    rng = np.random.default_rng((seed, number))
+    robot, path = draw(rng), ALONE[test]
+    known = {other: own for other, own in robot.items() if other != path}
+    log = log_of(test, robot, rng, noise=0.0)
+    found = ot.calibrate([log], scenario_of(test, known), (path,), threads=1)
+    return float(found.values[0]) / robot[path] - 1
+
+
+def print_alone(robots: int, seed: int) -> None:
+    """Print what a parameter is off by that is fitted to one log of another model."""
+    rows = []
+    for test, path in ALONE.items():
+        errors = 100 * np.array([error_alone(number, seed, test) for number in range(robots)])
+        mean_square = np.sqrt(np.mean(errors**2))
+        cells = [f"{mean_square:.1f} %", f"{errors.min():+.1f} to {errors.max():+.1f} %"]
+        rows.append([test, NAMES[path], *cells])
+    table("alone", ["log of", "parameter", "error, mean square", "from, to"], rows)
+
+
 # Logs that cannot tell two parameters apart
 
 APART = {
     "friction and preload": ((PULL,), (FRICTION, PRELOAD)),
-    "torque constant and efficiency": ((STALL,), (CONSTANT, EFFICIENCY)),
+    "torque constant and efficiency": ((PULL,), (CONSTANT, EFFICIENCY)),
 }
 """Tests whose logs are fitted, and parameters that these cannot tell apart."""
 
@@ -426,7 +459,9 @@ def print_stranger(seed: int) -> None:
 def main() -> None:
     """Run what the command line asks for."""
     arguments = Arguments(__doc__, trials=20, quick=2, of="robots", seed=1)
-    arguments.add_argument("what", choices=("robots", "apart", "presser", "stranger", "turns"))
+    arguments.add_argument(
+        "what", choices=("robots", "alone", "apart", "presser", "stranger", "turns")
+    )
     arguments.add_argument(
         "--out", type=Path, metavar="DIR", help="keeps each robot, to go on later"
     )
@@ -434,6 +469,8 @@ def main() -> None:
     count, seed, out = given.robots, given.seed, given.out
     if given.what == "apart":
         print_apart(count, seed)
+    elif given.what == "alone":
+        print_alone(count, seed)
     elif given.what == "stranger":
         print_stranger(seed)
     elif given.what == "turns":

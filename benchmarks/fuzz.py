@@ -4,7 +4,7 @@ python benchmarks/fuzz.py [--quick] [--only files|folders|arguments] [--seed S .
 
 Files are scenarios, networks, sweeps, studies and suites. Folders are those of runs, sweeps,
 studies, benches and passports, and single files of others: passports, policies, models of robots
-(MJCF), towns (.inp) and plants (.pcf).
+(MJCF), towns (.inp), plants (.pcf) and scans of pipes (.csv).
 
 Every case is made from the seed and its number, so a fault can be had again: --seed 1 --only files
 --case 17. A fault is any exception that is not of the package's own, a refusal that names no place,

@@ -190,8 +190,10 @@ class Trial:
     def close(self) -> None:
         """Remove the copies."""
         for path in self._place.glob(f"*.{os.getpid()}*"):
-            shutil.rmtree(path, ignore_errors=True)
-            path.unlink(missing_ok=True)
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
 
     def _try(self, number: int, slot: int) -> Iterator[None]:
         """Try one fault in a copy; return its outcome."""

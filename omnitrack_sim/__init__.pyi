@@ -40,6 +40,8 @@ from .pipes.map_difference import compare_maps as compare_maps
 from .pipes.network import Network as Network
 from .pipes.network import load_network as load_network
 from .pipes.planning import shortest_route as shortest_route
+from .pipes.profile import Profile as Profile
+from .pipes.profile import load_profile as load_profile
 from .pipes.random import random_network as random_network
 from .pipes.routes import Step as Step
 from .pipes.routes import route as route

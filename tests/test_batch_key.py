@@ -12,6 +12,7 @@ from runs import rolling_tee, same_record, same_result, there_and_back
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.robots.omnitrack.motors import WINDING_FIGURES
 from omnitrack_sim.scenario.tables import PullTable
 from omnitrack_sim.sim.builder import CARRIED, EACH, batch_key
 from omnitrack_sim.trials.batches import Trial, batched
@@ -75,6 +76,7 @@ def test_all_that_is_taken_of_each_is_a_key() -> None:
         for depth in range(5)
     }
     known |= {"mission.avoid", *(f"pull.{key}" for key in PullTable.model_fields)}
+    known |= {f"robot.motor.winding.{key}" for key in WINDING_FIGURES}
     assert [path for path in OWN if path not in known] == []
 
 
@@ -91,7 +93,17 @@ OTHER: dict[str, Any] = {
     "world.gravity": [0.0, 3.0, 0.0],
     "world.friction": 0.3,
     "robot.preload": 15.0,
+    "robot.chassis_mass": 0.5,
+    "robot.arm_mass": 0.1,
+    "robot.module_mass": 0.3,
+    "robot.motor.rotor_inertia": 2e-8,
+    "robot.motor.gear_ratio": 700.0,
+    "robot.motor.no_load_speed": 6.0,
+    "robot.motor.stall_torque": 0.3,
     "robot.motor.torque_limit": 0.05,
+    "robot.motor.speed_bandwidth": 9.0,
+    "robot.motor.speed_integral_time": 0.3,
+    "robot.motor.speed_droop": 9.0,
     "robot.roll_torque": 0.02,
     "control.cruise_speed": 0.06,
     "control.align": False,
@@ -151,6 +163,24 @@ def test_robots_that_differ_share_a_batch_and_not_their_numbers(path: str | None
     has alone; the other value leads to another record, so that the comparison can fail."""
     assert same_result(together()[path], alone(path))
     assert same_record(alone(), alone(path)) is (path is None)
+
+
+def test_currents_of_a_batch_are_those_of_each_robots_own_winding() -> None:
+    """To the last bit, where torque constants and frictions differ."""
+    base = ot.load_scenario("calibration/climb", {"run.time_limit": 0.5})
+    paths = ("torque_constant", "no_load_current", "current_limit")
+    others = [
+        ot.override(base, {f"robot.motor.winding.{path}": value})
+        for path, value in zip(paths, (0.004, 0.05, 0.2), strict=True)
+    ]
+    together = ot.run_batch([base, *others], no_load=False)
+    assert len({batch_key(one.model_dump(mode="json")) for one in [base, *others]}) == 1
+    for one, other in zip(together, [base, *others], strict=True):
+        (alone,) = ot.run_batch([other], no_load=False)
+        current = alone.trajectory["motor_current"]
+        assert one.trajectory["motor_current"].tobytes() == current.tobytes()
+    currents = [one.trajectory["motor_current"] for one in together]
+    assert not any((current == currents[0]).all() for current in currents[1:])
 
 
 @pytest.mark.parametrize(("base", "count"), [("tee_turn", 1), ("robots/presser_elbow", 2)])

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -15,6 +16,7 @@ from policy_samples import driver
 import omnitrack_sim as ot
 from omnitrack_sim import run_trials, shipped_files
 from omnitrack_sim.base.errors import InputError, OutputError
+from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.cli import main
 from omnitrack_sim.record.statistics import mean_interval, paired_rate_interval
 from omnitrack_sim.robots.kinds import ROBOTS
@@ -48,6 +50,29 @@ def _status(monkeypatch, *arguments: str) -> int:
     with pytest.raises(SystemExit) as caught:
         main()
     return caught.value.code
+
+
+def calibrated(path: str) -> ot.Calibration:
+    """A calibration of one parameter: 28 with a standard deviation of 1.5."""
+    own = Parameter(path, 25.0, 15.0, 35.0, "N", "assumed", 5.0)
+    return ot.Calibration([own], np.array([28.0]), np.array([[1.5**2]]))
+
+
+def test_a_bench_draws_the_robots_of_a_calibration():
+    """Each trial another one, whether the course draws anything itself or not; all entries drive
+    the same ones, and results with others are not taken for them."""
+    path = "robot.preload"
+    bench = Bench.of("control", ["elbow", "turn"], quick=True, calibration=calibrated(path))
+    for course in bench.courses:
+        drawn = [bench.sweeps()[course.name, own.name].trials()[path] for own in bench.entries]
+        assert len(set(drawn[0])) == len(drawn[0]) > 2
+        assert all(own == drawn[0] for own in drawn)
+        assert np.mean(drawn[0]) == pytest.approx(28.0, abs=2.0)
+    assert bench.hash != Bench.of("control", ["elbow", "turn"], quick=True).hash
+    with pytest.raises(InputError, match="has no parameter"):
+        Bench.of("control", calibration=calibrated("world.friction"))
+    with pytest.raises(InputError, match=r"--calibration: is of another robot than presser"):
+        Bench.of("mobility", ["elbow_15"], ["presser"], calibration=calibrated("robot.arm_mass"))
 
 
 def test_every_entry_can_drive_every_course_by_the_same_draws():

@@ -6,10 +6,18 @@ import json
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import omnitrack_sim as ot
+from omnitrack_sim.calibration.calibration import FittedColumn
 from omnitrack_sim.calibration.compare import targets_of
-from omnitrack_sim.calibration.doubt import draw_within, independent_count, indistinct_of
+from omnitrack_sim.calibration.contradictions import contradictions_of
+from omnitrack_sim.calibration.doubt import (
+    draw_within,
+    independent_count,
+    indistinct_of,
+    information_of,
+)
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
@@ -71,6 +79,46 @@ def test_doubt_agrees_with_the_scatter_over_noise(climb, pulled):
     assert 0.45 < scatter / np.mean([fit.std[0] for fit in fits]) < 1.7
 
 
+@pytest.mark.parametrize("part", [0.005, 0.05])
+def test_no_log_tells_a_parameter_better_than_the_model_is_right(part, climb, pulled):
+    """One without noise tells it to that part of its size, or of a column that it changes less; two
+    together to less by the root of 2."""
+    quiet = noisy(pulled, 1, dict.fromkeys(NOISE, 1e-9))
+    one = ot.calibrate([quiet], climb, [FORCE], model_error=part)
+    two = ot.calibrate([quiet, quiet], climb, [FORCE], model_error=part)
+    assert part < one.std[0] / one.values[0] < 4 * part  # the weight is 1.6 times the pull
+    assert two.std[0] == pytest.approx(one.std[0] / 2**0.5, rel=0.05)
+
+
+@pytest.mark.long
+def test_doubt_covers_the_error_of_a_model_in_each_log(climb):
+    """Logs of pairs of robots whose loads are off by a known part each, normally drawn: what is
+    fitted to them is off by what is stated, in the mean square over eight pairs."""
+    part, rng, errors = 0.05, np.random.default_rng(3), []
+    load = 6.0 + 9.81 * climb.robot.mass
+    for _ in range(8):
+        pulls = 6.0 + load * part * rng.normal(size=2)
+        runs = [ot.run(ot.override(climb, {FORCE: pull}), no_load=False) for pull in pulls]
+        logs = [noisy(run.trajectory, seed) for seed, run in enumerate(runs)]
+        fit = ot.calibrate(logs, climb, [FORCE], model_error=part)
+        errors.append((fit.values[0] - 6.0) / fit.std[0])
+    # chi-square of 8 degrees of freedom, 99.8 %; a fit without it would be off by hundreds
+    assert 0.1 < np.mean(np.square(errors)) < 3.3
+
+
+def test_slopes_that_are_chance_tell_nothing():
+    """Those of a column that changes at random with each parameter add no information; a slope
+    that both share is kept."""
+    rng = np.random.default_rng(0)
+    slope, chance = rng.normal(size=(400, 1)), 3 * rng.normal(size=(400, 2))
+    told = information_of(slope + chance, np.full((400, 2), 3.2))
+    strengths = np.linalg.eigvalsh(told)
+    assert strengths[0] == pytest.approx(0.0, abs=1e-9)
+    assert strengths[1] < 0.5 * 2 * 400
+    clean = information_of(slope + np.zeros(2), np.zeros((400, 2)))
+    np.testing.assert_allclose(clean, np.full((2, 2), float(slope.ravel() @ slope.ravel())))
+
+
 def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):
     """In a vertical pipe a pull at the tail and gravity load the robot alike."""
     fit = ot.calibrate([noisy(pulled, 2)], climb, {FORCE: None, GRAVITY: (-14.0, -6.0)})
@@ -89,6 +137,18 @@ def test_a_log_of_a_slipping_run_contradicts_a_fit_that_cannot_slip(climb, pulle
     slipped = ot.Log("slipping", log.time, {**log.values, "distance": way})
     fit = ot.calibrate([slipped], climb, [FORCE])
     assert any("distance is not met" in text and "slips" in text for text in fit.contradictions)
+
+
+def test_what_no_figure_would_show_is_no_contradiction():
+    """A tilt of a millionth of a radian that the fit does not meet; one of two degrees is one."""
+    channel, time = ot.Omnitrack().channels["tilt"], np.linspace(0.0, 1.0, 50)
+    for size, count in ((1e-6, 0), (0.035, 1)):
+        log = ot.Log("still", time, {"tilt": size * np.sin(9 * time)})
+        ((target,), _) = targets_of(0, log, [channel], 0.02)
+        column = FittedColumn(
+            *("still", "tilt", "rad", time, target.values, np.zeros(50)), 50.0, 0.0, target.span
+        )
+        assert len(contradictions_of([column], [], [], [], np.zeros(0), [])) == count
 
 
 def test_what_was_saved_is_read_back(found, tmp_path):
@@ -146,13 +206,11 @@ def test_correlated_residuals_count_less():
 
 
 def test_the_open_direction_is_that_of_the_product():
-    """Where only x y is known, x up with y down is open, whatever the units of x."""
-    for unit in (1.0, 1e3):
-        x, y = 0.8 * unit, 25.0
-        slope = np.array([[y, x]]) / (0.01 * x * y)
-        (one,) = indistinct_of(["x", "y"], np.array([x, y]), slope.T @ slope)
-        assert one.weights["x"] * one.weights["y"] == pytest.approx(-0.5)
-        assert one.text.startswith("the logs cannot tell")
+    """Where only x y is known, x up with y down is open."""
+    slope = np.array([[1.0, 1.0]]) / 0.01
+    (one,) = indistinct_of(["x", "y"], slope.T @ slope)
+    assert one.weights["x"] * one.weights["y"] == pytest.approx(-0.5)
+    assert one.text.startswith("the logs cannot tell")
 
 
 @pytest.mark.parametrize(
@@ -195,6 +253,25 @@ def test_a_log_of_mcap_is_read(climb, tmp_path):
     (tmp_path / "run.mcap").write_bytes(b"no such format")
     with pytest.raises(ot.InputError, match="is damaged, or no file of MCAP"):
         ot.load_log(tmp_path / "run.toml")
+
+
+def test_the_time_of_an_mcap_is_since_its_first_message(tmp_path):
+    """Whatever the clock's epoch is: nanoseconds since 1970 leave no digit for a millisecond."""
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("odometry", "jsonschema", b"{}")
+        channel = writer.register_channel("/way", "json", schema)
+        for step in range(4):
+            time = 1_764_000_000_123_456_789 + 1_000_001 * step
+            writer.add_message(channel, time, json.dumps({"value": 0.1 * step}).encode(), time)
+        writer.finish()
+    (tmp_path / "bag.toml").write_text(
+        'file = "bag.mcap"\n[columns]\ndistance = { column = "/way.value" }\n'
+    )
+    log = ot.load_log(tmp_path / "bag.toml")
+    np.testing.assert_allclose(log.time, 1.000001e-3 * np.arange(4), rtol=1e-12)
+    np.testing.assert_array_equal(log.values["distance"], 0.1 * np.arange(4))
 
 
 def test_the_csv_of_an_exported_run_is_a_log_of_all_its_channels(climb, tmp_path):
@@ -285,6 +362,17 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_calibration_of_many_parameters_is_read_back(tmp_path):
+    """Fifty are kept; more are no calibration that anybody fits."""
+    for count in (50, 51):
+        rows = [Parameter(f"robot.p{k}", 1.0, 0.0, 2.0, "N", "assumed", 1.0) for k in range(count)]
+        made = ot.Calibration(rows, np.ones(count), np.eye(count))
+        made.save(tmp_path / f"{count}.toml")
+    assert len(ot.load_calibration(tmp_path / "50.toml").fit) == 50
+    with pytest.raises(ot.InputError, match="at most 50"):
+        ot.load_calibration(tmp_path / "51.toml")
 
 
 def test_a_passport_draws_the_robots_own_parameters(found):

@@ -13,7 +13,8 @@ LOSSLESS = LINE.model_copy(update={"efficiency": 1.0, "winding": None, "torque_l
 
 
 def _drive(motor=LOSSLESS, limit=None):
-    return SpeedLoop(DRIVES["three_motors"], motor, [limit or motor.max_torque], R, 1)
+    motor = motor.model_copy(update={"torque_limit": limit or motor.torque_limit})
+    return SpeedLoop(DRIVES["three_motors"], [motor], R)
 
 
 def _advance(drive, command, speed, torque=0.0):
@@ -103,7 +104,7 @@ def test_a_droop_shares_the_load():
     """Belts that are held 0.02 m/s below and 0.01 m/s above their commands settle at torques whose
     difference is that of the speeds over droop and lever, however long they are held."""
     motor = MOTORS["simulation"].model_copy(update={"speed_droop": 20.0})
-    loop = SpeedLoop(DRIVES["three_motors"], motor, [motor.torque_limit], R, 1)
+    loop = SpeedLoop(DRIVES["three_motors"], [motor], R)
     inertia = motor.reflected_inertia / R**2
     speed, torque = np.array([[0.08, 0.11, 0.11]]), np.zeros((1, 3))
     for _ in range(2000):
@@ -148,7 +149,7 @@ def test_one_motor_for_three_belts_is_as_strong_as_three():
     """The differential's motor is asked the mean of the speeds and gives three times the force; the
     modules count as saturated together."""
     motor = LOSSLESS
-    loop = SpeedLoop(DRIVES["differential"], motor, [motor.torque_limit], R, 2)
+    loop = SpeedLoop(DRIVES["differential"], [motor, motor], R)
     command = np.array([[0.1, 0.2, 0.0], [0.1, 0.1, 0.1]])
     torque = np.array([[0.245] * 3, [0.1] * 3])
     set_point, lowest, highest = loop.advance(command, np.zeros((2, 3)), torque, 0.01)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 import omnitrack_sim as ot
 import omnitrack_sim.gym
+from omnitrack_sim.robots.decisions import InputDecisions, _joint_positions, _joint_speeds
 
 BRIEF = {"changes": {"run.time_limit": 0.4}}
 
@@ -33,6 +38,35 @@ def test_a_climber_observes_by_its_own_sensors():
     assert env.unwrapped.scenario.sensing.kind == "onboard"
     with pytest.raises(ot.InputError, match="'onboard', and no sensors of this robot"):
         env_of("robots/snake_elbow", sensing="onboard")
+
+
+def test_joints_are_observed_in_what_does_not_depend_on_their_size():
+    """Hinges by the sine of their angle and rad/s, slides in tenths of a bore and bores a second;
+    balls and the free joint not at all."""
+    model = mujoco.MjModel.from_xml_string("""
+      <mujoco><worldbody><body><freejoint/><geom size="0.1"/>
+        <body><joint type="hinge"/><geom size="0.1"/></body>
+        <body><joint type="ball"/><geom size="0.1"/></body>
+        <body><joint type="slide"/><geom size="0.1"/></body>
+      </body></worldbody></mujoco>""")
+    qpos = np.array([[*np.zeros(7), 2.0, 1.0, 0.0, 0.0, 0.0, 0.008]])
+    qvel = np.array([[*np.zeros(6), 3.0, 0.0, 0.0, 0.0, 0.04]])
+    setup = SimpleNamespace(model=model, robot=SimpleNamespace(nominal_bore=0.16))
+    asked: Any = SimpleNamespace(setup=setup, observation=SimpleNamespace(qpos=qpos, qvel=qvel))
+    np.testing.assert_allclose(_joint_positions(asked), [[np.sin(2.0), 0.5]])
+    np.testing.assert_allclose(_joint_speeds(asked), [[3.0, 0.25]])
+
+
+def test_before_the_first_decision_inputs_are_those_of_the_start():
+    """Whatever their ranges; a decision of 1 is the end of each, and beyond it nothing is."""
+    robot = SimpleNamespace(input_range=np.array([[-1.0, 3.0], [0.0, 0.5], [-2.0, 2.0]]))
+    start = np.array([[0.0, 0.4, -2.0], [2.5, 0.0, 1.0]])
+    setup: Any = SimpleNamespace(period=0.01, robot=robot, n=2, command=SimpleNamespace(ctrl=start))
+    decisions = InputDecisions(setup, ())
+    unseen: Any = None
+    np.testing.assert_allclose(decisions.command(unseen).ctrl, start)
+    decisions.decide(np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -2.0]]))
+    np.testing.assert_allclose(decisions.command(unseen).ctrl, robot.input_range.T[::-1])
 
 
 def test_a_presser_drives_as_its_controller_does():

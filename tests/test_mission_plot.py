@@ -17,6 +17,7 @@ from omnitrack_sim.record.events import FellOff, Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.show.plots.mission_figure import EventMark, _round_up, marks_of
+from omnitrack_sim.show.plots.network_figure import extent
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +144,24 @@ def test_colours_are_the_recorded_values(figure):
     assert 9.0 < first[2].min() < 11.0
 
 
+def test_the_way_back_is_drawn_beside_the_way_there(figure):
+    """A leg that is driven tail first half a radius to its right, in the planes of the maps."""
+    position = two_legs_result().trajectory["position"]
+    for axis in figure.axes:
+        lines = [c for c in axis.collections if isinstance(c, LineCollection)]
+        ways = [way for way in lines if way.get_array() is not None]
+        if not ways:
+            continue
+        columns = [0, "xyz".index(axis.get_ylabel()[0])]
+        there, back = (np.array([piece[0] for piece in way.get_segments()]) for way in ways)
+        flat = position[:, columns]
+        apart = [
+            np.linalg.norm(way[:, None] - flat, axis=-1).min(axis=1).max() for way in (there, back)
+        ]
+        assert apart[0] < 1e-9
+        assert apart[1] == pytest.approx(0.04, abs=1e-4)
+
+
 def test_signs_are_explained(figure):
     """The legends name what occurs: roll, retry, tail first, manoeuvres; and no end, for the goal
     was reached."""
@@ -250,3 +269,12 @@ def test_signs_stand_where_things_were():
         for places in wanted:
             flat = places[:, columns]
             assert any(d.shape == flat.shape and np.allclose(d, flat) for d in drawn)
+
+
+def test_the_frame_of_a_map_is_wider_than_its_pipes_by_a_share_of_them():
+    """4 % of the longest side all round, in any unit."""
+    faces = np.array([[[0.0, 0.0, 0.0], [2.0, 1.0, 0.5], [1.0, 0.2, 0.1]]])
+    for scale in (1.0, 1000.0):
+        low, high = extent(scale * faces)
+        np.testing.assert_allclose(low, scale * np.full(3, -0.08))
+        np.testing.assert_allclose(high, scale * np.array([2.08, 1.08, 0.58]))

@@ -25,7 +25,9 @@ def monitor(n: int = 2, time_limit: float = 1e3, rights: bool = False, **limits:
     """A monitor of n robots that begin 0.1 m into a straight pipe, and may right themselves."""
     begin, speed, last = np.full(n, 0.1), np.full(n, SPEED), np.full(n, time_limit)
     table, each = MonitorTable(**limits), np.full(n, rights)
-    return Monitor(ROUTES, ot.Omnitrack(), table, begin, speed, last, PERIOD, 1, rights=each)
+    return Monitor(
+        ROUTES, [ot.Omnitrack()] * len(begin), table, begin, speed, last, PERIOD, 1, rights=each
+    )
 
 
 def location(distance: list[float], aside: float = 0.0, tilt_deg: Any = 0.0) -> Location:
@@ -270,7 +272,9 @@ def test_a_module_that_has_lost_the_wall_in_a_tee_turn_is_the_cause(
     robot, limits = ot.Omnitrack(), MonitorTable()
     routes = RouteMap([ot.load_scenario("tee_turn").route])
     one = np.ones(1)
-    watching = Monitor(routes, robot, limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, 1)
+    watching = Monitor(
+        routes, [robot] * len(one), limits, 0.1 * one, SPEED * one, 1e3 * one, PERIOD, 1
+    )
     weight = robot.mass * 9.81
     force = np.array([[25.0, share * limits.lost_contact * weight, 25.0]])
     for _ in range(100):

@@ -22,6 +22,7 @@ def changed(source: str, tmp_path: Path) -> set[str]:
     (tmp_path / "source.py").write_text(source)
     module = Module(tmp_path, "source.py")
     faults = [f for scope in module.scopes for each in module.faults(scope).values() for f in each]
+    assert all(fault.apply(module.text) != module.text for fault in faults)
     before = source.splitlines()
     after = [fault.apply(module.text).decode().splitlines() for fault in faults]
     return {a.strip() for lines in after for a, b in zip(lines, before, strict=True) if a != b}
@@ -53,6 +54,8 @@ def changed(source: str, tmp_path: Path) -> set[str]:
         ("hit(x=y)", {"pass"}),
         ("if x: pass", {"if not (x): pass"}),
         ("return x.size", {"return 0.0"}),
+        ("return 0.0", {"return 1.0"}),
+        ("z = hit(x, x)", set()),
     ],
 )  # fmt: skip
 def test_faults_of_a_line(line: str, faults: set[str], tmp_path: Path) -> None:

@@ -440,6 +440,24 @@ def test_progress_goes_from_nothing_to_one_and_says_at_what_it_is():
     assert parts[-2:] == [0.5, 0.75]
 
 
+def test_progress_of_a_town_of_many_parts_stays_within_its_bounds():
+    """However many parts are described first."""
+    told = []
+    chain = [{"kind": "straight", "name": f"p{k}", "length": 0.5} for k in range(230)]
+    joints = [{"ports": (f"p{k}.end", f"p{k + 1}.start")} for k in range(229)]
+    network = ot.Network(fittings=chain, joints=joints)
+    ot.map_reach(
+        network,
+        Stated(ROBOT, {}, {}, law=slope),
+        ["p0.start"],
+        friction=(0.8, 0.8),
+        progress=lambda part, text: told.append(part),
+    )
+    assert told == sorted(told)
+    assert told[0] == 0.0
+    assert 0.2 < told[2] <= 0.25  # 200 of 230 parts, half of the half that estimates take
+
+
 def ladder(rungs):
     """Two rails of tees, whose neighbours' branches are joined by rungs: loops."""
     fittings, joints = [], []

@@ -15,7 +15,7 @@ from film_samples import SIZE, elbow_result
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.show.film.render import render_frame, render_frames, render_video
-from omnitrack_sim.show.film.strip import FRAMES, render_strip, strip_times
+from omnitrack_sim.show.film.strip import FRAMES, composed, render_strip, strip_times
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +160,14 @@ def test_several_processes_make_the_same_film(result, tmp_path):
     ]
     assert films[0].read_bytes() == films[1].read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["1.mp4", "2.mp4"]
+
+
+def test_a_strip_of_one_still_is_that_still_over_its_time():
+    """A single picture has a letter and a time, too."""
+    still = np.full((120, 160, 3), 40, np.uint8)
+    sheet = np.asarray(composed([still], [1.0]))
+    assert sheet.shape[1] == 160 + 2 * 3
+    assert (sheet[3 : 3 + 120, 3:163] == 40).all()
 
 
 def test_a_strip_has_its_stills_letters_and_times(result, tmp_path):

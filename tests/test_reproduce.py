@@ -25,6 +25,7 @@ from omnitrack_sim.paper.experiments import (
 )
 from omnitrack_sim.paper.region import plot_singularity
 from omnitrack_sim.paper.reproduce import ReportFigure, by_friction, page, preferred
+from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.omnitrack import Omnitrack
 from omnitrack_sim.robots.omnitrack.singularity import TurnCase
 from omnitrack_sim.show.plots.style import PictureWarning
@@ -287,7 +288,18 @@ def _results(**changes):
     ]
 
 
-def test_trials_are_countedby_friction():
+def test_claims_say_what_they_were_made_with_and_by_how_much():
+    """Versions and seed, and the runs of all groups; without any run, versions alone."""
+    runs = {"a": [sample_result(duration_s=1.5)], "b": [sample_result(duration_s=2.25)] * 2}
+    made = command._provenance(runs, quick=False)
+    assert (made["runs"], made["simulated_s"], made["form"]) == (3, 6.0, "full")
+    assert made["seed"] == command.SEED
+    assert set(environment()) < set(made)
+    assert "scenario_sha256" not in made
+    assert command._provenance({}, quick=True) == {**environment(), "form": "quick"}
+
+
+def test_trials_are_counted_by_friction():
     """A range holds its lower end and not its upper one."""
     groups = by_friction(_results(friction=[0.6, 0.62, 0.65, 0.9]))
     assert [(name, total) for name, _, total in groups] == [

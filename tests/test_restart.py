@@ -21,12 +21,15 @@ def onboard() -> ot.Scenario:
 
 
 def changed(base: ot.Scenario, number: int) -> ot.Scenario:
-    """The same pipes with other friction, preload, gravity, orientation and speed."""
+    """The same pipes with other friction, preload, mass, motors, gravity, orientation, speed."""
     return ot.override(
         base,
         {
             "world.friction": 0.5 + 0.05 * number,
             "robot.preload": 10.0 + number,
+            "robot.chassis_mass": 0.2 + 0.03 * number,
+            "robot.motor.rotor_inertia": 8e-9 + 2e-10 * number,
+            "robot.motor.efficiency": 1.0 - 0.05 * number,
             "world.gravity": [0.5 * number, 0.0, -9.0],
             "start.theta5_deg": 10.0 * number,
             "start.distance": 0.1 + 0.01 * number,

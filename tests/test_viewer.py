@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import omnitrack
 from screens import at_window, needs_screen, screen
 
 import omnitrack_sim as ot
@@ -17,32 +16,6 @@ import omnitrack_sim as ot
 pytestmark = pytest.mark.long
 
 SAVED = ("result.json", "scenario.json", "timeline.csv", "trajectory.parquet", "replay.npz")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (("view", "straight"), "needs a screen"),
-        (("drive", "straight"), "needs a screen"),
-        (("drive", "strait"), "did you mean 'straight'"),
-        (("view", "{folder}"), "is no run: result.json is missing"),
-        (("view", "{folder}", "--set", "name=other"), "is a saved run"),
-        (("drive", "{folder}"), "is a folder"),
-        (("drive", "straight", "--out", "{folder}"), "no run"),
-        (("view", "straight", "--speed", "fast"), "--speed: is 'fast'"),
-        (("drive", "straight", "--speed", "0"), "--speed: is '0'"),
-    ],
-)
-def test_bad_input_is_told_before_a_window_opens(tmp_path, monkeypatch, arguments, told):
-    """Each with status 2, and what is in the folder stays."""
-    (tmp_path / "notes.txt").write_text("mine")
-    given = [argument.format(folder=tmp_path) for argument in arguments]
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.setenv(name, "")
-    done = omnitrack(*given)
-    assert done.returncode == 2, done.stderr
-    assert told in done.stderr
-    assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 def test_screen_that_is_none_and_missing_library_are_told(monkeypatch):

@@ -9,6 +9,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 import pytest
+from commands import omnitrack
 from typer.testing import CliRunner
 
 import omnitrack_sim as ot
@@ -233,3 +234,41 @@ def test_speeds_out_of_range_are_refused(commands, text):
         CliRunner().invoke(app, ["view", "straight", "--speed", text], catch_exceptions=False)
     assert told in str(refused.value)
     assert not commands
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("view", "straight"), "needs a screen"),
+        (("drive", "straight"), "needs a screen"),
+        (("drive", "strait"), "did you mean 'straight'"),
+        (("view", "{folder}"), "is no run: result.json is missing"),
+        (("view", "{folder}", "--set", "name=other"), "is a saved run"),
+        (("drive", "{folder}"), "is a folder"),
+        (("drive", "straight", "--out", "{folder}"), "no run"),
+        (("view", "straight", "--speed", "fast"), "--speed: is 'fast'"),
+        (("drive", "straight", "--speed", "0"), "--speed: is '0'"),
+    ],
+)
+def test_bad_input_is_told_before_a_window_opens(tmp_path, monkeypatch, arguments, told):
+    """Each with status 2, and what is in the folder stays."""
+    (tmp_path / "notes.txt").write_text("mine")
+    given = [argument.format(folder=tmp_path) for argument in arguments]
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.setenv(name, "")
+    done = omnitrack(*given)
+    assert done.returncode == 2, done.stderr
+    assert told in done.stderr
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_what_is_driven_is_kept_beside_its_scenario(tmp_path, monkeypatch):
+    """Without --out in a folder of its name, which is looked at before a window opens."""
+    monkeypatch.chdir(tmp_path)
+    place = tmp_path / "out" / "straight_driven"
+    place.mkdir(parents=True)
+    (place / "notes.txt").write_text("mine")
+    done = omnitrack("drive", "straight")
+    assert done.returncode == 2
+    assert "straight_driven" in done.stderr
+    assert "no run" in done.stderr

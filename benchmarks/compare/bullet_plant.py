@@ -52,9 +52,7 @@ class BulletPlant:
         self.model, self._body = None, self.robot
         own = as_omnitrack(start.robots[0])
         self._period = scenario.physics.control_period
-        self.motors = SpeedLoop(
-            drive_of(own.drive), own.motor, own.motor.torque_limit, own.lug_radius, 1
-        )
+        self.motors = SpeedLoop(drive_of(own.drive), [own.motor], own.lug_radius)
         one, three = np.zeros(1), np.zeros((1, 3))
         flags = one.astype(bool)
         roll = np.repeat(start.roll[:, None], 3, axis=1)

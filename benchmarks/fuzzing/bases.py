@@ -110,6 +110,7 @@ def folders() -> dict[str, dict[str, Contents]]:
         "robot": _models("presser", "inchworm"),
         "town": {"small": {"town.inp": TOWN.encode()}},
         "plant": {"small": {"plant.pcf": PLANT.encode()}},
+        "scan": {"small": {"scan.csv": SCAN.encode()}},
     }
 
 
@@ -172,6 +173,9 @@ UNITS LPS
 HEADLOSS H-W
 [END]
 """
+SCAN = "length_mm,angle_deg,radius_mm\n" + "".join(
+    f"{s},{a},{80 + (s + a) % 3}\n" for s in range(0, 500, 50) for a in range(0, 360, 30)
+)
 PLANT = """ISOGEN-FILES ISOGEN.FLS
 UNITS-BORE INCH
 UNITS-CO-ORDS MM

@@ -38,7 +38,7 @@ def damaged(rng: random.Random, folder: Path, others: Mapping[str, bytes], count
 
 def _one(rng: random.Random, path: Path, others: Mapping[str, bytes]) -> str:
     """Damage a file that is whole so far."""
-    texts = dict.fromkeys((".xml", ".inp", ".pcf"), _text)
+    texts = dict.fromkeys((".xml", ".inp", ".pcf", ".csv"), _text)
     inner = {".json": _json, ".parquet": _parquet, ".npz": _npz, **texts}.get(path.suffix)
     ways: list[Callable[[random.Random, Path], str]] = [_bytes, _file]
     if inner is not None:

@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 
 READING, DRAWING = 5.0, 30.0
 """Seconds of processor time that reading may take, and pictures or the rest of a sweep."""
-KINDS = {"run": 5, "plan": 4, "passport": 2, "policy": 2, "robot": 3, "town": 1, "plant": 2}
+KINDS = {
+    "run": 5,
+    "plan": 4,
+    "passport": 2,
+    "policy": 2,
+    "robot": 3,
+    "town": 1,
+    "plant": 2,
+    "scan": 2,
+}
 """How often which kind of folder comes."""
 WHOLE = 0.02
 """Part of the folders that are hit as a whole."""
@@ -68,6 +77,7 @@ def attempt(seed: int, number: int, desk: Desk) -> None:
         "robot": lambda: _try_robot(desk),
         "town": lambda: _try_import("it/town.inp", desk),
         "plant": lambda: _try_import("it/plant.pcf", desk),
+        "scan": lambda: _try_scan(desk),
     }
     tries[kind]()
 
@@ -195,6 +205,17 @@ def _try_robot(desk: Desk) -> None:
     # MuJoCo's own warnings, as of a NaN in the file, are for the user.
     desk.faults = [fault for fault in desk.faults if fault.what != "prints"]
     desk.only("reading a model", "it", "odd.toml", "run")
+
+
+def _try_scan(desk: Desk) -> None:
+    from omnitrack_sim import InputError, Straight, load_profile
+
+    read, _ = desk.attempt("read a scan", READING, lambda: load_profile("it/scan.csv"), InputError)
+    if read is not None:
+        desk.attempt("a pipe of it", READING, lambda: Straight(0.5, profile=read), InputError)
+    # That gaps are filled is for the user.
+    desk.faults = [fault for fault in desk.faults if "has no ray" not in fault.detail]
+    desk.only("reading a scan", "it")
 
 
 def _try_import(file: str, desk: Desk) -> None:

@@ -46,6 +46,7 @@ class FittedColumn:
         fitted: (m,).
         independent: number of independent samples that the residuals are worth.
         noise: standard deviation of what changes from sample to sample in what was measured.
+        span: range of its numbers below which they count as the same.
     """
 
     log: str
@@ -56,6 +57,7 @@ class FittedColumn:
     fitted: Array
     independent: float
     noise: float
+    span: float = 0.0
 
     @property
     def residual(self) -> Array:

@@ -43,6 +43,11 @@ class Target:
         """Standard deviation of the measured values."""
         return float(np.std(self.values))
 
+    @property
+    def span(self) -> float:
+        """Range of values below which they count as the same, as figures show them."""
+        return self.channel.display.span / self.channel.display.scale
+
     def residual(self, simulated: Array) -> Array:
         """Return measured less simulated values (m,); angles by the shorter way."""
         difference = self.values - simulated

@@ -13,8 +13,8 @@ from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.record.events import Outcome
 
 MISFIT_PART, MISFIT_NOISE = 0.1, 3.0
-"""A column is not met where its residuals are more than this part of what it ranges over, and more
-than this many times its noise."""
+"""A column is not met where its residuals are more than this part of what it ranges over, or of
+what its channel counts as a change, and more than this many times its noise."""
 AT_END = 1e-3
 """Part of a range at whose end a value lies on it."""
 EARLY = 0.05
@@ -81,6 +81,7 @@ def _misfits(columns: Sequence[FittedColumn]) -> Iterator[str]:
 
 def _is_unmet(column: FittedColumn) -> bool:
     range_of = float(np.ptp(column.measured)) or float(np.abs(column.measured).max())
+    range_of = max(range_of, column.span)
     return column.rms > max(MISFIT_PART * range_of, MISFIT_NOISE * column.noise)
 
 

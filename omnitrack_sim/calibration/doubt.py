@@ -11,9 +11,9 @@ from omnitrack_sim.base.rotations import Array
 
 MIN_CORRELATION = 0.05
 """Correlation of residuals at a distance in time, below which they count as independent."""
-UNKNOWN = 0.15
+UNKNOWN = 0.05
 """Doubt of a direction of parameters, as a part of their values, from which on the logs do not tell
-it: three times the 5 % that a spring balance and a tilted pipe measure to."""
+it: what a spring balance and a tilted pipe measure to."""
 SHARE = 0.3
 """Share of a parameter in such a direction, from which on it is named."""
 
@@ -70,17 +70,28 @@ class Indistinct:
         )
 
 
-def indistinct_of(paths: Sequence[str], values: Array, information: Array) -> list[Indistinct]:
+def information_of(slopes: Array, doubts: Array) -> Array:
+    """Return what a column tells (p, p), without what its slopes owe to chance.
+
+    Squares of slopes that are chance add up as those of others do: they would tell parameters apart
+    that nothing tells apart.
+
+    Args:
+        slopes: (m, p) derivatives of the column over its noise.
+        doubts: (m, p) what each is uncertain by.
+    """
+    strengths, directions = np.linalg.eigh(slopes.T @ slopes - np.diag(np.sum(doubts**2, axis=0)))
+    return (directions * np.maximum(strengths, 0.0)) @ directions.T
+
+
+def indistinct_of(paths: Sequence[str], information: Array) -> list[Indistinct]:
     """Return the directions that an information matrix (p, p) of the data leaves open.
 
     Args:
         paths: of the parameters.
-        values: (p,) sizes by which their doubt is measured.
-        information: of the logs alone, without what was known before.
+        information: of relative changes, from the logs alone, without what was known before.
     """
-    # In parts of the values, so that directions do not depend on units.
-    scaled = information * np.outer(values, values)
-    strengths, directions = np.linalg.eigh(scaled)
+    strengths, directions = np.linalg.eigh(information)
     found = []
     for strength, direction in zip(strengths, directions.T, strict=True):
         doubt = 1 / np.sqrt(max(float(strength), 1e-12))

@@ -59,6 +59,13 @@ def calibrate(
             autocompletion=complete.scenarios,
         ),
     ] = None,
+    model_error: Annotated[
+        float,
+        typer.Option(
+            metavar="PART",
+            help="Part by which the model may be wrong in each log, beside noise.",
+        ),
+    ] = 0.01,
     assignments: SetOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -71,7 +78,7 @@ def calibrate(
     if base is None and assignments:
         raise InputError(Fault("--set", "needs --scenario, whose values it overrides"))
     with progress("calibrate", quiet=as_json) as report:
-        found = ot.calibrate(logs, base, ranges, progress=report)
+        found = ot.calibrate(logs, base, ranges, model_error=model_error, progress=report)
     paths = found.save(target)
     if as_json:
         print_json(_summary(found))

@@ -110,6 +110,14 @@ NetworkArgument = typer.Argument(
 PlotOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Write a figure: png, svg or pdf.")
 ]
+CalibrationOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Draw each trial's robot from the doubt of a calibration, which `omnitrack "
+        "calibrate` wrote.",
+    ),
+]
 FolderOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder of the results; one below out/ by default."),

@@ -13,6 +13,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    CalibrationOption,
     FolderOption,
     JsonOption,
     NetworkArgument,
@@ -59,14 +60,7 @@ def passport(
         str, typer.Option(metavar="KIND", help="Another controller than the robot's own.")
     ] = "",
     assignments: SetOption = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Draw each trial's robot from the doubt of a calibration, which `omnitrack "
-            "calibrate` wrote.",
-        ),
-    ] = None,
+    calibration: CalibrationOption = None,
     quick: QuickOption = False,
     trials: TrialsOption = None,
     courses: CoursesOption = None,

@@ -16,6 +16,7 @@ from omnitrack_sim.base.errors import Fault, InputError, OutputError
 from omnitrack_sim.base.text import clipped, counted
 from omnitrack_sim.cli import complete
 from omnitrack_sim.cli.common import (
+    CalibrationOption,
     FolderOption,
     JsonOption,
     SetOption,
@@ -205,6 +206,7 @@ def bench(
     quick: QuickOption = False,
     trials: TrialsOption = None,
     assignments: SetOption = None,
+    calibration: CalibrationOption = None,
     folder: FolderOption = None,
     workers: WorkersOption = None,
     dask: DaskOption = None,
@@ -221,9 +223,17 @@ def bench(
     shipped = [] if alone else [*load_suite(suite).entries]
     own = _pairs(robots or [], controllers or [])
     entries = [*shipped, *own]
+    drawn = None if calibration is None else ot.load_calibration(calibration)
     planned = with_changes(
         lambda changes: ot.Bench.of(
-            suite, courses, entries, quick=quick, trials=trials, changes=changes, batch=batch
+            suite,
+            courses,
+            entries,
+            quick=quick,
+            trials=trials,
+            changes=changes,
+            batch=batch,
+            calibration=drawn,
         ),
         assignments,
     )

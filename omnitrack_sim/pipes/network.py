@@ -33,6 +33,7 @@ from omnitrack_sim.base.text import as_toml, toml_key
 from omnitrack_sim.pipes import Assembly, Fitting, Part, Port, attached
 from omnitrack_sim.pipes.assembly import joined
 from omnitrack_sim.pipes.fittings.kinds import FittingEntry, table_of
+from omnitrack_sim.pipes.profile import with_profiles
 
 CLOSES = 1e-3
 """Distance by which the two ports of a joint that closes a loop may miss each other, m."""
@@ -616,7 +617,22 @@ def network_data(source: str | Path) -> dict[str, Any]:
     Raises:
         NetworkError: there is no such file, or it cannot be read.
     """
-    return read_file(source, NETWORK, NetworkError)[1]
+    path, data = read_file(source, NETWORK, NetworkError)
+    return with_scans(data, path.parent)
+
+
+def with_scans(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the plain data of a network with the scans read that its fittings name.
+
+    ``folder``: that their paths are relative to.
+
+    Raises:
+        NetworkError: a scan cannot be read.
+    """
+    fittings, faults = with_profiles(data.get("fittings"), folder, "fittings")
+    if faults:
+        raise NetworkError(faults)
+    return {**data, "fittings": fittings} if fittings else dict(data)
 
 
 def validate(data: Mapping[str, Any]) -> Network:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard, TypeVar
@@ -267,9 +268,10 @@ class ControlSetup:
             values = [getattr(value, name) for value in values]
         return np.array(values)
 
-    def own(self, name: str) -> Array:
-        """Return one of ``Robot.own_values`` of all robots (n,)."""
-        return np.array([getattr(robot, name) for robot in self.robots or [self.robot] * self.n])
+    def own(self, path: str) -> Array:
+        """Return a parameter of all robots (n,), one of ``Robot.own_values`` or what follows."""
+        read = operator.attrgetter(path)
+        return np.array([read(robot) for robot in self.robots or [self.robot] * self.n])
 
 
 class Controller(Protocol):

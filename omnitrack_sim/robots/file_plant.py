@@ -20,14 +20,4 @@ class FilePlant(Plant):
 
     def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
         super()._set_start(rows, start)
-        models = [compiled(robot) for robot in start.robots]
-        for name in FIELDS:
-            # Pipes have neither joints nor actuators: the robot alone has them in the same order.
-            own = np.stack([getattr(model, name) for model in models])
-            if name in self._own_fields or (own != getattr(self.model, name)).any():
-                self._own_fields.add(name)
-                self._batch.expand(name)[rows] = own.reshape(len(rows), *own.shape[1:])
-
-    def _bind(self) -> None:
-        super()._bind()
-        self._own_fields: set[str] = set()
+        self._set_fields(rows, FIELDS, [compiled(robot) for robot in start.robots])

@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
@@ -49,6 +49,8 @@ CONTACT_TIME = 0.005
 """Time constant of contacts with the wall, s, of a robot for 160 mm."""
 SLOTS = 4
 """Contacts of a body whose forces are added up: the largest ones."""
+MAX_COMPILED = 256
+"""Models of robots alone that are kept: a batch may have one for each robot."""
 TOUCH = "touch_of_"
 """Names of the contact sensors that the scene adds begin like this."""
 
@@ -143,11 +145,11 @@ def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
 
 
 def compiled(robot: Robot) -> mujoco.MjModel:
-    """Return the model of a robot alone, with the sensors that ``scene`` adds; made once."""
+    """Return the model of a robot alone, with the sensors that ``scene`` adds; kept for later."""
     return _compiled(robot)  # type: ignore[arg-type]  # a frozen model is hashable
 
 
-@cache
+@lru_cache(maxsize=MAX_COMPILED)
 def _compiled(robot: Robot) -> mujoco.MjModel:
     leave_no_log()
     spec = robot.spec()
@@ -271,6 +273,7 @@ class Plant:
             if name in self._arrays:
                 self._arrays[name] = self._arrays[name].reshape(self.n, -1)
         self._bind()
+        self._own_fields: set[str] = set()
         self._warnings = self._count_warnings()
         self.reset(np.arange(self.n), start)
 
@@ -419,6 +422,19 @@ class Plant:
         """Set what differs between robots, and how they begin."""
         self._friction[rows[:, None], self._walls, 0] = start.friction[:, None]
         self._ctrl[rows] = self.command.ctrl[rows]
+
+    def _set_fields(
+        self, rows: NDArray[np.intp], names: Iterable[str], models: Sequence[mujoco.MjModel]
+    ) -> None:
+        """Give robots ``rows`` (k,) fields of their own ``models`` (k), which are without pipes.
+
+        Pipes have neither bodies, joints nor actuators: the robot alone has them in the same order.
+        """
+        for name in names:
+            own = np.stack([getattr(model, name) for model in models])
+            if name in self._own_fields or (own != getattr(self.model, name)).any():
+                self._own_fields.add(name)
+                self._batch.expand(name)[rows] = own.reshape(len(rows), *own.shape[1:])
 
     def _settle(self, rows: NDArray[np.intp], start: Start) -> None:
         """Have robots ``rows`` come to rest between springs and wall, without gravity."""
@@ -781,11 +797,11 @@ class Diagnosis:
         robot: parameters.
         limits: ``[monitor]`` of the scenario.
         period: s, between two samples of the averages.
-        n: number of robots.
+        robots: the parameters of each; the list is the simulation's, which changes it.
     """
 
-    def __init__(self, robot: Any, limits: Any, period: float, n: int) -> None:
-        self.limits, self.n = limits, n
+    def __init__(self, robot: Any, limits: Any, period: float, robots: Sequence[Any]) -> None:
+        self.limits, self.robots, self.n = limits, robots, len(robots)
 
     def reset(self, rows: NDArray[np.intp]) -> None:
         """Begin anew for robots ``rows`` (k,)."""

@@ -428,11 +428,11 @@ class Robot(Sized, ABC):
 
         return servo_notes(compiled(self), timestep)
 
-    def diagnosis(self, limits: Any, period: float, n: int) -> Diagnosis:
-        """Return what finds the causes of failures of n robots; arguments as of ``Diagnosis``."""
+    def diagnosis(self, limits: Any, period: float, robots: Sequence[Robot]) -> Diagnosis:
+        """Return what finds the causes of failures of robots; arguments as of ``Diagnosis``."""
         from omnitrack_sim.robots.plant import Diagnosis
 
-        return Diagnosis(self, limits, period, n)
+        return Diagnosis(self, limits, period, robots)
 
     @property
     def display(self) -> RobotDisplay:

@@ -67,6 +67,7 @@ class State(dict[str, Array]):
         xpos: (n, 3 nbody) m, world frame.
         xmat: (n, 9 nbody), row by row.
         site_xpos: (n, 3 nsite) m, world frame.
+        motor_figures: (n, k), of the package's own robot; see its ``SpeedLoop``.
         at: addresses of the robot's parts in these arrays, as its own sensors use them.
         robot: its parameters.
         sensors: by the names of their channels.
@@ -84,6 +85,7 @@ class State(dict[str, Array]):
     xpos: Array
     xmat: Array
     site_xpos: Array
+    motor_figures: Array
     shared: dict[str, Any]
 
     def __init__(

@@ -19,9 +19,10 @@ from omnitrack_sim.base.paths import Document, keys_of, value_at
 from omnitrack_sim.base.reading import SCENARIO, beside, checked, is_file, read_file
 from omnitrack_sim.base.table import FileName, ObjectName, marks_of
 from omnitrack_sim.base.text import finite, shown
-from omnitrack_sim.pipes.network import network_data
+from omnitrack_sim.pipes.network import network_data, with_scans
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.pipes.planning import around_route
+from omnitrack_sim.pipes.profile import with_profiles
 from omnitrack_sim.robots.control import Controller, controller_of, parameters_model
 from omnitrack_sim.robots.driving import DriverTable, Order, obeys_orders
 from omnitrack_sim.robots.kinds import DEFAULT, RECORDED, robot_class, robot_in_full
@@ -155,10 +156,11 @@ def validate(
         check_changes(changes)
     data, unset = _changed(data, folder, changes) if changes else (data, [])
     data, networks = _with_network(data, folder)
+    data, scans = _with_scans(data, folder)
     data, robots = _with_robot(data, folder)
     data, parameters = _with_parameters(data, folder)
     # Each part is checked alone, so that one fault does not hide those of the others.
-    faults = [*unset, *networks, *robots, *parameters, *_own_faults(data)]
+    faults = [*unset, *networks, *scans, *robots, *parameters, *_own_faults(data)]
     try:
         scenario = read_back(data)
     except ScenarioError as error:
@@ -248,12 +250,18 @@ def _with_network(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, A
         return data, []
     try:
         is_table = isinstance(source, Mapping)
-        table = source if is_table else network_data(beside(folder, source))
+        table = with_scans(source, folder) if is_table else network_data(beside(folder, source))
         return _cut_out({**data, "network": validate_network(table)}), []
     except NetworkError as error:
         where = "network: " if isinstance(source, str) else "network."
         faults = [fault.at(where + fault.where) for fault in error.faults]
         return {key: value for key, value in data.items() if key != "network"}, faults
+
+
+def _with_scans(data: Mapping[str, Any], folder: Path) -> tuple[Mapping[str, Any], list[Fault]]:
+    """Scenario data with the scans read that its pipes name; or without them, and their faults."""
+    pipes, faults = with_profiles(data.get("pipes"), folder, "pipes")
+    return ({**data, "pipes": pipes} if pipes else data), faults
 
 
 def _cut_out(data: dict[str, Any]) -> dict[str, Any]:

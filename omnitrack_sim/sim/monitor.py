@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -52,7 +52,8 @@ class Monitor:
 
     Args:
         routes: of the robots.
-        robot: its length is a unit of the limits, and it finds causes of failures.
+        robots: the parameters of each; the list is the simulation's, which changes it. The length
+            of the first is a unit of the limits, and it finds causes of failures.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
         start: (n,) m, arc lengths where they begin.
         cruise_speed: (n,) m/s, in the sharpest bend of the way.
@@ -66,7 +67,7 @@ class Monitor:
     def __init__(
         self,
         routes: RouteMap,
-        robot: Robot,
+        robots: Sequence[Robot],
         limits: MonitorTable,
         start: Array,
         cruise_speed: Array,
@@ -76,10 +77,10 @@ class Monitor:
         tail: TailLoad | None = None,
         rights: NDArray[np.bool_] | None = None,
     ):
-        n = len(start)
+        n, robot = len(start), robots[0]
         self.routes, self.limits, self.period, self._tail = routes, limits, period, tail
         self._sample_every = sample_every
-        self._diagnosis = robot.diagnosis(limits, period * sample_every, n)
+        self._diagnosis = robots[0].diagnosis(limits, period * sample_every, robots)
         self._progress, self._slide_back, self._patience_length = (
             float(robot.own_length(length))
             for length in (limits.progress, limits.slide_back, limits.patience)

@@ -136,9 +136,10 @@ class Simulation:
         make_senses = _senses_of(first) if senses is None else senses
         self.senses: Senses = make_senses(self.scenarios, self.legs, self.readings)
         self._tail = TailLoad(self.scenarios, self.legs, self.plant) if first.is_pulled else None
+        self._robots = [*start.robots]
         self.monitor = Monitor(
             self.legs.routes,
-            robot,
+            self._robots,
             first.monitor,
             each(self.scenarios, "distance"),
             settings.min_cruise_speed,
@@ -206,7 +207,7 @@ class Simulation:
         rows = np.asarray(rows, np.intp)
         pilots = []
         for row, scenario in zip(rows.tolist(), scenarios, strict=True):
-            self.scenarios[row] = scenario
+            self.scenarios[row], self._robots[row] = scenario, scenario.robot
             pilots.append(self._make_pilot(scenario, row))
         self.legs.reset(rows, pilots)
         routes, route = self.legs.routes, self.legs.route[rows]
@@ -229,7 +230,7 @@ class Simulation:
             location=self.senses.location,
             command=with_command_rows(self.setup.command, rows, self.plant.command),
             gravity=with_rows(self.setup.gravity, rows, start.gravity),
-            robots=[s.robot for s in self.scenarios],
+            robots=[*self._robots],
         )
         nobody = np.zeros(self.n, bool)
         self._judge(with_rows(nobody, rows, True), nobody)

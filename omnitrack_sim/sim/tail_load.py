@@ -127,10 +127,8 @@ class Tethers:
     def __init__(self, tether: Tether, scenarios: Sequence[Scenario], legs: Legs) -> None:
         n, first = len(scenarios), scenarios[0]
         self._tether, self._scenarios, self._legs = tether, scenarios, legs
-        self._weight = first.robot.mass * GRAVITY
-        period = first.physics.control_period
-        stiffest = SETTINGS.softening * first.robot.mass / period**2
-        self._shortest = tether.stiffness / stiffest  # m, a shorter line is no stiffer
+        self._period = first.physics.control_period
+        self._shortest = np.zeros(n)  # m, a shorter line is no stiffer
         self._number, self._route = np.zeros((2, n), int)
         self.out, self.tension, self._from_out, self._from_tail = np.zeros((4, n))
         self._nodes = [np.zeros((1, 3)) for _ in range(n)]
@@ -140,6 +138,9 @@ class Tethers:
 
         They end at the ``tail`` at arc lengths (k,) m.
         """
+        masses = np.array([self._scenarios[row].robot.mass for row in rows.tolist()])
+        stiffest = SETTINGS.softening * masses / self._period**2
+        self._shortest = with_rows(self._shortest, rows, self._tether.stiffness / stiffest)
         self.out = with_rows(self.out, rows, np.maximum(tail, 0.0))
         for row, place in zip(rows.tolist(), tail.tolist(), strict=True):
             self._nodes[row] = self._laid(row, 0.0)
@@ -162,7 +163,8 @@ class Tethers:
     def holds(self, robot: int) -> bool:
         """Return whether a robot that stands is held by its tether."""
         used_up = self.out[robot] > self._tether.length
-        return bool(used_up or self.tension[robot] > SETTINGS.holding * self._weight)
+        weight = self._scenarios[robot].robot.mass * GRAVITY
+        return bool(used_up or self.tension[robot] > SETTINGS.holding * weight)
 
     def words(self, robot: int) -> str:
         """Return how much of a robot's tether is out."""

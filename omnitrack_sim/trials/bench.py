@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pyarrow as pa
 
 from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.paths import matches
 from omnitrack_sim.base.text import counted
+from omnitrack_sim.calibration.calibration import Calibration
 from omnitrack_sim.show.plots.style import figure_bytes
 from omnitrack_sim.show.plots.success import bench_figure, ladder_figure
+from omnitrack_sim.trials.axes import CalibrationAxis
 from omnitrack_sim.trials.batches import FORMAT, Batch, sha256_of
 from omnitrack_sim.trials.bench_table import ALL, page, results_table, rows_of
 from omnitrack_sim.trials.entries import Changes, Entry
@@ -36,10 +40,11 @@ class Bench(Plan):
         trials: of each course, other ones than without it; none: as many as each course has.
         changes: of all scenarios by dotted path, after those of the entries.
         batch: trials that run together; none: as each course has it.
+        calibration: each trial draws the robot's own parameters from it; none: as they are.
 
     Raises:
-        InputError: there is no course or no entry, two entries have one name, or the number of
-            trials is given twice.
+        InputError: there is no course or no entry, two entries have one name, the number of
+            trials is given twice, or the calibration has no parameter of a robot.
 
     Example:
         >>> bench = ot.Bench.of("control", ["elbow"], ["feedback", "equal"], quick=True)
@@ -59,6 +64,7 @@ class Bench(Plan):
     trials: int | None = None
     changes: Changes = field(default_factory=dict)
     batch: int | None = None
+    calibration: Calibration | None = None
 
     @classmethod
     def of(
@@ -76,7 +82,7 @@ class Bench(Plan):
             courses: names of courses, or of ladders of them; none: all of them.
             entries: names of shipped ones, robots, or pairs of a robot and its controller, of the
                 suite ``control`` controllers and policies; none: the shipped ones.
-            options: ``quick``, ``trials``, ``changes`` and ``batch``.
+            options: ``quick``, ``trials``, ``changes``, ``batch`` and ``calibration``.
 
         Raises:
             InputError: there is no such suite, course or entry.
@@ -116,6 +122,15 @@ class Bench(Plan):
             raise InputError(Fault("courses, entries", "one of each at least"))
         if self.quick and self.trials is not None:
             raise InputError(Fault("--trials", "is the number of trials; leave out --quick"))
+        if self._drawn is not None:
+            self.sweeps()  # refuses a calibration of another robot before anything runs
+
+    @cached_property
+    def _drawn(self) -> CalibrationAxis | None:
+        """Axis of the robot's own parameters; none without a calibration."""
+        if self.calibration is None:
+            return None
+        return CalibrationAxis.of(self.calibration.part("robot."), "")
 
     @property
     def name(self) -> str:
@@ -141,6 +156,7 @@ class Bench(Plan):
             "trials": self.trials,
             "changes": dict(self.changes),
             **({} if self.batch is None else {"batch": self.batch}),
+            **({} if self._drawn is None else {"drawn": self._drawn.model_dump(mode="json")}),
         }
 
     @property
@@ -190,8 +206,29 @@ class Bench(Plan):
                 sweep = course.sweep(count, changes)
                 if self.batch is not None and isinstance(sweep, Sweep):
                     sweep = sweep.model_copy(update={"batch": self.batch})
+                if self._drawn is not None and isinstance(sweep, Sweep):
+                    sweep = _drawing(sweep, self._drawn, entry.name)
                 sweeps[course.name, entry.name] = sweep
         return sweeps
+
+
+def _drawing(sweep: Sweep, axis: CalibrationAxis, entry: str) -> Sweep:
+    """Return a sweep whose trials draw the robots of an entry.
+
+    What the sweep varies itself of the same parameters it varies no more.
+
+    Raises:
+        InputError: the robot has no such parameter.
+    """
+    for path in axis.paths:
+        if not all(matches(data, path) for data in sweep.plain.values()):
+            problem = f"is of another robot than {entry}, which has no {path}; see --alone"
+            raise InputError(Fault("--calibration", problem))
+    kept = [own for own in sweep.axes if not {*own.columns} & {*axis.paths}]
+    changes: dict[str, Any] = {"axes": (*kept, axis)}
+    if all(own.crossed for own in kept):  # else all trials would have the one robot drawn
+        changes["draws"] = "independent"
+    return sweep.model_copy(update=changes)
 
 
 def _round_of(sweeps: Mapping[tuple[str, str], Sweep]) -> Round:

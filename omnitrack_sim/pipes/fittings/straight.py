@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -34,6 +35,7 @@ from omnitrack_sim.pipes.heights import distance as from_heights
 from omnitrack_sim.pipes.native import SIGNATURES, at, c_function, call_surface, row, scratch
 from omnitrack_sim.pipes.obstacles import PLACED, Obstacle
 from omnitrack_sim.pipes.obstacles import nearest as nearest_obstacle
+from omnitrack_sim.pipes.profile import Profile, load_profile
 from omnitrack_sim.pipes.relief import MAX_RELIEF, Deposit, Relief, relief_kind
 from omnitrack_sim.pipes.sections import CODES, MAX_OVALITY, Section, SectionName
 from omnitrack_sim.pipes.sections import distance as from_section
@@ -140,6 +142,7 @@ class Straight(Axial):
     ovality: float = 0.0
     direction: float = 0.0
     relief: Sequence[Any] = ()
+    profile: Any = None
     kind: ClassVar[str] = "straight"
     is_plain: ClassVar[bool] = True
     wall: ClassVar[Wall] = Wall(surface, span, clear)
@@ -171,6 +174,8 @@ class Straight(Axial):
         ] = ()
         """How the wall differs from the bore, such as by beads of welds: a list of tables, by
         `kind`. It ends within the pipe: the ports stay as they are."""
+        profile: Annotated[Profile | None, Field(exclude_if=lambda profile: profile is None)] = None
+        """The measured wall: a CSV file of rays, length by angle by radius."""
 
     def __post_init__(self) -> None:
         """Check the sizes."""
@@ -181,6 +186,7 @@ class Straight(Axial):
             for one in self.relief
         )
         object.__setattr__(self, "relief", tables)
+        object.__setattr__(self, "profile", _profile_of(self.profile))
         check(
             self.kind,
             length=positive(self.length),
@@ -200,6 +206,9 @@ class Straight(Axial):
             for i, one in enumerate(self.relief)
             for key, problem in one.problems(self)
         ]
+        if self.profile is not None:
+            where = f"{self.kind}.profile"
+            faults += [Fault(where, problem) for problem in self.profile.problems(self)]
         if faults:
             raise GeometryError(faults)
 
@@ -207,7 +216,9 @@ class Straight(Axial):
         """See ``Fitting``."""
         table = super().to_table()
         relief = [one.model_dump(exclude_none=True) for one in table.pop("relief")]
-        return table | ({"relief": relief} if relief else {})
+        profile = table.pop("profile")
+        table |= {"relief": relief} if relief else {}
+        return table | ({} if profile is None else {"profile": profile.model_dump()})
 
     def settled(self, down: Array) -> Self:
         """See ``Fitting``: with beds on the lowest side."""
@@ -272,8 +283,9 @@ class Straight(Axial):
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Heights of its wall over the bore."""
+        measured = () if self.profile is None else (self.profile.patch(self),)
         patches = (one.patch(self) for one in self.relief)
-        return tuple(patch for patch in patches if patch is not None)
+        return (*measured, *(patch for patch in patches if patch is not None))
 
     @cached_property
     def _widening(self) -> float:
@@ -291,7 +303,7 @@ class Straight(Axial):
     @property
     def sizes(self) -> tuple[float, ...]:
         """See ``surface``, and of walls with relief ``CLEAR``."""
-        return self._sizes_with_relief if self.relief else self._plain_sizes
+        return self._sizes_with_relief if self.relief or self.profile else self._plain_sizes
 
     @property
     def wall_sizes(self) -> tuple[float, ...]:
@@ -416,6 +428,13 @@ class Straight(Axial):
         if self.shape is None:
             return kit.cylinder(length, self.radius + more)
         return kit.prism(length, self.shape.polygon(kit.sections, more))
+
+
+def _profile_of(given: Any) -> Profile | None:
+    """Return a measured wall, or that of a file or a table."""
+    if isinstance(given, str | Path):
+        return load_profile(given)
+    return Profile.model_validate(given) if isinstance(given, Mapping) else given
 
 
 def _add_staves(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.naming import ByName, named
@@ -146,42 +146,47 @@ class SpeedLoop:
 
     Args:
         drive: number of motors, and the gears between them and the belts.
-        motor: ``robot.motor``.
-        torque_limit: (n,) N m, in place of the motor's ``max_torque``.
+        motors: ``robot.motor`` of each robot.
         lug_radius: m, belt speed over shaft speed (Eq. 1).
-        n: number of robots.
 
     Attributes:
+        figures: (n, k) of the motors, in the order of the constants below.
         saturated: (n, 3) bool, modules whose motor is at its limit.
     """
 
-    def __init__(
-        self, drive: Drive, motor: Motor, torque_limit: ArrayLike, lug_radius: float, n: int
-    ):
-        self.drive, self.motor, self.lug_radius = drive, motor, lug_radius
-        self.torque_limit = np.zeros((n, 1))
+    def __init__(self, drive: Drive, motors: Sequence[Motor], lug_radius: float):
+        self.drive, self.lug_radius = drive, lug_radius
+        n = len(motors)
+        self.figures = np.zeros((n, FIGURES))
         self.saturated: NDArray[np.bool_] = np.zeros((n, 3), bool)
         self._correction = np.zeros((n, drive.motors))  # m/s, integral part
-        self._constants = np.array(
-            [
-                lug_radius,
-                drive.size,
-                motor.stall_torque,
-                motor.no_load_speed,
-                motor.efficiency,
-                motor.speed_droop,
-                motor.speed_integral_time,
-                motor.friction_torque,
-                motor.reflected_inertia,
-            ]
-        )
         self._driven = np.abs(drive.matrix) > 0  # (m, 3) belts of each motor
-        self.reset(np.arange(n), np.broadcast_to(np.asarray(torque_limit, float), (n,)))
+        self.reset(np.arange(n), motors)
 
-    def reset(self, rows: NDArray[np.intp], torque_limit: Array) -> None:
-        """Begin anew for robots ``rows`` (k,), with limits ``torque_limit`` (k,) N m."""
-        limit = torque_limit[:, None]
-        set_rows(self, rows, torque_limit=limit, saturated=False, _correction=0.0)
+    @property
+    def torque_limit(self) -> Array:
+        """Largest driving torque (n, 1) of each robot's motors, N m."""
+        return self.figures[:, LIMIT : LIMIT + 1]
+
+    def reset(self, rows: NDArray[np.intp], motors: Sequence[Motor]) -> None:
+        """Begin anew for robots ``rows`` (k,), with k ``motors``."""
+        figures = np.array([self._figures(motor) for motor in motors])
+        set_rows(self, rows, figures=figures, saturated=False, _correction=0.0)
+
+    def _figures(self, motor: Motor) -> tuple[float, ...]:
+        return (
+            self.lug_radius,
+            self.drive.size,
+            motor.stall_torque,
+            motor.no_load_speed,
+            motor.efficiency,
+            motor.speed_droop,
+            motor.speed_integral_time,
+            motor.friction_torque,
+            motor.reflected_inertia,
+            motor.max_torque,
+            motor.torque_per_ampere,
+        )
 
     def advance(
         self, command: Array, belt_speed: Array, torque: Array, dt: float
@@ -202,7 +207,7 @@ class SpeedLoop:
         speed, force = drive.motor_values(belt_speed), drive.motor_forces(torque)
         asked = np.empty((4, *wanted.shape))
         given = (np.ascontiguousarray(each, float) for each in (wanted, speed, force))
-        arrays = self._constants, self.torque_limit, *given, self._correction, asked
+        arrays = self.figures, *given, self._correction, asked
         c_function(_advance, _ADVANCE).ctypes(*wanted.shape, dt, *pointers(*arrays))
         saturated = asked[3] > 0
         self.saturated = saturated if drive.direct else self._of_modules(saturated)
@@ -213,9 +218,9 @@ class SpeedLoop:
         return np.any(motors[:, :, None] & self._driven, axis=1)
 
 
-# Constants of a speed loop.
+# Figures of a robot's motors, and their number.
 LUG_RADIUS, SIZE, STALL_TORQUE, NO_LOAD_SPEED, EFFICIENCY, DROOP, INTEGRAL_TIME = range(7)
-FRICTION, INERTIA = 7, 8
+FRICTION, INERTIA, LIMIT, TORQUE_PER_AMPERE, FIGURES = range(7, 12)
 AT_LIMIT = 0.999
 """Part of the limit from which a motor counts as at it: forces come back through gears, rounded."""
 
@@ -234,12 +239,12 @@ def held_by_losses(motor, driving):
 
 
 @compiled
-def driving_range(motor, limit, speed):
+def driving_range(motor, speed):
     """Return the least and largest torque, N m, with which the motor drives at ``speed`` rad/s.
 
     Both the torque-speed line and the limit hold as the maker states them, at the output shaft.
     """
-    line = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED]
+    line, limit = motor[STALL_TORQUE] / motor[NO_LOAD_SPEED], motor[LIMIT]
     highest = within(motor[STALL_TORQUE] - line * speed, limit)
     return -within(motor[STALL_TORQUE] + line * speed, limit), highest
 
@@ -261,23 +266,40 @@ def torque_range(motor, lowest, highest, speed, dt):
     return lowest, highest
 
 
-def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, corrections, asked):
+@compiled
+def figures_of(figures, robot):
+    """Return the figures of a robot's motors."""
+    i = robot * FIGURES
+    return (
+        figures[i],
+        figures[i + 1],
+        figures[i + 2],
+        figures[i + 3],
+        figures[i + 4],
+        figures[i + 5],
+        figures[i + 6],
+        figures[i + 7],
+        figures[i + 8],
+        figures[i + 9],
+    )
+
+
+def _advance(count, motors, dt, figures, wanted, speeds, forces, corrections, asked):
     """Write set points, least and largest forces and saturation to ``asked`` (4, count, motors).
 
     See ``SpeedLoop.advance``.
     """
-    per_force, plane = motor[SIZE] / motor[LUG_RADIUS], count * motors
+    plane = count * motors
     for i in range(count):
-        mean = 0.0
+        motor = figures_of(figures, i)
+        per_force, mean = motor[SIZE] / motor[LUG_RADIUS], 0.0
         for k in range(i * motors, (i + 1) * motors):
             mean += forces[k] / motor[SIZE]
         mean /= motors
         for k in range(i * motors, (i + 1) * motors):
             moment = forces[k] / motor[SIZE]  # N m, of one robot.motor
             turning = speeds[k] / motor[LUG_RADIUS]  # rad/s
-            lowest, highest = torque_range(
-                motor, *driving_range(motor, limits[i], turning), turning, dt
-            )
+            lowest, highest = torque_range(motor, *driving_range(motor, turning), turning, dt)
             saturated = moment <= AT_LIMIT * lowest or moment >= AT_LIMIT * highest
             # Only what differs from the mean gives way: belts that work against each other relax,
             # and a climb keeps its speed.
@@ -295,7 +317,7 @@ def _advance(count, motors, dt, motor, limits, wanted, speeds, forces, correctio
     return 0
 
 
-_ADVANCE = CFUNCTYPE(INTEGER, WORD, WORD, NUMBER, *[NUMBERS] * 7)
+_ADVANCE = CFUNCTYPE(INTEGER, WORD, WORD, NUMBER, *[NUMBERS] * 6)
 
 
 DRIVES: ByName[Drive] = ByName(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Self, TypeVar
@@ -200,18 +201,18 @@ class Motor(NamedTable):
     def friction_torque(self) -> float:
         """Friction of rotor and brushes as felt at the shaft through gears without loss, N m."""
         winding = self.winding
-        return 0.0 if winding is None else self._torque_of(winding.no_load_current)
+        return 0.0 if winding is None else self.torque_per_ampere * winding.no_load_current
 
     @property
     def backdriving_torque(self) -> float:
         """Torque at the shaft, N m, that turns the motor while it is off, cogging left out."""
         return self.friction_torque / self.efficiency
 
-    def _torque_of(self, current: float) -> float:
-        """Torque, N m, that a current, A, would have at the shaft without any loss."""
-        if self.winding is None:
-            raise ValueError(f"motor {self.name!r} has no winding, which tells its current")
-        return self.gear_ratio * self.winding.torque_constant * current
+    @property
+    def torque_per_ampere(self) -> float:
+        """Torque, N m, of each ampere at the shaft without any loss; nan without a winding."""
+        winding = self.winding
+        return math.nan if winding is None else self.gear_ratio * winding.torque_constant
 
     def torque_at(self, current: float) -> float:
         """Return the torque at the driving shaft, N m, with a current of ``current`` A.
@@ -219,7 +220,8 @@ class Motor(NamedTable):
         Raises:
             ValueError: the motor has no ``winding``.
         """
-        return self.efficiency * max(0.0, self._torque_of(current) - self.friction_torque)
+        self._check_winding()
+        return self.efficiency * max(0.0, self.torque_per_ampere * current - self.friction_torque)
 
     def current(self, torque: Array, speed: Array) -> Array:
         """Return the size of the current, A, that the shaft's torque takes at a speed.
@@ -242,10 +244,13 @@ class Motor(NamedTable):
             >>> motor.current(np.array([0.0, 0.245, 1.18]), np.array([3.62, 2.87, 0.0])).round(3)
             array([0.08 , 0.219, 0.75 ])
         """
-        driving, size = torque * speed >= 0, np.abs(torque)
-        before = np.where(driving, size / self.efficiency, -size * self.efficiency)
-        most = self.max_torque / self.efficiency + self.friction_torque
-        return np.minimum(np.abs(before + self.friction_torque), most) / self._torque_of(1.0)
+        self._check_winding()
+        own = self.efficiency, self.friction_torque, self.max_torque, self.torque_per_ampere
+        return current_of(torque, speed, *own)
+
+    def _check_winding(self) -> None:
+        if self.winding is None:
+            raise ValueError(f"motor {self.name!r} has no winding, which tells its current")
 
     def electric_power(self, torque: Array, speed: Array) -> Array:
         """Return the power (...,) W that the motor takes from its supply, at 20 °C.
@@ -273,6 +278,30 @@ class Motor(NamedTable):
         return _similar_to(self, factor).model_copy(update={"scale": scale, "winding": winding})
 
 
+def current_of(
+    torque: Array,
+    speed: Array,
+    efficiency: Array | float,
+    friction: Array | float,
+    limit: Array | float,
+    torque_per_ampere: Array | float,
+) -> Array:
+    """Return the sizes of motors' currents, A; see ``Motor.current``.
+
+    Args:
+        torque: (...,) N m at the shaft.
+        speed: (...,) rad/s of the shaft.
+        efficiency: of each motor, or of all.
+        friction: N m, ``Motor.friction_torque``.
+        limit: N m, ``Motor.max_torque``.
+        torque_per_ampere: N m/A.
+    """
+    driving, size = torque * speed >= 0, np.abs(torque)
+    before = np.where(driving, size / efficiency, -size * efficiency)
+    most = limit / efficiency + friction
+    return np.minimum(np.abs(before + friction), most) / torque_per_ampere
+
+
 _Figures = TypeVar("_Figures", bound=QuantityModel)
 
 
@@ -284,6 +313,12 @@ def _similar_to(table: _Figures, factor: float) -> _Figures:
     }
     return table.model_copy(update=figures)
 
+
+WINDING_FIGURES = tuple(Winding.model_fields)
+MOTOR_FIGURES = tuple(
+    name for name in Motor.model_fields if name not in ("name", "source", "winding", "scale")
+)
+"""Numbers of a motor and of its winding, in which robots of one batch may differ."""
 
 # The rotor's inertia is stated at the output, as 0.0088 kg m²: two digits of 9e-9 kg m² (a rotor of
 # 2 g and 3 mm radius, assumed) times 986.41².

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -29,7 +29,13 @@ from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
 from omnitrack_sim.robots.omnitrack.drive import drive_of
 from omnitrack_sim.robots.omnitrack.events import ADVICE, BeyondStop
 from omnitrack_sim.robots.omnitrack.metrics import BeltRun, metrics_of
-from omnitrack_sim.robots.omnitrack.motors import MOTORS, Motor, NamedMotor
+from omnitrack_sim.robots.omnitrack.motors import (
+    MOTOR_FIGURES,
+    MOTORS,
+    WINDING_FIGURES,
+    Motor,
+    NamedMotor,
+)
 from omnitrack_sim.robots.quantity import (
     ROUNDING,
     SCALES,
@@ -55,6 +61,9 @@ JOINTS_OF_A_MODULE = (
 """Names of a module's joints in the model, before an underscore and the module's number."""
 MODULE_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
 """Angle of each module about the robot's z axis from module 1, rad (paper, Fig. 5)."""
+
+MASSES = ("chassis_mass", "arm_mass", "module_mass")
+"""Fields in which robots of one batch may differ, though they enter the model's inertia."""
 
 MAX_PRELOADS = 20.0
 """Normal force of a module over the preload, or the robot's weight where that is more, from which
@@ -96,7 +105,11 @@ class Omnitrack(Robot):
     rolls: ClassVar[bool] = True
     modules: ClassVar[int] = MODULES
     built: ClassVar[Mapping[str, Any]] = MappingProxyType({"motor": "pololu_1000_hpcb"})
-    own_values: ClassVar[tuple[str, ...]] = ("preload", "motor.torque_limit", "roll_torque")
+    own_values: ClassVar[tuple[str, ...]] = (
+        *("preload", "roll_torque", *MASSES),
+        *(f"motor.{name}" for name in MOTOR_FIGURES),
+        *(f"motor.winding.{name}" for name in WINDING_FIGURES),
+    )
 
     scale: float = quantity(
         1.0, "1", "assumed", "size of the robot; 1 is the one for 160 mm pipes", SCALES
@@ -510,11 +523,11 @@ class Omnitrack(Robot):
 
         return TrackPlant(model, self, start, *more)
 
-    def diagnosis(self, limits: Any, period: float, n: int) -> TrackDiagnosis:
+    def diagnosis(self, limits: Any, period: float, robots: Sequence[Robot]) -> TrackDiagnosis:
         """See ``Robot``."""
         from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis
 
-        return TrackDiagnosis(self, limits, period, n)
+        return TrackDiagnosis(self, limits, period, robots)
 
     @property
     def display(self) -> RobotDisplay:

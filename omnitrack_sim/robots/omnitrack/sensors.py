@@ -17,8 +17,15 @@ from omnitrack_sim.base.rotations import Array, cross, dot, matrix_from_quaterni
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.robots.omnitrack import MODULE_ANGLES
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
-from omnitrack_sim.robots.omnitrack.drive import Drive
+from omnitrack_sim.robots.omnitrack.drive import (
+    EFFICIENCY,
+    FRICTION,
+    LIMIT,
+    TORQUE_PER_AMPERE,
+    Drive,
+)
 from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
+from omnitrack_sim.robots.omnitrack.motors import current_of
 from omnitrack_sim.robots.sensor import Sensor, State
 
 
@@ -156,13 +163,15 @@ def _slip_ratio(state: State) -> Array:
 
 
 def _motor_current(state: State) -> Array:
-    drive, motor = state.at.drive, state.robot.motor
-    if motor.winding is None:
-        fault = f"is {motor.name!r}, which has no winding to tell its current"
+    drive = state.at.drive
+    if state.robot.motor.winding is None:
+        fault = f"is {state.robot.motor.name!r}, which has no winding to tell its current"
         raise InputError(Fault("robot.motor", fault))
     torque = drive.motor_forces(state["motor_torque"]) / drive.size
     speed = drive.motor_values(state["belt_speed"]) / state.robot.lug_radius
-    current = drive.size * motor.current(torque, speed)  # (n, m)
+    figures = (EFFICIENCY, FRICTION, LIMIT, TORQUE_PER_AMPERE)
+    own = [state.motor_figures[:, k : k + 1] for k in figures]
+    current = drive.size * current_of(torque, speed, *own)  # (n, m)
     driven = np.where(drive.matrix, current[..., None], 0.0)  # (n, m, 3)
     return driven.max(axis=-2)
 

@@ -32,10 +32,11 @@ from omnitrack_sim.robots.omnitrack.body import (
 from omnitrack_sim.robots.omnitrack.channels import TRACKS
 from omnitrack_sim.robots.omnitrack.control.command import Command, mirror_command, mirror_readings
 from omnitrack_sim.robots.omnitrack.drive import Drive, SpeedLoop, drive_of
+from omnitrack_sim.robots.omnitrack.parameters import MASSES
 from omnitrack_sim.robots.omnitrack.sensors import SENSORS, Addresses
-from omnitrack_sim.robots.plant import Diagnosis, MakeBatch, Motion, Plant, Start
+from omnitrack_sim.robots.plant import Diagnosis, MakeBatch, Motion, Plant, Start, compiled
 from omnitrack_sim.robots.robot import SceneOptions
-from omnitrack_sim.robots.sensor import Sensor, moments_together, read_together
+from omnitrack_sim.robots.sensor import Sensor, State, moments_together, read_together
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import add_exact_walls, add_plates, add_walls, new_spec
 from omnitrack_sim.walls.guard import add_guard
@@ -52,6 +53,24 @@ SEATING_ROOM = 0.1
 SEATING_HALVINGS = 20
 """Halvings of that room: a lug of 28 mm is placed to 5 nm. Much finer, rounding would decide, and
 robots of different sizes would not start alike."""
+
+
+INERTIA_FIELDS = (
+    *("body_mass", "body_inertia", "body_subtreemass", "body_invweight0"),
+    *("dof_armature", "dof_M0", "dof_invweight0", "tendon_invweight0"),
+    *("actuator_acc0", "actuator_gainprm", "actuator_biasprm"),
+)
+"""Fields of the model that follow from masses, rotors and servos of a robot."""
+
+
+def inertia_of(robot: Omnitrack) -> tuple[float, ...]:
+    """Return the values that robots of one batch may differ in and that enter the model's inertia.
+
+    Robots in whom they are the same have the same ``INERTIA_FIELDS``.
+    """
+    motor = robot.motor
+    masses = (getattr(robot, name) for name in MASSES)
+    return (*masses, motor.rotor_inertia, motor.gear_ratio, motor.speed_bandwidth)
 
 
 def robot_alone(robot: Omnitrack) -> mujoco.MjSpec:
@@ -113,10 +132,8 @@ class TrackPlant(Plant):
         make_batch: MakeBatch = batch.Batch,
     ) -> None:
         self._drive = drive_of(robot.drive)
-        torque = [each.motor.max_torque for each in start.robots]
-        self.motors = SpeedLoop(
-            self._drive, robot.motor, np.array(torque), robot.lug_radius, len(torque)
-        )
+        own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
+        self.motors = SpeedLoop(self._drive, [each.motor for each in own], robot.lug_radius)
         self._body = robot
         super().__init__(model, robot, start, period, threads, sensors, make_batch)
 
@@ -184,6 +201,8 @@ class TrackPlant(Plant):
     def _set_start(self, rows: NDArray[np.intp], start: Start) -> None:
         """See ``Plant``."""
         b, model, at = self._batch, self.model, self._at
+        own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
+        self._set_inertia(rows, own)
         self._force_range[rows] = model.actuator_forcerange
         if self._gears:
             self._gear_loss[rows] = model.tendon_frictionloss
@@ -194,7 +213,6 @@ class TrackPlant(Plant):
         touching = np.flatnonzero(model.geom_contype == LUG_CONTYPE)
         b.expand("geom_friction")[each, touching, 0] = start.friction[:, None]
         b.expand("opt.gravity")[rows] = start.gravity
-        own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
         spring_free = np.array([spring_free_length(r, r.preload) for r in own])
         b.expand("tendon_lengthspring")[each, springs, 0] = spring_free[:, None]
         roll_torque = np.array([r.roll_torque for r in own])
@@ -208,9 +226,25 @@ class TrackPlant(Plant):
         self._ctrl[each, at.roll_motors] = roll
         self.command = self.command._replace(roll=with_rows(self.command.roll, rows, roll))
 
+    def _set_inertia(self, rows: NDArray[np.intp], robots: Sequence[Omnitrack]) -> None:
+        """Give robots ``rows`` (k,) the masses, rotors and servos of their own ``robots`` (k)."""
+        keys = [inertia_of(robot) for robot in robots]
+        if not self._own_fields and set(keys) == {inertia_of(self._body)}:
+            return  # all are as the model is
+        models = {
+            key: compiled(robot) for key, robot in dict(zip(keys, robots, strict=True)).items()
+        }
+        self._set_fields(rows, INERTIA_FIELDS, [models[key] for key in keys])
+
+    def read(self) -> State:
+        """See ``Plant``; the motors' figures are among the arrays."""
+        self._arrays["motor_figures"] = self.motors.figures
+        return super().read()
+
     def _settle(self, rows: NDArray[np.intp], start: Start) -> None:
         """See ``Plant``: the arms come to rest without a step of the physics."""
-        self.motors.reset(rows, np.array([each.motor.max_torque for each in start.robots]))
+        own: Sequence[Omnitrack] = start.robots  # type: ignore[assignment]
+        self.motors.reset(rows, [each.motor for each in own])
         places = with_rows(self._last["contact_position"], rows, start.position[:, None])
         self._last = {"contact_position": places}
         self._leave_out_far_tracks()
@@ -372,16 +406,16 @@ class TrackDiagnosis(Diagnosis):
     """Finds the causes for which n robots make no headway; see ``Diagnosis``.
 
     Args:
-        robot: its length and weight are units of the limits.
+        robot: its length is a unit of the limits.
         limits: see ``[monitor]`` in docs/reference/scenarios.md.
         period: s, between two samples.
-        n: number of robots.
+        robots: the parameters of each, whose weights are units of the limits.
     """
 
-    def __init__(self, robot: Omnitrack, limits: Any, period: float, n: int) -> None:
-        super().__init__(robot, limits, period, n)
+    def __init__(self, robot: Omnitrack, limits: Any, period: float, robots: Sequence[Any]) -> None:
+        super().__init__(robot, limits, period, robots)
+        n = self.n
         self._period, self._memory = period, limits.memory * robot.time_scale
-        self._lost_contact = limits.lost_contact * robot.mass * GRAVITY
         self._exit = robot.length / 2
         self._samples = np.zeros(n, int)
         self._mean = np.zeros((n, 6, 3))
@@ -459,7 +493,8 @@ class TrackDiagnosis(Diagnosis):
             return Outcome.NO_MOTION_LINE
         turning = routes.is_tee_turn[passage]
         begun = location.distance[robot] > routes.start[passage] - self._exit
-        if turning and begun and mean[NORMAL_FORCE].min() < self._lost_contact:
+        lost_contact = limits.lost_contact * self.robots[robot].mass * GRAVITY
+        if turning and begun and mean[NORMAL_FORCE].min() < lost_contact:
             return Outcome.MOTION_SINGULARITY
         if stalled.any():
             return Outcome.STALLED

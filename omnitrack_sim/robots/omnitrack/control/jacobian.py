@@ -140,7 +140,7 @@ class JacobianController:
         self.tracking = Tracking(setup, "tracking")
         self._steers = drive_of(setup.robot.drive).steers
         self._turn_speed = setup.each("tracking.turn_speed")
-        droop = setup.robot.motor.speed_droop * setup.robot.lug_radius  # m/s for 1 N m
+        droop = setup.own("motor.speed_droop") * setup.robot.lug_radius  # m/s for 1 N m
         self._turn_yield = setup.each("tracking.turn_yield") * droop
         self._damping = {name: setup.each(f"damping.{name}") for name in DampingTable.model_fields}
         time = self._damping["rate_filter"] * setup.robot.time_scale

@@ -71,7 +71,7 @@ def _theta5_std(m: FeatureInput) -> Array:
 
 
 def _over_weight(channel: str) -> Callable[[FeatureInput], Array]:
-    return lambda m: getattr(m.observation, channel) / (m.setup.robot.mass * GRAVITY)
+    return lambda m: getattr(m.observation, channel) / (m.setup.own("mass") * GRAVITY)[:, None]
 
 
 def _over_speed_limit(channel: str) -> Callable[[FeatureInput], Array]:
@@ -94,7 +94,7 @@ ONBOARD = (
         -1,
         1,
         "torque of each belt's motor that drives the module forward",
-        lambda m: m.observation.motor_torque * m.forward / m.setup.robot.motor.max_torque,
+        lambda m: m.observation.motor_torque * m.forward / m.setup.own("motor.max_torque")[:, None],
         _PER_MODULE,
     ),
     Feature(

@@ -1,0 +1,81 @@
+"""What a model is wrong by in a log: an error that all of the log's samples share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.calibration.compare import Target
+
+UNSEEN = 1e-9
+"""Part of a column below which a parameter does not act on it."""
+_WAYS = ("m", "rad")
+"""Units of columns that count from an arbitrary zero."""
+
+
+def size_of(target: Target, simulated: Array) -> float:
+    """Return the size of a column: its root mean square, of a way and of an angle its spread."""
+    spread = float(np.std(simulated))
+    return spread if target.channel.unit in _WAYS else float(np.hypot(spread, np.mean(simulated)))
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Covariance that a model's own error gives the residuals of one log.
+
+    In each log the model is wrong as if each parameter were another one, by a normal distribution
+    about its value. Its standard deviation is a part e of the value; where all columns of the log
+    answer to the parameter weakly, it is what changes one of them by the part e of its size. So
+    the covariance is
+
+        C = N + J D D J^T
+
+    with the noise N, the derivatives J by the parameters and D = diag(d): an error of the shape of
+    what parameters do, fully correlated within the log and independent of that of other logs.
+    However many samples a log has, it tells no parameter better than d.
+
+    Attributes:
+        deviations: (p,) d, as parts of the parameters.
+        directions: (r, k) orthonormal, along which N^-1/2 C N^-1/2 is not 1.
+        cuts: (k,) by which C^-1/2 N^1/2 makes them shorter, from 0 to 1.
+    """
+
+    deviations: Array
+    directions: Array
+    cuts: Array
+
+    @classmethod
+    def of(
+        cls, part: float, slopes: Array, target_of: NDArray[np.intp], sizes: Array
+    ) -> ModelError:
+        """Return the error of a log.
+
+        Args:
+            part: e.
+            slopes: (r, p) derivatives of the residuals over their noise, by relative changes of
+                the parameters.
+            target_of: (r,) number of the column that each is of.
+            sizes: of all columns, over their noise.
+        """
+        columns = np.unique(target_of)
+        effects = [np.sqrt(np.mean(slopes[target_of == t] ** 2, axis=0)) for t in columns]
+        known = sizes[columns] > 0
+        shares = np.array(effects)[known] / sizes[columns][known][:, None]
+        strongest = np.maximum(shares.max(axis=0, initial=0.0), UNSEEN)
+        deviations = part * np.maximum(1.0, 1 / strongest)
+        directions, strengths, _ = np.linalg.svd(slopes * deviations, full_matrices=False)
+        return cls(deviations, directions, 1 - 1 / np.sqrt(1 + strengths**2))
+
+    def whitened(self, residuals: Array) -> Array:
+        """Return residuals (r,) over their noise by C^-1/2 instead of N^-1/2."""
+        return residuals - self.directions @ (self.cuts * (self.directions.T @ residuals))
+
+    def bounded(self, information: Array) -> Array:
+        """Return what a log tells (p, p) that would tell ``information`` with a perfect model."""
+        # (F^-1 + D D)^-1, where F need not have an inverse.
+        bound = np.eye(len(information)) + information * self.deviations**2
+        told = np.linalg.solve(bound, information)
+        return (told + told.T) / 2
