@@ -48,7 +48,8 @@ def kind_of(passage: Passage) -> str:
     section = getattr(fitting, "section", "circle")
     odd = sorted(relief - {*STEPS, *DEPOSITS, *OVALS})
     odd += [section] if section not in ("circle", "oval") else []
-    if relief or section != "circle":
+    odd += ["profile"] if getattr(fitting, "profile", None) is not None else []
+    if relief or odd or section != "circle":
         words += odd or ["relief"]
     return ", ".join(words)
 
