@@ -255,6 +255,34 @@ def test_a_log_of_mcap_is_read(climb, tmp_path):
         ot.load_log(tmp_path / "run.toml")
 
 
+@pytest.mark.parametrize("ending", ["db3", "mcap"])
+def test_a_bag_of_ros_is_a_log(ending, tmp_path):
+    """Numbers and lists of numbers in messages become columns, in either storage of ROS 2."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.LATEST)
+    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    joints, header, stamp = (store.types[kind] for kind in kinds)
+    plugin = {"db3": rosbag2.StoragePlugin.SQLITE3, "mcap": rosbag2.StoragePlugin.MCAP}[ending]
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=plugin) as bag:
+        topic = bag.add_connection("/belts", kinds[0], typestore=store)
+        for k in range(20):
+            turned, none = np.array([0.1 * k, -0.2 * k]), np.zeros(0)
+            message = joints(header(stamp(k, 0), "base"), ["a", "b"], turned, none, none)
+            bag.write(topic, 10_000_000 * k + 5, store.serialize_cdr(message, kinds[0]))
+    name = next((tmp_path / "bag").glob(f"*.{ending}")).name
+    (tmp_path / "run.toml").write_text(
+        f'file = "bag/{name}"\n[columns]\nroll_2 = {{ column = "/belts.position.1" }}\n'
+    )
+    log = ot.load_log(tmp_path / "run.toml")
+    np.testing.assert_allclose(log.time, 0.01 * np.arange(20), atol=1e-9)
+    np.testing.assert_allclose(log.values["roll_2"], -0.2 * np.arange(20))
+    (tmp_path / "bag" / "metadata.yaml").write_text("no: bag")
+    (tmp_path / "bag" / name).write_bytes(b"no such format")
+    with pytest.raises(ot.InputError, match="is damaged, or no"):
+        ot.load_log(tmp_path / "run.toml")
+
+
 def test_the_time_of_an_mcap_is_since_its_first_message(tmp_path):
     """Whatever the clock's epoch is: nanoseconds since 1970 leave no digit for a millisecond."""
     with (tmp_path / "bag.mcap").open("wb") as file:

@@ -11,6 +11,7 @@ import warp as wp
 import omnitrack_sim as ot
 import omnitrack_sim.warp
 from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.warp import plant
 
 wp.config.quiet = True
 STEPS = 100
@@ -59,8 +60,7 @@ def test_walls_of_primitives_are_refused():
 def test_a_second_without_feedback_is_that_of_mujoco():
     """In an elbow 30 m from the origin, and at the begin of the pipe: poses, forces, tracks.
 
-    The commands are those by which the processor's robots are steered. A robot there that starts
-    0.1 um beside another one comes as far from it as this, but for the solver's single precision.
+    The commands are those by which the processor's robots are steered.
     """
     kinds = ("straight", "elbow", "straight")
     pipes = [{"kind": kind} for kind in kinds]
@@ -122,3 +122,13 @@ def test_another_robot_is_seated_and_driven_as_on_the_processor():
     assert expected["wall_force"].max() > 10.0
     assert np.abs(expected["position"] - found["position"]).max() < 1e-6
     assert np.abs(expected["wall_force"] - found["wall_force"]).max() < 0.01
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("room", ["CONTACTS", "ROWS"])
+def test_contacts_that_find_no_room_are_an_error(room, monkeypatch):
+    """They would be left out."""
+    monkeypatch.setattr(plant, room, 4)
+    _, simulation = simulations([ot.load_scenario("straight", WORLD)])
+    with pytest.raises(RuntimeError, match="contacts"):
+        drive(simulation, 1)

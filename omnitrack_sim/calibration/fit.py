@@ -41,7 +41,9 @@ curvature."""
 MODEL_ERROR = 0.01
 """Part by which a model is wrong, unless told otherwise; see ``model_error.ModelError``. Robots
 that differ from the model by their walls, their lugs and the time step alone seem to have a grip
-that is off by 0.4 to 1.8 %, 1.2 % in the mean square, another one in each test of the bench."""
+that is off by 0.1 to 1.8 %, 1.1 % in the mean square, another one in each test of the bench."""
+NEAR = 0.05
+"""Change of a value, as a part of it, up to which its derivatives serve a step."""
 CLOSE = 0.1
 """Part of their standard deviations by which values may still move when the fit is done."""
 ROUNDS, ITERATIONS = 4, 12
@@ -263,6 +265,7 @@ class _Fit:
         self._log_of = np.repeat([target.log for target in runs.targets], lengths)
         self._target_of = np.repeat(np.arange(len(runs.targets)), lengths)
         self._errors: list[ModelError] = []
+        self._place = np.full(len(self._start), np.inf)
         self.independent: list[float] = []
 
     def result(self) -> Calibration:
@@ -370,7 +373,10 @@ class _Fit:
             return self._residuals(self._values(coordinates.T))
 
         def jacobian(coordinates: Array, _: Array) -> Array:
-            return self._jacobian(coordinates.ravel())
+            at = coordinates.ravel()
+            if np.abs(at - self._place).max() > NEAR:
+                self._place = at
+            return self._jacobian(self._place)  # of runs that are known where that is as before
 
         found, _ = minimize.least_squares(
             self._coordinates(values),
@@ -405,6 +411,7 @@ class _Fit:
             self.independent.append(independent)
             self._weights[t] = np.sqrt(independent / len(residual)) / max(float(noise), 1e-12)
         slopes, _ = self._differences(values)
+        self._place = self._coordinates(values)
         sizes = self._weights * [
             size_of(target, simulated)
             for target, simulated in zip(self._runs.targets, point.simulated, strict=True)
@@ -482,6 +489,10 @@ class _Fit:
             wanted.append((alone, np.where(told, 1 / np.sqrt(safe), np.inf)))
         return wanted
 
+    @property
+    def _words(self) -> str:
+        return f"a model that is wrong by {100 * self._model_error:.3g} % in each log"
+
     def _calibration(self, values: Array, information: Array, covariance: Array) -> Calibration:
         """Return the values with all that the residuals say."""
         runs = self._runs
@@ -517,7 +528,7 @@ class _Fit:
                 values,
                 self._wanted(values),
             ),
-            runs.notes,
+            [f"counted beside the noise: {self._words}", *runs.notes],
             columns,
             [log.name for log in runs.logs],
         )

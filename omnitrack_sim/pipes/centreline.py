@@ -155,9 +155,14 @@ class Centreline:
         return found
 
     @property
+    def arrays(self) -> tuple[Array, NDArray[np.int64]]:
+        """Segments (S, COLUMNS), and first and last one of each line (W, 2)."""
+        return self._rows, self._spans
+
+    @property
     def tables(self) -> list[Any]:
-        """Pointers to the segments, and to the first and last one of each line."""
-        return pointers(self._rows, self._spans)
+        """Pointers to the ``arrays``."""
+        return pointers(*self.arrays)
 
     def _line(self, line: NDArray[np.intp] | None, count: int) -> NDArray[np.int64]:
         """Return the number of the line (n,) of each of ``count`` points."""

@@ -196,6 +196,14 @@ class RouteMap:
         )
 
     @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """What ``locate`` looks up: arrays of the centreline, passages (Q, PASSAGE), spans (W, 2).
+
+        A span is the first and the last passage of a route.
+        """
+        return *self.centreline.arrays, self._passages, self._spans
+
+    @property
     def tables(self) -> list[Any]:
         """Pointers to segments, first and last segment of each route, and passages.
 

@@ -47,6 +47,26 @@ class Verdict(NamedTuple):
     found: Outcome | Hindrance
 
 
+class Headway(NamedTuple):
+    """What n robots have to make headway by.
+
+    Attributes:
+        patience: (n,) s without headway, and how long each has made none by now.
+        waiting: (n,) s.
+        time_limit: (n,) s.
+        farthest: (n,) m, arc length that each has reached.
+        progress: m, that counts as headway.
+        slide_back: m, back from the farthest point, that ends a run.
+    """
+
+    patience: Array
+    waiting: Array
+    time_limit: Array
+    farthest: Array
+    progress: float
+    slide_back: float
+
+
 class Monitor:
     """Watches n robots.
 
@@ -98,6 +118,18 @@ class Monitor:
         self._version = -1
         everyone, none = np.arange(n), np.zeros(n, bool)
         self.reset(everyone, start, cruise_speed, time_limit, none if rights is None else rights)
+
+    @property
+    def headway(self) -> Headway:
+        """Headway of the robots, and what is asked of them."""
+        return Headway(
+            self._patience.copy(),
+            self._waiting.copy(),
+            self._time_limit.copy(),
+            self._max_distance.copy(),
+            self._progress,
+            self._slide_back,
+        )
 
     def reset(
         self,

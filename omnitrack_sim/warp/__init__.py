@@ -7,12 +7,13 @@ from importlib import import_module
 from typing import Any
 
 _HOMES = {
+    "WarpVectorEnv": "env",
     "make_plant": "plant",
     "put_model": "walls",
     "recentre": "origins",
     "set_origins": "origins",
 }
-__all__ = ["make_plant", "put_model", "recentre", "set_origins"]
+__all__ = ["WarpVectorEnv", "make_plant", "put_model", "recentre", "set_origins"]
 
 
 def __getattr__(name: str) -> Any:

@@ -155,7 +155,11 @@ def add_contacts(
 ):
     """Append the contacts that were found to those of MuJoCo, with what both geoms say of them."""
     i = wp.tid()
-    if i >= wp.min(found.count[0], found.numbers.shape[0]):
+    room = found.numbers.shape[0]
+    if i == 0 and found.count[0] > room:
+        # Of more contacts than there is room for MuJoCo Warp warns.
+        wp.atomic_add(nacon, 0, found.count[0] - room)
+    if i >= wp.min(found.count[0], room):
         return
     geoms, world = found.geoms[i], found.worlds[i]
     margin, gap = contact_margin_gap(geom_margin, geom_gap, pair_margin, pair_gap, geoms, -1, world)

@@ -31,6 +31,8 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied")
 BEFORE_POSITION = (1, 3, 3, 1)
 """Numbers of the fields of a contact sensor that come before the position: whether it is found,
 force, torque, distance."""
+UNREAD = ("dof_M0",)
+"""Fields in which robots may differ and that no step of MuJoCo Warp reads: it has none such."""
 _FULL = mjw.OverflowType.NEFC | mjw.OverflowType.NARROWPHASE
 
 
@@ -60,7 +62,42 @@ def make_plant(scenario: Scenario, start: Start, threads: int) -> Plant:
     return scenario.robot.plant(model, start, period, threads, scenario.own_sensors, WarpBatch)
 
 
-class WarpBatch(batch.Batch):
+def put_seated_model(model: mujoco.MjModel) -> mjw.Model:
+    """Put a model onto the device, see ``put_model``, in which seated robots stay at rest."""
+    m, robot = put_model(model), model.geom_type > int(mujoco.mjtGeom.mjGEOM_HFIELD)
+    m.geom_margin.assign(model.geom_margin[None] + SEATED * robot)
+    return m
+
+
+class FieldsBatch(batch.Batch):
+    """A batch that knows what has been bound and expanded.
+
+    Attributes:
+        outputs: fields that a step computes, by name.
+        fields: of the model, in which simulations may differ, by name.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, nsim: int, nthread: int = 0, persistent: bool = False
+    ) -> None:
+        super().__init__(model, nsim, nthread, persistent)
+        self.outputs: dict[str, NDArray[Any]] = {}
+        self.fields: dict[str, NDArray[Any]] = {}
+
+    def bind(self, name: str) -> NDArray[Any]:
+        """See ``Batch``."""
+        values = super().bind(name)
+        if not values.flags.writeable:
+            self.outputs[name] = values
+        return values
+
+    def expand(self, name: str) -> NDArray[Any]:
+        """See ``Batch``."""
+        self.fields[name] = super().expand(name)
+        return self.fields[name]
+
+
+class WarpBatch(FieldsBatch):
     """n simulations that MuJoCo Warp steps; all but ``step`` is the processor's.
 
     States and fields are arrays of the processor: a step takes them to the device, and brings back
@@ -71,11 +108,7 @@ class WarpBatch(batch.Batch):
         self, model: mujoco.MjModel, nsim: int, nthread: int = 0, persistent: bool = False
     ) -> None:
         super().__init__(model, nsim, nthread, persistent)
-        self._outputs: dict[str, NDArray[Any]] = {}
-        self._fields: dict[str, NDArray[Any]] = {}
-        self._m = put_model(model)
-        robot = model.geom_type > int(mujoco.mjtGeom.mjGEOM_HFIELD)
-        self._m.geom_margin.assign(model.geom_margin[None] + SEATED * robot)
+        self._m = put_seated_model(model)
         self._d = mjw.make_data(model, nworld=nsim, nconmax=CONTACTS, njmax=ROWS)
         walls = self._m.callback.contactfilter
         assert isinstance(walls, Walls)
@@ -85,18 +118,6 @@ class WarpBatch(batch.Batch):
         self._position_columns = position_columns(model)
         self._known: dict[str, NDArray[Any]] = {}
         self._graphs: dict[int, Any] = {}
-
-    def bind(self, name: str) -> NDArray[Any]:
-        """See ``Batch``; what is bound a step brings back."""
-        values = super().bind(name)
-        if not values.flags.writeable:
-            self._outputs[name] = values
-        return values
-
-    def expand(self, name: str) -> NDArray[Any]:
-        """See ``Batch``; what is expanded a step takes to the device."""
-        self._fields[name] = super().expand(name)
-        return self._fields[name]
 
     def step(
         self, ids: Any = None, nstep: int = 1, stage: int = mujoco.mjtStage.mjSTAGE_NONE.value
@@ -111,6 +132,7 @@ class WarpBatch(batch.Batch):
             raise ValueError(f"stage is {stage}; steps on a device compute none at the new state")
         rows = np.arange(self.nsim) if ids is None else np.arange(self.nsim)[np.asarray(ids)]
         origins = self._put()
+        self._d.overflow.zero_()
         self._run(nstep)
         self._get(rows, origins)
         full = self._d.overflow.numpy()[rows] & int(_FULL) != 0
@@ -125,7 +147,7 @@ class WarpBatch(batch.Batch):
 
     def _put(self) -> Array:
         """Bring states, inputs and fields to the device; returns the origins (n, 3) m."""
-        for name, values in self._fields.items():
+        for name, values in self.fields.items():
             self._put_field(name, values)
         qpos, origins = self.bind("qpos").copy(), np.zeros((self.nsim, 3))
         if len(self._free):
@@ -143,21 +165,12 @@ class WarpBatch(batch.Batch):
 
     def _put_field(self, name: str, values: NDArray[Any]) -> None:
         """Bring a field of the model in which simulations may differ to the device."""
-        if np.array_equal(self._known.get(name, ()), values):
+        if name in UNREAD or np.array_equal(self._known.get(name, ()), values):
             return
-        key, holder = name.removeprefix("opt."), self._m.opt if "." in name else self._m
-        array = getattr(holder, key, None)
-        shared = getattr(self.model.opt if "." in name else self.model, key)
-        if name not in self._known and (values == shared).all():
-            return
-        if array is None or array.numpy()[0].size != np.size(shared):
-            problem = f"simulations differ in {name}, which is one for all in MuJoCo Warp"
-            raise NotImplementedError(problem)
-        if array.shape[0] != self.nsim:
-            setattr(holder, key, wp.array(values, dtype=array.dtype))
-            self._graphs.clear()  # they hold the old array
-        else:
-            array.assign(values.astype(np.float32))
+        if name in self._known or differs(self.model, name, values):
+            old, new = field_of(self._m, name), put_field(self._m, name, values)
+            if new is not old:
+                self._graphs.clear()  # they hold the old array
         self._known[name] = values.copy()
 
     def _run(self, nstep: int) -> None:
@@ -180,7 +193,7 @@ class WarpBatch(batch.Batch):
                 values[rows] = getattr(self._d, name).numpy()[rows]
         for address in self._free:
             self.bind("qpos")[rows, address : address + 3] += origins[rows]
-        for name, values in self._outputs.items():
+        for name, values in self.outputs.items():
             told = getattr(self._d, name).numpy().reshape(values.shape)[rows].astype(values.dtype)
             if name in ("xpos", "xipos", "site_xpos", "geom_xpos"):
                 told += origins[rows, None]
@@ -191,6 +204,35 @@ class WarpBatch(batch.Batch):
             values.flags.writeable = True
             values[rows] = told
             values.flags.writeable = False
+
+
+def differs(model: mujoco.MjModel, name: str, values: NDArray[Any]) -> bool:
+    """Return whether values (n, ...) of a field are others than those of a model."""
+    holder = model.opt if name.startswith("opt.") else model
+    return bool((values != getattr(holder, name.removeprefix("opt."))).any())
+
+
+def field_of(m: mjw.Model, name: str) -> Any:
+    """Return a field of a model on the device; None where there is none."""
+    holder = m.opt if name.startswith("opt.") else m
+    return getattr(holder, name.removeprefix("opt."), None)
+
+
+def put_field(m: mjw.Model, name: str, values: NDArray[Any]) -> Any:
+    """Give each world its own values (n, ...) of a field; returns the array on the device.
+
+    Raises:
+        NotImplementedError: the field is one for all worlds.
+    """
+    array = field_of(m, name)
+    if array is None or array.numpy()[0].size != values[0].size:
+        raise NotImplementedError(f"worlds differ in {name}, which MuJoCo Warp has one of for all")
+    if array.shape[0] == len(values):
+        array.assign(values.astype(np.float32))
+        return array
+    new = wp.array(values, dtype=array.dtype)
+    setattr(m.opt if name.startswith("opt.") else m, name.removeprefix("opt."), new)
+    return new
 
 
 def position_columns(model: mujoco.MjModel) -> list[slice]:

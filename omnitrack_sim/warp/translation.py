@@ -626,6 +626,8 @@ class _Body:
             raise self.fault(node, "arguments have no names")
         if isinstance(node.func, ast.Attribute):
             codes = self.in_order(node.args)
+            if ast.unparse(node.func) == "math.isnan":
+                return Code(f"wp::isnan({codes[0].text})", BOOL, codes[0].writes)
             name = _MATH.get(node.func.attr) if ast.unparse(node.func.value) == "math" else None
             if name is None:
                 raise self.fault(node, "no such function of math is known")

@@ -1,0 +1,196 @@
+"""Environments on a device, on Warp's CPU back end, against those of the processor."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("warp")
+pytest.importorskip("mujoco_warp")
+pytest.importorskip("gymnasium")
+
+import gymnasium
+import warp as wp
+from gymnasium.vector import AutoresetMode
+
+import omnitrack_sim as ot
+import omnitrack_sim.warp
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.gym.options import TERMS, Tally
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import TRUTH
+
+wp.config.quiet = True
+SHORT = {"run.goal_distance": 0.13, "run.time_limit": 0.5}
+"""Of a straight pipe: four decisions to the goal at full speed, ten to the end of the time."""
+
+
+def made(scenario="straight", num_envs=2, **given):
+    """An environment that draws few starts."""
+    return ot.warp.WarpVectorEnv(scenario, num_envs=num_envs, **{"starts": 2} | given)
+
+
+def copied(results):
+    """Results of a step as arrays of NumPy, which the next step leaves alone."""
+    *arrays, infos = results
+    return [each.numpy().copy() for each in arrays], infos
+
+
+def ahead(env, speed=1.0):
+    """Actions that drive straight on."""
+    return np.tile(np.array([speed, speed, speed, 0.0], np.float32), (env.num_envs, 1))
+
+
+@pytest.mark.parametrize(
+    ("given", "where"),
+    [
+        ({"acting": "residual"}, "acting"),
+        ({"picture": True}, "picture"),
+        ({"sensing": "onboard"}, "sensing"),
+        ({"observation": "odd"}, "observation"),
+        ({"autoreset_mode": "Disabled"}, "autoreset_mode"),
+        ({"num_envs": 0}, "num_envs"),
+        ({"scenario": "robots/presser_tee"}, "robot.kind"),
+        ({"changes": {"robot.drive": "differential"}}, "robot.drive"),
+        ({"changes": {"physics.collider": "primitives"}}, "physics.collider"),
+        ({"scenario": "missions/fig14"}, "scenario"),
+    ],
+)
+def test_what_there_is_not_on_a_device_is_refused(given, where):
+    """The error names the option."""
+    with pytest.raises(InputError, match=rf"(?m)^.*{where}"):
+        made(**given)
+
+
+@pytest.mark.long
+def test_decisions_are_seen_and_rewarded_as_on_the_processor():
+    """All entries and terms, of robots about to turn at a tee that count their modules from other
+    ones, and have masses of their own; the processor's robots carry out the same actions."""
+    near = {"start.distance": 0.33, "robot.chassis_mass": (0.2, 0.6)}
+    env = made("tee_turn", 3, starts=3, start_seed=1, observation="truth", ranges=near)
+    observed, _ = env.reset(seed=3)
+    simulation, start = env.starts.simulation, env.start.numpy().copy()
+    decisions, rng = Decisions(simulation.setup, TRUTH), np.random.default_rng(4)
+    expected = decisions.observe(simulation.observation)[start]
+    assert np.abs(observed.numpy() - expected).max() < 1e-5
+    assert len(np.unique(np.round(simulation.location.theta5 / 2.09))) > 1
+    for _ in range(8):
+        actions = rng.uniform(0.5, 0.9, (3, 4)).astype(np.float32)
+        actions[:, 3] = rng.uniform(-0.5, 0.5, 3)
+        (observed, reward, terminated, truncated), infos = copied(env.step(actions[start]))
+        tally = Tally(simulation)
+        decisions.decide(actions)
+        for _ in range(decisions.hold):
+            simulation.step(decisions.command(simulation.observation))
+            tally.add(simulation)
+        expected = decisions.observe(simulation.observation)[start]
+        assert np.abs(observed - expected).max() < 5e-3
+        assert not (terminated | truncated).any()
+        weights = {name: term.weight for name, term in TERMS.items()}
+        for name, terms in infos["terms"].items():
+            wanted = weights[name] * tally.measured[name][start]
+            assert terms.numpy() == pytest.approx(wanted, rel=0.02, abs=2e-5), name
+        assert reward == pytest.approx(sum(t.numpy() for t in infos["terms"].values()), abs=1e-6)
+        assert infos["time"].numpy() == pytest.approx(simulation.time[start], abs=1e-5)
+    assert simulation.location.tilt.max() > 0.02
+
+
+@pytest.mark.long
+def test_a_world_that_begins_anew_is_a_fresh_one():
+    """To the same bytes, in the midst of others, by a mask."""
+    env = made("tee_turn", 3, starts=1)
+    first = env.reset(seed=1)[0].numpy().copy()
+    fresh = [copied(env.step(ahead(env)))[0] for _ in range(3)]
+    again = env.reset(options={"reset_mask": np.array([False, True, False])})[0].numpy().copy()
+    assert (again[1] == first[1]).all()
+    assert (again[[0, 2]] == fresh[-1][0][[0, 2]]).all()
+    for expected in fresh:
+        found = copied(env.step(ahead(env)))[0]
+        for one, other in zip(expected, found, strict=True):
+            assert (one[1] == other[1]).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_episodes_end_and_begin_as_gymnasium_has_it(mode):
+    """A robot at its goal is terminated, one whose time is over truncated; then the next begins."""
+    env = made(autoreset_mode=mode, changes=SHORT, ranges={"control.cruise_speed": 0.1})
+    begun = env.reset(seed=1)[0].numpy().copy()
+    assert env.observation_space.contains(begun)
+    actions = ahead(env)
+    actions[1] = 0.0
+    k, terminated = 0, np.zeros(2, bool)
+    while not terminated[0] and k < 10:
+        k += 1
+        (observed, reward, terminated, truncated), infos = copied(env.step(actions))
+        assert env.observation_space.contains(observed)
+        outcomes = [env.outcomes[each] for each in infos["outcome"].numpy()]
+    assert 4 <= k < 10
+    assert terminated.tolist() == [True, False]
+    assert outcomes == ["reached_goal", ""]
+    assert infos["terms"]["arrival"].numpy().tolist() == [2.5, 0.0]
+    assert reward[0] > 2.5
+    at_once = mode is AutoresetMode.SAME_STEP
+    last = infos["final_obs"].numpy().copy() if at_once else observed
+    tilt, action = env.entries["tilt"], env.entries["last_action"]
+    assert (last[0, action] == 1.0).sum() == 3
+    assert last[0, tilt] < 0.01
+    if not at_once:
+        (observed, reward, terminated, _), infos = copied(env.step(actions))
+        assert not terminated[0]
+        assert reward[0] == 0.0
+        assert infos["outcome"].numpy()[0] == 0
+        assert not any(term.numpy()[0] for term in infos["terms"].values())
+        k += 1
+    assert (observed[0, action] == 0.0).all()
+    assert infos["time"].numpy()[0] == 0.0
+    assert infos["time"].numpy()[1] == pytest.approx(0.05 * k)
+    for _ in range(k, 10):
+        (observed, reward, terminated, truncated), infos = copied(env.step(actions))
+    assert truncated.tolist()[1]
+    assert not terminated[1]
+    assert env.outcomes[infos["outcome"].numpy()[1]] == "timed_out"
+
+
+@pytest.mark.long
+def test_robots_that_leave_hang_or_diverge_are_terminated():
+    """Numbers stay finite, also where the physics is lost."""
+    patience = {"monitor.patience_time": 0.08, "monitor.patience": 0.001}
+    env = made(num_envs=4, starts=4, changes=patience)
+    env.reset(seed=2)
+    qpos = env.d.qpos.numpy()  # on the processor it is the array itself
+    qpos[0, :3] += [0.3, 0.3, 0.3]
+    env.d.qvel.numpy()[1, 8] = np.nan
+    actions = ahead(env)
+    actions[2] = 0.0
+    ended = np.zeros(4, bool)
+    outcomes = [""] * 4
+    for _ in range(3):
+        (observed, reward, terminated, truncated), infos = copied(env.step(actions))
+        assert np.isfinite(observed).all()
+        assert np.isfinite(reward).all()
+        assert not truncated.any()
+        for world in np.flatnonzero(terminated & ~ended):
+            outcomes[world] = env.outcomes[infos["outcome"].numpy()[world]]
+            assert infos["terms"]["failure"].numpy()[world] == -2.5
+        ended |= terminated
+    assert outcomes == ["left_pipe", "diverged", "stuck", ""]
+
+
+@pytest.mark.long
+def test_draws_of_a_world_follow_from_its_seed_alone():
+    """World 1 of one seed begins as world 0 of the next; a step before a reset is refused."""
+    env = made("straight", 8, starts=6)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(ahead(env))
+    first = env.reset(seed=10)[0].numpy().copy()
+    shifted = env.reset(seed=11)[0].numpy().copy()
+    assert (first[1:] == shifted[:-1]).all()
+    assert len(np.unique(first, axis=0)) > 2
+    assert (env.reset(seed=10)[0].numpy() == first).all()
+    assert (env.reset()[0].numpy() != first).any()
+    with pytest.raises(ValueError, match="expected"):
+        env.step(np.zeros((8, 3)))
+    for options in ({"reset_mask": np.ones(3, bool)}, {"odd": 1}):
+        with pytest.raises(InputError, match="options"):
+            env.reset(options=options)
+    results = env.step(wp.array(ahead(env), dtype=float))
+    assert all(isinstance(each, wp.array) for each in results[:4])
