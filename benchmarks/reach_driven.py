@@ -1,13 +1,14 @@
 """Predicted against driven: random routes that no passport was made of.
 
     python benchmarks/reach_driven.py PASSPORT [--town FILE] [--routes 40] [--friction 0.6:0.9]
-        [--out FILE] [--quick]
+        [--condition NAME] [--out FILE] [--quick]
 
 Each route is driven in full; the map of reach says how surely and how fast the robot gets to its
 far end. Without a town the routes lead through random networks at any gravity. With one, a network
 file or one that can be imported, each leads through a random node or bend of it, over at least
 three fittings and 5 to 40 m, and only the parts near it are put into the model; its first and last
-straight are cut to length.
+straight are cut to length. With --condition (good, fair, poor or a file) the random networks are of
+old pipes, whose straights are up to ten bores longer, so that joints find room.
 
 What was driven is kept in ``--out``, a line a route: killed at any time, the same command goes on,
 and with another passport it predicts again what was driven already. Printed are each route, the
@@ -34,6 +35,7 @@ from omnitrack_sim.pipes.network import Network
 from omnitrack_sim.pipes.planning import ARCS
 from omnitrack_sim.record.statistics import Z95
 from omnitrack_sim.scenario import validate
+from omnitrack_sim.trials.batches import sha256_of
 
 SEED = 74_000
 """Of the first network; nothing else uses these."""
@@ -61,16 +63,17 @@ class Walk(NamedTuple):
 
 
 def through_random_network(
-    robot: ot.Robot, seed: int, generator: np.random.Generator
+    robot: ot.Robot, seed: int, generator: np.random.Generator, condition: str | None
 ) -> tuple[Network, str, str, list[float]]:
     """Return a random network, two of its open ends, and gravity in any direction."""
     bore = robot.nominal_bore
     network: Network = ot.random_network(
         seed,
         int(generator.integers(5, 13)),
-        lengths=(robot.length + 0.5 * bore, robot.length + 4 * bore),
+        lengths=(robot.length + 0.5 * bore, robot.length + (4 if condition is None else 14) * bore),
         mean_radii=(bore, 1.5 * bore, 3 * bore),
         inner_diameter=bore,
+        condition=condition,
     )
     start, goal = generator.choice(network.open_ends, 2, replace=False)
     return network, str(start), str(goal), random_gravity(generator)
@@ -164,7 +167,11 @@ class Town:
 
 
 def routes(
-    passport: ot.Passport, town: Network | None, friction: tuple[float, float], seed: int = SEED
+    passport: ot.Passport,
+    town: Network | None,
+    friction: tuple[float, float],
+    seed: int = SEED,
+    condition: str | None = None,
 ) -> Iterator[tuple[int, ot.Scenario]]:
     """Yield missions from one open end of a network to another, without end."""
     robot = passport.robot
@@ -172,7 +179,8 @@ def routes(
     for number in count():
         generator, gravity = np.random.default_rng([seed, number]), [0.0, 0.0, -9.81]
         if drawn is None:
-            network, start, goal, gravity = through_random_network(robot, seed + number, generator)
+            made = through_random_network(robot, seed + number, generator, condition)
+            network, start, goal, gravity = made
         else:
             network, start, goal = drawn.draw(generator)
         data = {
@@ -230,6 +238,7 @@ def main() -> None:
     parser.add_argument("passport")
     parser.add_argument("--town", metavar="FILE")
     parser.add_argument("--friction", default="0.6:0.9")
+    parser.add_argument("--condition", metavar="NAME")
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON, a line a route")
     options = parser.read()
     low, high = map(float, options.friction.split(":"))
@@ -240,7 +249,7 @@ def main() -> None:
     out: Path | None = options.out
     driven = driven_before(out)
     sure, spread, doubt, passes, within, known, unknown = 0.0, 0.0, 0.0, 0, 0, 0, 0
-    for number, scenario in routes(passport, town, (low, high), options.seed):
+    for number, scenario in routes(passport, town, (low, high), options.seed, options.condition):
         if known == options.routes:
             break
         row = predict(passport, scenario)
@@ -248,9 +257,10 @@ def main() -> None:
             unknown += 1
             print(f"{number:3d} {row.stopped_by}")
             continue
-        # What was driven of another town or seed does not count.
-        if abs(driven.get(number, {"length": 0.0})["length"] - scenario.route.length) > 1e-6:
-            driven[number] = {"number": number, **drive(scenario)}
+        # What was driven through other pipes does not count.
+        pipes = sha256_of(scenario.model_dump(mode="json"))
+        if driven.get(number, {}).get("pipes") != pipes:
+            driven[number] = {"number": number, "pipes": pipes, **drive(scenario)}
             if out is not None:
                 with out.open("a") as file:
                     file.write(json.dumps(driven[number]) + "\n")
@@ -265,6 +275,7 @@ def main() -> None:
         print(
             f"{number:3d} {run['length']:5.1f} m, {parts}; friction {friction:.2f}, "
             f"p {row.probability:.2f} ({row.low:.2f} to {row.high:.2f}), {run['outcome']}; "
+            f"worst {row.stopped_by or 'nothing'}; "
             f"{seconds:.0f} +- {half:.0f} s, {run['seconds']:.1f} s"
             + ("" if inside else " (outside)"),
             flush=True,

@@ -17,6 +17,8 @@ from omnitrack_sim.calibration.doubt import (
     independent_count,
     indistinct_of,
     information_of,
+    noise_of,
+    smoothed,
 )
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
@@ -117,6 +119,18 @@ def test_slopes_that_are_chance_tell_nothing():
     assert strengths[1] < 0.5 * 2 * 400
     clean = information_of(slope + np.zeros(2), np.zeros((400, 2)))
     np.testing.assert_allclose(clean, np.full((2, 2), float(slope.ravel() @ slope.ravel())))
+
+
+def test_samples_that_are_chance_count_less():
+    """The noise of a column is that of its foreseeable samples, whatever the others do; running
+    means keep the mean."""
+    rng = np.random.default_rng(0)
+    chance = np.repeat([0.0, 25.0], 500)
+    residual = rng.normal(size=1000) * np.sqrt(1 + chance)
+    assert noise_of(residual, 1 + chance) == pytest.approx(1.0, abs=0.1)
+    squares = rng.random(200)
+    assert smoothed(squares)[50:150].mean() == pytest.approx(squares[50:150].mean(), rel=0.03)
+    np.testing.assert_allclose(smoothed(np.ones(5)), 1.0)
 
 
 def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):
@@ -252,6 +266,34 @@ def test_a_log_of_mcap_is_read(climb, tmp_path):
     np.testing.assert_array_equal(log.values["leg"], run.trajectory["leg"])
     (tmp_path / "run.mcap").write_bytes(b"no such format")
     with pytest.raises(ot.InputError, match="is damaged, or no file of MCAP"):
+        ot.load_log(tmp_path / "run.toml")
+
+
+@pytest.mark.parametrize("ending", ["db3", "mcap"])
+def test_a_bag_of_ros_is_a_log(ending, tmp_path):
+    """Numbers and lists of numbers in messages become columns, in either storage of ROS 2."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.LATEST)
+    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    joints, header, stamp = (store.types[kind] for kind in kinds)
+    plugin = {"db3": rosbag2.StoragePlugin.SQLITE3, "mcap": rosbag2.StoragePlugin.MCAP}[ending]
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=plugin) as bag:
+        topic = bag.add_connection("/belts", kinds[0], typestore=store)
+        for k in range(20):
+            turned, none = np.array([0.1 * k, -0.2 * k]), np.zeros(0)
+            message = joints(header(stamp(k, 0), "base"), ["a", "b"], turned, none, none)
+            bag.write(topic, 10_000_000 * k + 5, store.serialize_cdr(message, kinds[0]))
+    name = next((tmp_path / "bag").glob(f"*.{ending}")).name
+    (tmp_path / "run.toml").write_text(
+        f'file = "bag/{name}"\n[columns]\nroll_2 = {{ column = "/belts.position.1" }}\n'
+    )
+    log = ot.load_log(tmp_path / "run.toml")
+    np.testing.assert_allclose(log.time, 0.01 * np.arange(20), atol=1e-9)
+    np.testing.assert_allclose(log.values["roll_2"], -0.2 * np.arange(20))
+    (tmp_path / "bag" / "metadata.yaml").write_text("no: bag")
+    (tmp_path / "bag" / name).write_bytes(b"no such format")
+    with pytest.raises(ot.InputError, match="is damaged, or no"):
         ot.load_log(tmp_path / "run.toml")
 
 

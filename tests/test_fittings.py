@@ -456,3 +456,12 @@ def test_sizes_in_millimetres_are_asked_about(make, where):
     assert "is it in millimetres?" in str(told.value)
     assert ot.Straight(100.0, 15.0).inner_diameter == 15.0
     assert ot.Elbow(150.0, inner_diameter=0.16).mean_radius == 150.0
+
+
+@pytest.mark.parametrize("kind", [ot.Wye, ot.Cross])
+@pytest.mark.parametrize("degrees", [29.9, 90.1, 120.0])
+def test_branches_lean_by_30_to_90_degrees(kind, degrees):
+    """Both ends are possible, and nothing beyond: what leans the other way is entered there."""
+    kind(angle=math.radians(30)), kind(angle=math.radians(90))
+    with pytest.raises(ot.InputError, match=f"is {degrees:g} degrees; must be between 30 and 90"):
+        kind(angle=math.radians(degrees))

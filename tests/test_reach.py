@@ -57,7 +57,7 @@ def test_fittings_multiply_and_straights_pass_alike():
     reach = ot.map_reach(chain(*"sesebs"), robot, ["s_0.start"], friction=(0.8, 0.8))
     made = by_name(reach)
     straight, elbow, tee = (
-        robot.estimate(kind, [0.8, 0, 0, 0, turn, sharpness, 1]).probability[0]
+        robot.estimate(kind, [0.8, 0, 0, 0, turn, sharpness, 1, 0, 0, 0, 0]).probability[0]
         for kind, turn, sharpness in (
             ("straight", 0, 0),
             ("elbow", 90, 2 / 3),
@@ -274,3 +274,20 @@ def test_a_map_has_no_blank_margin():
     wide, high = figure.get_size_inches()
     assert box.width > 0.9 * wide
     assert box.height > 0.9 * high
+
+
+def test_a_step_larger_than_was_tried_is_named():
+    network = ot.Network(
+        fittings=[
+            {"kind": "straight", "name": "near", "length": 2.0},
+            {"kind": "coupling", "name": "joint", "offset": 0.016},
+            {"kind": "straight", "name": "far", "length": 2.0},
+        ],
+        joints=[{"ports": ("near.end", "joint.start")}, {"ports": ("joint.end", "far.start")}],
+    )
+    made = by_name(ot.map_reach(network, passport(), ["near.start"]))
+    assert made["far"].probability == 0
+    assert re.fullmatch(
+        r"unknown: coupling with step 0\.1, tried [0-9.]+ to 0\.0(5|49\d) \(joint\)",
+        made["far"].stopped_by,
+    )

@@ -14,7 +14,7 @@ import pytest
 import omnitrack_sim as ot
 from omnitrack_sim.pipes import Passage
 from omnitrack_sim.towns import reach_files
-from omnitrack_sim.towns.features import FEATURES, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.features import FEATURES, kind_of, relief_of, shape_of, slopes_of
 from omnitrack_sim.towns.passage_model import Estimate
 from omnitrack_sim.towns.reach_files import _page, summary_of
 
@@ -350,8 +350,9 @@ class Runs:
         for edge in edges:
             passage = Passage.of(self.network.pipes, edge)
             kind, (climb, lift, _) = kind_of(passage), slopes_of(passage, self.gravity)
-            shape = shape_of(passage, ROBOT.nominal_bore)
-            point = (self.friction, 0.0, climb, lift, *shape)
+            bore = ROBOT.nominal_bore
+            shape, relief = shape_of(passage, bore), relief_of(passage, bore)
+            point = (self.friction, 0.0, climb, lift, *shape, *relief)
             stated = self.law(kind, **dict(zip(FEATURES, point, strict=True)))
             straight = kind == "straight"
             own = luck if straight else self.rng.uniform(size=self.COUNT)
@@ -626,3 +627,35 @@ def test_lengths_of_towns_are_told_to_three_digits_without_powers_of_ten():
     """In kilometres from where metres would take a fourth digit."""
     lengths = {4.0: "4 m", 999.4: "999 m", 999.6: "1 km", 5000.0: "5 km", 52_349.0: "52.3 km"}
     assert {x: reach_files.length_text(x) for x in lengths} == lengths
+
+
+def aged(kind, step, deposit, **_):
+    """A robot that passes beds in 8 of 10, up to a depth, and steps in 1 of 2."""
+    chance = 1 - 0.2 * (deposit > 0) - 0.5 * (step > 0)
+    seconds = {"straight": 10.0, "straight, relief": 42.0, "coupling": 5.0}[kind]
+    return {"probability": chance, "seconds": seconds, "joules": 2 * seconds}
+
+
+def test_what_stops_a_robot_in_a_town_of_two_old_pipes():
+    """By hand: 8 of 10 pass the bed and half the displaced joint behind it, so 4 of 10 get to the
+    far pipe, and 16 of 100 back; it is the step that stops most."""
+    bed = {"kind": "deposit", "at": 2.0, "length": 1.0, "depth": 0.016}
+    network = ot.Network(
+        place={"axis": (1.0, 0.0, 0.0)},
+        fittings=[
+            {"kind": "straight", "name": "silted", "length": 4.0, "relief": [bed]},
+            {"kind": "coupling", "name": "joint", "offset": 0.004},
+            {"kind": "straight", "name": "far", "length": 3.0},
+        ],
+        joints=[{"ports": ("silted.end", "joint.start")}, {"ports": ("joint.end", "far.start")}],
+    )
+    reach = ot.map_reach(network, Stated(ROBOT, {}, {}, law=aged), ["silted.start"])
+    silted, joint, far = reach.parts
+    assert [part.probability for part in reach.parts] == pytest.approx([0.8, 0.4, 0.4])
+    assert [part.back for part in reach.parts] == pytest.approx([0.64, 0.16, 0.16])
+    assert far.seconds == pytest.approx(42.0 + 5.0 + 30.0)
+    assert silted.stopped_by == "deposit in straight (silted): 0.80"
+    assert joint.stopped_by == far.stopped_by == "step in coupling (joint): 0.50"
+    causes = dict(summary_of(reach)["stops"])
+    assert causes["deposit in straight"] == pytest.approx(0.2 * 4.0)
+    assert causes["step in coupling"] == pytest.approx(0.6 * (joint.length + 3.0))

@@ -11,8 +11,11 @@ WAYS = ("run to branch", "branch to run", "over the run", "across the run")
 KINDS = (
     *("straight", "elbow", "mitre", "reducer"),
     *(f"{kind}, {way}" for kind in ("tee", "wye", "cross") for way in WAYS),
+    *("coupling", "straight, relief"),
 )
-assert {kind.partition(",")[0] for kind in KINDS} | {"cap", "coupling"} == {*shipped_fittings()}
+assert {kind.partition(",")[0] for kind in KINDS} | {"cap"} == {*shipped_fittings()}
+LARGEST = {"step": 0.05, "gap": 0.4, "ovality": 0.1, "deposit": 0.2}
+"""Sizes up to which couplings and relief were tried."""
 
 
 def passport(rates=None, trials=400, speed=0.1, robot="presser", pull=0.0):
@@ -24,7 +27,11 @@ def passport(rates=None, trials=400, speed=0.1, robot="presser", pull=0.0):
         sharpness = {"elbow": 2 / 3, "reducer": 0.03}.get(kind, 0.0)
         low = [0.3, 0, -1, -1, turn, sharpness, 1]
         high = [1.0, 6, 1, 1, turn, sharpness, 1]
-        x = rng.uniform(low, high, (trials, len(FEATURES)))
+        x = rng.uniform(low, high, (trials, len(low)))
+        x = np.pad(x, ((0, 0), (0, len(FEATURES) - len(low))))
+        if kind in KINDS[-2:]:
+            for name, most in LARGEST.items():
+                x[:, FEATURES.index(name)] = rng.uniform(0, most, trials)
         rate = np.full(trials, (rates or {}).get(kind, 1.0))
         if pull:
             rate = rate / (1 + np.exp(4 * (x[:, 1] - pull)))

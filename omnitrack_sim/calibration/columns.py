@@ -1,13 +1,14 @@
-"""Columns of numbers in files that loggers write: CSV, Parquet and MCAP."""
+"""Columns of numbers in files that loggers write: CSV, Parquet, MCAP and bags of ROS 2."""
 
 from __future__ import annotations
 
 import csv
+import importlib
 import io
 import json
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ class Columns:
 
 
 def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
-    """Read columns of numbers from a file of CSV, Parquet or MCAP, by the ending of its name.
+    """Read columns of numbers from a file, by the ending of its name.
 
     Args:
         path: a regular file.
@@ -49,11 +50,11 @@ def read_columns(path: Path, wanted: Sequence[str] | None = None) -> Columns:
         InputError: it cannot be read, a column is missing, or a cell is no number; with the line.
     """
     readers = {".csv": _from_csv, ".txt": _from_csv, ".tsv": _from_csv}
-    readers |= {".parquet": _from_parquet, ".mcap": _from_mcap}
+    readers |= {".parquet": _from_parquet, ".mcap": _from_mcap, ".db3": _from_ros}
     ending = path.suffix.lower()
     if ending not in readers:
         problem = f"ends in {ending!r}; a log is a file of these, or a table that names one"
-        raise InputError(Fault(str(path), problem, (".csv", ".parquet", ".mcap", ".toml")))
+        raise InputError(Fault(str(path), problem, (".csv", ".parquet", ".mcap", ".db3", ".toml")))
     try:
         return readers[ending](path, wanted)
     except OSError as error:
@@ -154,57 +155,114 @@ def _from_parquet(path: Path, wanted: Sequence[str] | None) -> Columns:
     return Columns(values, lambda i: i + 1)
 
 
-MCAP_TIME = "time"
-"""Column of the times of messages in a file of MCAP, s from the first one."""
-_ENCODINGS = ("json", "protobuf")
+MESSAGE_TIME = "time"
+"""Column of the times of messages, s from the first one."""
+_ENCODINGS = ("json", "protobuf", "cdr")
 MAX_LIST = 32
 """Longest list in a message whose items become columns: longer ones are pictures and meshes."""
 
+Message = tuple[int, str, Any]
+"""Time, ns, topic and contents of a message."""
+
 
 def _from_mcap(path: Path, wanted: Sequence[str] | None) -> Columns:
-    """Read messages of JSON and protobuf as columns ``/topic.field``, over all their times."""
+    """Read messages of JSON, protobuf and ROS 2 as columns ``/topic.field``."""
     try:
         from mcap.exceptions import McapError
-        from mcap.reader import make_reader
     except ImportError as error:
         raise ImportError(f"a log of MCAP needs mcap: {installing('mcap')}") from error
     size_of(path, MAX_LOG_BYTES)
-    rows: dict[int, dict[str, float]] = {}
     skipped: set[str] = set()
-    decoders: dict[int, Callable[[bytes], Mapping[str, Any]]] = {}
     try:
-        with open(path, "rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages():
-                if channel.message_encoding not in _ENCODINGS:
-                    skipped.add(f"{channel.topic} ({channel.message_encoding})")
-                    continue
-                if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
-                row = rows.setdefault(message.log_time, {})
-                row.update(_leaves(decoders[channel.id](message.data), channel.topic))
-                if len(rows) > MAX_SAMPLES:
-                    raise ValueError(f"has more than {MAX_SAMPLES} times of messages")
+        rows = _rows_of(_mcap_messages(path, skipped))
     except (McapError, struct.error, EOFError) as error:
         raise ValueError(f"is damaged, or no file of MCAP: {error}") from error
     if not rows:
-        problem = f"has no messages of {' or '.join(_ENCODINGS)}"
+        problem = f"has no messages of {', '.join(_ENCODINGS)}"
         raise ValueError(problem + (f"; it has {', '.join(sorted(skipped))}" if skipped else ""))
+    return _columns_of(rows, path, wanted)
+
+
+def _mcap_messages(path: Path, skipped: set[str]) -> Iterator[Message]:
+    """Yield the messages of a file of MCAP; topics of other encodings are added to ``skipped``."""
+    from mcap.reader import make_reader
+
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    with open(path, "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.message_encoding not in _ENCODINGS:
+                skipped.add(f"{channel.topic} ({channel.message_encoding})")
+                continue
+            if channel.id not in decoders:
+                decoders[channel.id] = _decoder(channel.message_encoding, schema)
+            yield message.log_time, channel.topic, decoders[channel.id](message.data)
+
+
+def _from_ros(path: Path, wanted: Sequence[str] | None) -> Columns:
+    """Read the bag of ROS 2 that a file of SQLite is of, with its metadata.yaml beside it."""
+    highlevel = _rosbags("highlevel")
+    size_of(path, MAX_LOG_BYTES)
+    typestore = _rosbags("typesys").get_typestore(_rosbags("typesys").Stores.LATEST)
+    try:
+        with highlevel.AnyReader([path.parent], default_typestore=typestore) as reader:
+            rows = _rows_of(
+                (time, one.topic, reader.deserialize(data, one.msgtype))
+                for one, time, data in reader.messages()
+            )
+    except (highlevel.AnyReaderError, struct.error, LookupError) as error:
+        raise ValueError(f"is damaged, or no bag of ROS 2: {error}") from error
+    if not rows:
+        raise ValueError("has no messages")
+    return _columns_of(rows, path, wanted)
+
+
+def _rosbags(module: str) -> Any:
+    """Return a module of rosbags, which reads what ROS 2 writes."""
+    try:
+        return importlib.import_module(f"rosbags.{module}")
+    except ImportError as error:
+        raise ImportError(f"a log of ROS 2 needs rosbags: {installing('ros')}") from error
+
+
+def _rows_of(messages: Iterable[Message]) -> dict[int, dict[str, float]]:
+    """Return the numbers in messages by time, ns, and column.
+
+    Raises:
+        ValueError: there are too many.
+    """
+    rows: dict[int, dict[str, float]] = {}
+    for time, topic, contents in messages:
+        rows.setdefault(time, {}).update(_leaves(contents, topic))
+        if len(rows) > MAX_SAMPLES:
+            raise ValueError(f"has more than {MAX_SAMPLES} times of messages")
+    return rows
+
+
+def _columns_of(
+    rows: Mapping[int, Mapping[str, float]], path: Path, wanted: Sequence[str] | None
+) -> Columns:
+    """Return the numbers of messages as columns over all their times."""
     times = sorted(rows)
-    heads = [MCAP_TIME, *dict.fromkeys(name for time in times for name in rows[time])]
+    heads = [MESSAGE_TIME, *dict.fromkeys(name for time in times for name in rows[time])]
     chosen = _refuse_missing(path, heads, wanted)
     values = {
         name: np.array([rows[time].get(name, np.nan) for time in times], float)
         for name in chosen
-        if name != MCAP_TIME
+        if name != MESSAGE_TIME
     }
-    values[MCAP_TIME] = 1e-9 * (np.array(times, np.int64) - times[0])
+    values[MESSAGE_TIME] = 1e-9 * (np.array(times, np.int64) - times[0])
     return Columns(values, lambda i: i + 1)
 
 
-def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Mapping[str, Any]]:
+def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Any]:
     """Return what turns a message's bytes into plain data."""
     if encoding == "json":
         return json.loads
+    if encoding == "cdr":
+        types = _rosbags("typesys")
+        store = types.get_typestore(types.Stores.EMPTY)
+        store.register(types.get_types_from_msg(schema.data.decode(), schema.name))
+        return lambda data: store.deserialize_cdr(data, schema.name)
     from google.protobuf import descriptor_pb2, message_factory
     from google.protobuf.descriptor_pool import DescriptorPool
     from google.protobuf.json_format import MessageToDict
@@ -221,7 +279,11 @@ def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Mapping[str, Any]]
 
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, float]]:
-    """Yield the numbers in plain data, by their paths."""
+    """Yield the numbers in plain data, or in the objects of a message of ROS, by their paths."""
+    if is_dataclass(value):
+        value = vars(value)
+    elif isinstance(value, np.ndarray):
+        value = value.tolist() if value.size <= MAX_LIST else ()
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _leaves(item, f"{name}.{key}")

@@ -110,7 +110,8 @@ def in_condition(network: Network, condition: str | Path | Condition, seed: int)
     """Return a network in a condition: ends, fittings and lengths stay, straights are as they are.
 
     A straight that joints are drawn into becomes several parts: the first keeps its name, those
-    behind are numbered, ``NAME:2`` and so on. Straights with a section or relief stay as they are.
+    behind are numbered, ``NAME:2`` and so on. Straights with a section, relief or a profile stay as
+    they are.
 
     Args:
         network: of ideal pipes.
@@ -139,7 +140,9 @@ def in_condition(network: Network, condition: str | Path | Condition, seed: int)
     rows: list[dict[str, Any]] = []
     for i, row in enumerate(data["fittings"]):
         fitting = network.pipes.parts[i].fitting
-        if type(fitting) is Straight and fitting.shape is None and not fitting.relief:
+        if type(fitting) is Straight and fitting == Straight(
+            fitting.length, fitting.inner_diameter
+        ):
             steep = abs(network.pipes.parts[i].pose.rotation[2, 2]) > MAX_STEEP
             rows += ageing.aged(row, bool(steep))
         else:

@@ -1,5 +1,7 @@
 """Walls that differ from a round bore by a smooth height over length and angle.
 
+The axis is a line along z, or an arc from the origin along z that bends towards x.
+
 The height, inward, is the sum of patches, each a cubic B-spline over a grid: twice differentiable,
 nothing outside of the patch. The foot of a point on such a wall is found by Newton's method: from
 the foot on the round bore, and from the nodes of those patches that may hold a nearer one. No place
@@ -29,12 +31,13 @@ from omnitrack_sim.pipes.native import (
     scratch,
 )
 
-ROWS, COLUMNS, BEGIN, SPACING, FIRST, STEP, HIGHEST, BEND, LENGTH = 0, 1, 2, 3, 4, 5, 6, 7, 8
-HEAD = 9
+ROWS, COLUMNS, BEGIN, SPACING, FIRST, STEP, HIGHEST, BEND, LENGTH, LOWEST = range(10)
+HEAD = 10
 """Indices in the numbers of a patch, and how many stand before its coefficients: nodes along and
 round the pipe; of the first node the place, m, and spacing along, m; its angle, rad, and spacing;
 largest inward height of the wall over the patch, m; largest curvature of its height, 1/m; count of
-all its numbers. Coefficients are followed by the wall's radius, m, at the nodes."""
+all its numbers; its least inward height, m. Coefficients are followed by the wall's radius, m, at
+the nodes."""
 STEPS, SETTLED, MAX_STEP = 20, 1e-6, 0.01
 """Of Newton's method: steps at most, the last step, m, and the longest one, m. What is left after
 the last one is of the order of its square times the curvature: 1e-9 m where that is 1 / mm."""
@@ -137,42 +140,105 @@ def height_at(patches, count, s, angle, height):
 
 
 @compiled
-def _squared(radius, rho, theta, z, s, angle, height):
-    """Half of the squared distance of a point from the place of the wall in ``height``."""
-    r = radius - height[0]
-    half = math.sin(0.5 * (angle - theta))
-    return 0.5 * ((r - rho) * (r - rho) + (s - z) * (s - z)) + 2.0 * rho * r * half * half
+def point_of(curvature, x, y, z):
+    """Return a point as the searches take it, and its distance and angle in the cross-section.
+
+    That is the curvature of the pipe's axis, 1/m, towards x; of a straight the distance from the
+    axis and the angle about it, of a bend the distance from the bend's axis and the height along
+    that; and the place along the pipe, m.
+    """
+    if curvature == 0.0:
+        rho, theta = math.sqrt(x * x + y * y), math.atan2(y, x)
+        return (curvature, rho, theta, z), rho, theta
+    mean = 1.0 / curvature
+    away, place = math.sqrt((mean - x) * (mean - x) + z * z), math.atan2(z, mean - x) * mean
+    toward = mean - away
+    rho, theta = math.sqrt(toward * toward + y * y), math.atan2(y, toward)
+    return (curvature, away, y, place), rho, theta
 
 
 @compiled
-def _foot(patches, count, radius, rho, theta, z, s, angle, height):
+def _squared(point, radius, s, angle, height):
+    """Half of the squared distance of a point from the place of the wall in ``height``."""
+    curvature, p, q, along = point
+    r = radius - height[0]
+    if curvature == 0.0:
+        half = math.sin(0.5 * (angle - q))
+        return 0.5 * ((r - p) * (r - p) + (s - along) * (s - along)) + 2.0 * p * r * half * half
+    far, up = 1.0 / curvature - r * math.cos(angle), r * math.sin(angle) - q
+    half = math.sin(0.5 * (s - along) * curvature)
+    return 0.5 * ((p - far) * (p - far) + up * up) + 2.0 * p * far * half * half
+
+
+@compiled
+def _slopes(point, radius, s, angle, height):
+    """Return derivatives of ``_squared``: by s, by angle, s s, s angle, angle angle.
+
+    The sixth number is the squared length of the wall's tangent along the pipe, m for a m of s.
+    """
+    curvature, p, q, along = point
+    r, rs, ra = radius - height[0], -height[1], -height[2]
+    rss, rsa, raa = -height[3], -height[4], -height[5]
+    if curvature == 0.0:
+        delta = angle - q
+        cos, sin = math.cos(delta), math.sin(delta)
+        away = r - p * cos
+        return (
+            rs * away + s - along,
+            ra * away + p * r * sin,
+            1.0 + rs * rs + rss * away,
+            rsa * away + rs * (ra + p * sin),
+            raa * away + ra * ra + 2.0 * ra * p * sin + p * r * cos,
+            1.0 + rs * rs,
+        )
+    cos, sin = math.cos(angle), math.sin(angle)
+    turn = (s - along) * curvature
+    c, b = p * math.cos(turn), p * math.sin(turn) * curvature
+    # Distance from the bend's axis, and height along it, of the place, and their derivatives.
+    far, up = 1.0 / curvature - r * cos, r * sin - q
+    far_s, far_a, up_s, up_a = -rs * cos, r * sin - ra * cos, rs * sin, ra * sin + r * cos
+    far_aa, up_aa = r * cos + 2.0 * ra * sin - raa * cos, raa * sin + 2.0 * ra * cos - r * sin
+    far_sa, up_sa = rs * sin - rsa * cos, rsa * sin + rs * cos
+    out = far - c
+    wide = far * curvature
+    return (
+        out * far_s + far * b + up * up_s,
+        out * far_a + up * up_a,
+        far_s * far_s
+        - out * rss * cos
+        + 2.0 * b * far_s
+        + wide * c * curvature
+        + up_s * up_s
+        + up * rss * sin,
+        far_s * far_a + out * far_sa + b * far_a + up_s * up_a + up * up_sa,
+        far_a * far_a + out * far_aa + up_a * up_a + up * up_aa,
+        wide * wide + rs * rs,
+    )
+
+
+@compiled
+def _foot(patches, count, radius, point, s, angle, height):
     """Return place and squared distance of the foot that Newton's method reaches from a place.
 
     Place along the pipe, m, and angle, rad; ``height`` is that there, and then that at the foot.
     """
-    f = _squared(radius, rho, theta, z, s, angle, height)
+    f = _squared(point, radius, s, angle, height)
     for _ in range(STEPS):
-        r, delta = radius - height[0], angle - theta
-        cos, sin = math.cos(delta), math.sin(delta)
-        rs, ra = -height[1], -height[2]
-        away = r - rho * cos
-        fs, fa = rs * away + s - z, ra * away + rho * r * sin
-        fss = 1.0 + rs * rs - height[3] * away
-        fsa = -height[4] * away + rs * (ra + rho * sin)
-        faa = -height[5] * away + ra * ra + 2.0 * ra * rho * sin + rho * r * cos
+        r, ra = radius - height[0], height[2]
+        fs, fa, fss, fsa, faa, along = _slopes(point, radius, s, angle, height)
         under = fss * faa - fsa * fsa
         if fss > 0.0 and under > 1e-6 * fss * r * r:
             ds, da = (fsa * fa - faa * fs) / under, (fsa * fs - fss * fa) / under
         else:
             # Not near a minimum: downhill, as far as on a wall that is even.
-            ds, da = -fs / (1.0 + rs * rs), -fa / (r * r)
+            ds, da = -fs / max(along, 1e-3), -fa / (r * r + ra * ra)
         size = math.sqrt(ds * ds + r * r * da * da)
         if size > MAX_STEP:
             ds, da = ds * MAX_STEP / size, da * MAX_STEP / size
         is_lower, there = False, f
         for _ in range(8):
             height_at(patches, count, s + ds, angle + da, height)
-            there = _squared(radius, rho, theta, z, s + ds, angle + da, height)
+            there = _squared(point, radius, s + ds, angle + da, height)
             if there <= f + 1e-18:
                 is_lower = True
                 break
@@ -187,19 +253,46 @@ def _foot(patches, count, radius, rho, theta, z, s, angle, height):
 
 
 @compiled
-def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
+def _rows_near(patch, radius, point, aside):
+    """Return the first and the last row of a patch up to ``aside`` m from a point along the pipe.
+
+    The first is the higher one where there are none.
+    """
+    curvature, p, _, along = point
+    if curvature != 0.0:
+        # The chord between two places so far apart, at the inner side of the bend.
+        near = 2.0 * math.sqrt(max(p * (1.0 / curvature - radius + patch[LOWEST]), 0.0))
+        aside = 2.0 * math.asin(aside / near) / curvature if near > aside else math.inf
+    rows = patch[ROWS] - 1.0
+    low = (along - aside - patch[BEGIN]) / patch[SPACING]
+    high = (along + aside - patch[BEGIN]) / patch[SPACING]
+    return math.floor(min(max(low, 0.0), rows + 1.0)), math.ceil(max(min(high, rows), -1.0))
+
+
+@compiled
+def _slack(patch, radius, curvature, best):
+    """Return by how much, m, a node beside a foot is farther than the foot, at most.
+
+    Within half of the diagonal of a cell from a foot there is a node; the height bends between.
+    """
+    longest = patch[SPACING] * (1.0 + radius * curvature)
+    return 0.5 * longest * longest * (patch[BEND] + 1.0 / max(best, longest))
+
+
+@compiled
+def _nodes(patch, radius, point, rho, theta, s, turned, best, starts):
     """Write the nearest nodes of a patch that may lead to a nearer foot to ``starts``.
 
     Args:
         patch: its numbers.
         radius: m, of the round bore.
-        rho: m, distance of the point from the axis.
-        theta: rad, its angle.
-        z: m, its place along the pipe.
+        point: see ``point_of``.
+        rho: m, distance of the point from the pipe's axis.
+        theta: rad, its angle about that.
         s: m along the pipe, of the nearest place that is known, to which its neighbours lead.
         turned: rad, its angle.
         best: m, its distance.
-        starts: room for three numbers of each start: distance, m, row and column.
+        starts: room for three numbers of each start: squared distance, m², row and column.
 
     Returns:
         How many there are.
@@ -215,8 +308,7 @@ def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
     if square <= 0.0:
         return 0
     aside = math.sqrt(square)
-    low = max(math.floor((z - aside - patch[BEGIN]) / spacing), 0)
-    high = min(math.ceil((z + aside - patch[BEGIN]) / spacing), rows - 1)
+    low, high = _rows_near(patch, radius, point, aside)
     if low > high:
         return 0
     # The chord between the point's angle and a place's, at the lesser of both distances.
@@ -234,12 +326,13 @@ def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
             turn -= whole * math.floor((turn + 0.5 * (whole - columns)) / whole)
             first = max(first, math.floor(turn - room))
             last = min(last, math.ceil(turn + room))
-    n, reach = 0, best + 0.5 * spacing * spacing * (patch[BEND] + 1.0 / max(best, spacing))
-    # Within half of the diagonal of a cell from a foot there is a node; the height bends between.
-    slack, limit = reach - best, reach * reach
+    curvature, p, _, place_along = point
+    slack = _slack(patch, radius, curvature, best)
+    n, limit = 0, (best + slack) * (best + slack)
     cosine, sine = math.cos(step), math.sin(step)
-    angle = patch[FIRST] + first * step - theta
-    c, d = math.cos(angle), math.sin(angle)
+    angle = patch[FIRST] + first * step
+    c, d = math.cos(angle - theta), math.sin(angle - theta)
+    u, v = math.cos(angle), math.sin(angle)
     radii = HEAD + rows * columns
     s_row = (s - patch[BEGIN]) / spacing
     turned -= patch[FIRST]
@@ -253,8 +346,13 @@ def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
         for row in range(low, high + 1):
             if is_beside and abs(row - s_row) <= 1.0:
                 continue
-            r, along = patch[radii + row * columns + j], patch[BEGIN] + row * spacing - z
-            square = rho * rho + r * (r - flat) + along * along
+            r, along = patch[radii + row * columns + j], patch[BEGIN] + row * spacing - place_along
+            square = rho * rho + r * (r - flat)
+            if curvature == 0.0:
+                square += along * along
+            else:
+                half = math.sin(0.5 * along * curvature)
+                square += 4.0 * p * (1.0 / curvature - r * u) * half * half
             if square >= limit:
                 continue
             # One start a neighbourhood: the nearest node of it.
@@ -279,11 +377,12 @@ def _nodes(patch, radius, rho, theta, z, s, turned, best, starts):
                 there = math.sqrt(square) + slack
                 limit = min(limit, there * there)
         c, d = c * cosine - d * sine, d * cosine + c * sine
+        u, v = u * cosine - v * sine, v * cosine + u * sine
     return n
 
 
 @compiled
-def _foot_from_nodes(patches, count, radius, rho, theta, z, s, angle, f, starts, height):
+def _foot_from_nodes(patches, count, radius, point, rho, theta, s, angle, f, starts, height):
     """Return place and squared distance of the nearest foot: a known one, or reached from nodes.
 
     ``f``: half of the known one's squared distance.
@@ -292,62 +391,68 @@ def _foot_from_nodes(patches, count, radius, rho, theta, z, s, angle, f, starts,
     for _ in range(count):
         patch = at(patches, p)
         p += int(patch[LENGTH])
-        n = _nodes(patch, radius, rho, theta, z, s, angle, math.sqrt(2.0 * f), starts)
+        n = _nodes(patch, radius, point, rho, theta, s, angle, math.sqrt(2.0 * f), starts)
         nearest = math.inf
         for k in range(n):
             nearest = min(nearest, starts[3 * k])
-        slack = 0.5 * patch[SPACING] * patch[SPACING]
-        slack *= patch[BEND] + 1.0 / max(math.sqrt(2.0 * f), patch[SPACING])
+        slack = _slack(patch, radius, point[0], math.sqrt(2.0 * f))
         for k in range(n):
             if math.sqrt(starts[3 * k]) > math.sqrt(nearest) + slack:
                 continue
             place = patch[BEGIN] + starts[3 * k + 1] * patch[SPACING]
             turn = patch[FIRST] + starts[3 * k + 2] * patch[STEP]
             height_at(patches, count, place, turn, height)
-            u, v, g = _foot(patches, count, radius, rho, theta, z, place, turn, height)
+            u, v, g = _foot(patches, count, radius, point, place, turn, height)
             if g < f:
                 s, angle, f = u, v, g
     return s, angle, f
 
 
 @compiled
-def distance(patches, count, radius, x, y, z, room, out):
+def distance(patches, count, radius, curvature, x, y, z, room, out):
     """Return the distance, m, of a point from a wall of patches; the gradient goes to ``out``.
 
     Args:
         patches: numbers of the patches, one after the other.
         count: of them.
         radius: m, of the round bore.
+        curvature: 1/m, of its axis, towards x.
         x: m, across the pipe.
         y: likewise.
-        z: m, along the pipe.
+        z: m, along the pipe at its begin.
         room: for 6 + 3 ``STARTS`` numbers.
         out: see ``compiled.Wall``.
     """
-    rho, theta = math.sqrt(x * x + y * y), math.atan2(y, x)
+    point, rho, theta = point_of(curvature, x, y, z)
     height, starts = room, at(room, 6)
-    height_at(patches, count, z, theta, height)
+    height_at(patches, count, point[3], theta, height)
     side = 1.0 if rho <= radius - height[0] else -1.0
-    s, angle, f = _foot(patches, count, radius, rho, theta, z, z, theta, height)
+    s, angle, f = _foot(patches, count, radius, point, point[3], theta, height)
     bend, p = 1.0 / radius, 0
     for _ in range(count):
         bend += patches[p + BEND]
         p += int(patches[p + LENGTH])
     if math.sqrt(2.0 * f) * bend > NEAR:
         s, angle, f = _foot_from_nodes(
-            patches, count, radius, rho, theta, z, s, angle, f, starts, height
+            patches, count, radius, point, rho, theta, s, angle, f, starts, height
         )
         height_at(patches, count, s, angle, height)
     r, d = radius - height[0], math.sqrt(2.0 * f)
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos, sin, c, b, wide = math.cos(angle), math.sin(angle), 1.0, 0.0, 1.0
+    px, pz = r * cos, s
+    if curvature != 0.0:
+        c, b, far = math.cos(s * curvature), math.sin(s * curvature), 1.0 / curvature - r * cos
+        px, pz, wide = 1.0 / curvature - far * c, far * b, far * curvature
     if d > CLOSE:
         scale = side / d
-        put(out, scale * (x - r * cos), scale * (y - r * sin), scale * (z - s), FACE)
+        put(out, scale * (x - px), scale * (y - r * sin), scale * (z - pz), FACE)
     else:
         # The normal of its two tangents, into the bore.
-        nx, ny, nz = -r * cos + height[2] * sin, -r * sin - height[2] * cos, -r * height[1]
+        nx, ny = wide * (height[2] * sin - r * cos), -wide * (r * sin + height[2] * cos)
+        nz = -r * height[1]
         size = math.sqrt(nx * nx + ny * ny + nz * nz)
-        put(out, nx / size, ny / size, nz / size, FACE)
+        nx, ny, nz = nx / size, ny / size, nz / size
+        put(out, c * nx + b * nz, ny, c * nz - b * nx, FACE)
     return side * d
 
 
@@ -447,11 +552,13 @@ class Patch:
         """
         rows, columns = self.coefficients.shape
         bend = self.bend(max(radius, 1e-9))
-        highest = 0.0 if total is None else float(total.max()) + bend * self.spacing**2 / 4
+        more = bend * self.spacing**2 / 4
+        highest = 0.0 if total is None else float(total.max()) + more
+        lowest = 0.0 if total is None else min(float(total.min()) - more, 0.0)
         nodes = np.zeros(0) if total is None else radius - total.ravel()
         head = [rows, columns, self.begin, self.spacing, self.first, self.step, highest, bend]
         length = HEAD + self.coefficients.size + len(nodes)
-        return np.concatenate([head, [length], self.coefficients.ravel(), nodes])
+        return np.concatenate([head, [length, lowest], self.coefficients.ravel(), nodes])
 
     def bend(self, radius: float) -> float:
         """Return the largest curvature of its height, 1/m, about; for searches."""

@@ -34,10 +34,10 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Positive, Table, Unit
 from omnitrack_sim.base.text import shown
 from omnitrack_sim.pipes.heights import PAD, Patch
-from omnitrack_sim.pipes.relief import smooth
+from omnitrack_sim.pipes.relief import smooth, too_tight
 
 if TYPE_CHECKING:
-    from omnitrack_sim.pipes.fittings.straight import Straight
+    from omnitrack_sim.pipes.fittings.relieved import Relieved
 
 MAX_BYTES, MAX_RAYS = 50_000_000, 1_000_000
 """Of a scan's file: octets, and rows."""
@@ -154,23 +154,25 @@ class Profile(Table):
         """Places, m, of its first and last ring."""
         return self.begin, self.begin + self.spacing * (len(self._grid) - 1)
 
-    def problems(self, pipe: Straight) -> Iterator[str]:
+    def problems(self, pipe: Relieved) -> Iterator[str]:
         """Yield what is wrong with it in a pipe."""
         if pipe.shape is not None:
             yield "is of a circular bore alone"
             return
-        if self.ends[1] > pipe.length + self.spacing:
-            yield f"reaches to {self.ends[1]:g} m; the pipe is {pipe.length:g} m long"
+        if problem := too_tight(pipe):
+            yield problem
+        if self.ends[1] > pipe.axis_length + self.spacing:
+            yield f"reaches to {self.ends[1]:g} m; the pipe is {pipe.axis_length:g} m long"
         mean = float(self._grid.mean())
         if abs(mean - pipe.radius) > OFF * pipe.radius:
             yield f"has a mean radius of {mean:g} m, and the bore one of {pipe.radius:g} m"
         elif self._grid.min() < pipe.radius / 4:
             yield f"has a radius of {self._grid.min():g} m, less than a quarter of the bore's"
 
-    def patch(self, pipe: Straight) -> Patch:
+    def patch(self, pipe: Relieved) -> Patch:
         """Return it as a height of the wall of a pipe, which dies out at both ends of the scan."""
         rows, columns = self._grid.shape
-        first, last = self.ends[0], min(self.ends[1], pipe.length)
+        first, last = self.ends[0], min(self.ends[1], pipe.axis_length)
         s: Array = first + self.spacing * np.arange(rows, dtype=float)
         fade = min(FADE * pipe.inner_diameter, (last - first) / 2)
         inside = smooth((s - first) / fade) * smooth((last - s) / fade)

@@ -14,22 +14,26 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, GeometryError, InputError
+from omnitrack_sim.base.reading import by_kind, checked
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Angle, Positive, Table, Unit
 from omnitrack_sim.pipes.heights import PAD, Patch, total_height
 from omnitrack_sim.pipes.obstacles import Obstacle, bead, bed
 
 if TYPE_CHECKING:
-    from omnitrack_sim.pipes.fittings.straight import Straight
+    from omnitrack_sim.pipes.fittings.relieved import Relieved
 
 FADE = 1.0
 """Length over which an oval passes into the round bore, bores; assumed."""
 SLOPE, ROUNDING = math.radians(30.0), 0.005
 """Of the ends of a bed, rad, about the angle of repose of sand; radius of its edges, m, but half of
 its depth at most. Both assumed."""
+MIN_BEND = 2.0
+"""Least mean radius of a bend with heights, bore radii: nearer to its centre they are squeezed to
+less than half of their length."""
 MAX_RELIEF = 200
 """Entries of a pipe's relief."""
 
@@ -38,37 +42,48 @@ class Relief(Table):
     """An entry of a pipe's ``relief``."""
 
     needs_circle: ClassVar[bool] = True
+    is_height: ClassVar[bool] = True
 
     @classmethod
     def model_for(cls, value: Mapping[str, Any]) -> type[Table]:
         """Return the table of the ``kind`` in ``value``; the entry's own without one."""
         return relief_kinds().get(str(value.get("kind")), cls)
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """Yield keys, and what is wrong with them in a pipe."""
         if self.needs_circle and pipe.shape is not None:
-            yield "kind", "stands in a circular bore alone"
+            shape = pipe.shape.name
+            yield "kind", f"needs a circular bore; in {shape!r} there are deposits alone"
+        if self.is_height and (problem := too_tight(pipe)):
+            yield "kind", problem
 
-    def obstacle(self, _pipe: Straight) -> Obstacle | None:
+    def obstacle(self, _pipe: Relieved) -> Obstacle | None:
         """Return what it is as a solid on the wall of a pipe."""
         return None
 
-    def patch(self, _pipe: Straight) -> Patch | None:
+    def patch(self, _pipe: Relieved) -> Patch | None:
         """Return what it is as a height of the wall of a pipe."""
         return None
+
+
+def too_tight(pipe: Relieved) -> str:
+    """Return what is wrong with heights on the wall of a pipe whose bend is too tight; else ""."""
+    if pipe.curvature * MIN_BEND * pipe.radius <= 1:
+        return ""
+    least = f"{MIN_BEND * pipe.radius:g} m"
+    return f"squeezes in a bend of {1 / pipe.curvature:g} m: its mean radius is at least {least}"
 
 
 At = Annotated[float, Field(ge=0, le=1000), Unit("m")]
 
 
-def _beyond(at: float, half: float, pipe: Straight) -> Iterator[tuple[str, str]]:
+def _beyond(at: float, half: float, pipe: Relieved) -> Iterator[tuple[str, str]]:
     """Yield the problem of what reaches beyond a port."""
-    if not half - 1e-9 <= at <= pipe.length - half + 1e-9:
-        yield (
-            "at",
-            f"is {at:g} m; it reaches {half:g} m to both sides, which must lie in the pipe of "
-            f"{pipe.length:g} m",
-        )
+    if not half - 1e-9 <= at <= pipe.axis_length - half + 1e-9:
+        room = f"must be from {half:g} to {pipe.axis_length - half:g} m"
+        if 2 * half > pipe.axis_length:
+            room = f"does not fit into a pipe of {pipe.axis_length:g} m"
+        yield "at", f"is {at:g} m; {room}, as it reaches {half:g} m to both sides"
 
 
 def _not_over(key: str, value: float, most: float, what: str) -> Iterator[tuple[str, str]]:
@@ -83,7 +98,7 @@ class Ovality(Relief):
     kind: Literal["ovality"]
     """A stretch that is pressed out of round, and passes into the round bore at its ends."""
     ratio: Annotated[float, Field(gt=0, le=0.2), Unit("1")]
-    """Difference of the longest and shortest diameter over the nominal."""
+    """Difference of the longest and shortest diameter over the nominal, at most 0.2."""
     direction_deg: Annotated[Angle, Unit("deg")] = 0.0
     """Of the longest diameter, about the axis from the x axis."""
     at: Annotated[float | None, Field(ge=0, le=1000), Unit("m")] = None
@@ -92,18 +107,18 @@ class Ovality(Relief):
     """Of the stretch, its transitions included, which are as long as the bore is wide, or half of
     it; left out: the whole pipe."""
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """See ``Relief``."""
         yield from super().problems(pipe)
         at, half = self._stretch(pipe)
         yield from _beyond(at, half, pipe)
 
-    def _stretch(self, pipe: Straight) -> tuple[float, float]:
+    def _stretch(self, pipe: Relieved) -> tuple[float, float]:
         """Middle and half length of the stretch, m."""
-        at = pipe.length / 2 if self.at is None else self.at
-        return at, (pipe.length if self.length is None else self.length) / 2
+        at = pipe.axis_length / 2 if self.at is None else self.at
+        return at, (pipe.axis_length if self.length is None else self.length) / 2
 
-    def patch(self, pipe: Straight) -> Patch:
+    def patch(self, pipe: Relieved) -> Patch:
         """See ``Relief``: the second harmonic."""
         at, half = self._stretch(pipe)
         fade, turn = min(FADE * pipe.inner_diameter, half), math.radians(self.direction_deg)
@@ -122,6 +137,7 @@ class Ovality(Relief):
 class Weld(Relief):
     """The bead of a weld, an arc of a circle in cross-section, all round or part of the way."""
 
+    is_height: ClassVar[bool] = False
     kind: Literal["weld"]
     """A bead, an arc of a circle in cross-section, all round or part of the way; it lies on the
     wall's mean radius and second harmonic."""
@@ -136,16 +152,17 @@ class Weld(Relief):
     to_deg: Annotated[Angle, Unit("deg")] = 360.0
     """Where it ends, 360 degrees on at most."""
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """See ``Relief``."""
         yield from super().problems(pipe)
         yield from _beyond(self.at, self.width / 2, pipe)
         yield from _not_over("height", self.height, self.width / 2, "half its width")
         yield from _not_over("height", self.height, pipe.radius / 2, "half the bore's radius")
         if not 0 < self.to_deg - self.from_deg <= 360:
-            yield "to_deg", f"is {self.to_deg:g}; must be over from_deg, by 360 at most"
+            own, start = f"{self.to_deg:g}", f"{self.from_deg:g}"
+            yield "to_deg", f"is {own}; must be over from_deg, {start}, by 360 at most"
 
-    def obstacle(self, pipe: Straight) -> Obstacle:
+    def obstacle(self, pipe: Relieved) -> Obstacle:
         """See ``Relief``: an arc of a torus, on a wall that is out of round of an oval one."""
         middle = math.radians((self.from_deg + self.to_deg) / 2)
         half = math.radians((self.to_deg - self.from_deg) / 2)
@@ -163,6 +180,7 @@ class Weld(Relief):
 class Deposit(Relief):
     """A flat bed of what has settled, with ends that slope by 30 degrees."""
 
+    is_height: ClassVar[bool] = False
     kind: Literal["deposit"]
     """A flat bed, with ends that slope by 30 degrees (assumed)."""
     at: At
@@ -170,7 +188,7 @@ class Deposit(Relief):
     length: Annotated[Positive, Unit("m")]
     """Along the floor, with its ends."""
     depth: Annotated[Positive, Unit("m")]
-    """In its middle, less than from the floor to the axis."""
+    """In its middle, less than 0.95 of the way from the floor to the axis."""
     angle_deg: Annotated[Angle | None, Unit("deg")] = None
     """Of its middle, about the axis from the x axis; left out: the lowest side of the pipe, which
     then is at most 60 degrees steep."""
@@ -178,13 +196,17 @@ class Deposit(Relief):
     """Its own; left out: that of the wall."""
     needs_circle: ClassVar[bool] = False
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """See ``Relief``."""
         yield from super().problems(pipe)
+        if pipe.curvature:
+            yield "kind", "lies in straights and caps alone"
+            return
         yield from _beyond(self.at, self.length / 2, pipe)
-        floor = self._floor(pipe)
-        if self.depth >= 0.95 * floor:
-            yield "depth", f"is {self.depth:g} m; must be less than 0.95 of {floor:g} m to the axis"
+        most = 0.95 * self._floor(pipe)
+        if self.depth >= most:
+            limit = f"must be less than {most:g} m, 0.95 of the way to the axis"
+            yield "depth", f"is {self.depth:g} m; {limit}"
         least = 2 * self.depth / math.tan(SLOPE)
         if self.length < least:
             yield "length", f"is {self.length:g} m; its slopes alone take {least:.4f} m"
@@ -194,11 +216,11 @@ class Deposit(Relief):
         """Angle, rad, of its middle; where it is not settled yet, that of the x axis."""
         return math.radians(self.angle_deg or 0.0)
 
-    def _floor(self, pipe: Straight) -> float:
+    def _floor(self, pipe: Relieved) -> float:
         """Distance of the floor from the axis, m."""
         return pipe.radius if pipe.shape is None else float(pipe.shape.radii(np.array(self._angle)))
 
-    def obstacle(self, pipe: Straight) -> Obstacle:
+    def obstacle(self, pipe: Relieved) -> Obstacle:
         """See ``Relief``."""
         rounding = min(ROUNDING, self.depth / 2)
         return bed(
@@ -230,7 +252,7 @@ class Dent(Relief):
     width: Annotated[float, Field(ge=0.01, le=1000), Unit("m")]
     """Round the pipe, from edge to edge, less than the way round."""
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """See ``Relief``."""
         yield from super().problems(pipe)
         yield from _beyond(self.at, self.length / 2, pipe)
@@ -239,7 +261,7 @@ class Dent(Relief):
         yield from _not_over("depth", self.depth, least, what)
         yield from _not_over("width", self.width, 1.9 * math.pi * pipe.radius, "round the pipe")
 
-    def patch(self, pipe: Straight) -> Patch:
+    def patch(self, pipe: Relieved) -> Patch:
         """See ``Relief``."""
         turn, half = math.radians(self.angle_deg), self.width / 2 / pipe.radius
 
@@ -269,25 +291,25 @@ class Corrosion(Relief):
     seed: Annotated[int, Field(ge=0, le=2**32), Unit("1")] = 0
     """Other waves for each."""
 
-    def problems(self, pipe: Straight) -> Iterator[tuple[str, str]]:
+    def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """See ``Relief``."""
         yield from super().problems(pipe)
         what = "a sixteenth of the wavelength"
         yield from _not_over("roughness", self.roughness, self.wavelength / 16, what)
-        if self.wavelength > min(pipe.length / 3, pipe.radius):
+        if self.wavelength > min(pipe.axis_length / 3, pipe.radius):
             yield "wavelength", f"is {self.wavelength:g} m; at most a third of the pipe, or R"
         elif math.prod(self._grid(pipe)) > MAX_NODES:
-            yield "wavelength", f"is {self.wavelength:g} m, too fine for {pipe.length:g} m of pipe"
+            yield "wavelength", f"is {self.wavelength:g} m, too fine for {pipe.axis_length:g} m"
 
-    def _grid(self, pipe: Straight) -> tuple[int, int]:
+    def _grid(self, pipe: Relieved) -> tuple[int, int]:
         """Return how many nodes there are along and round the pipe, five in a wavelength."""
-        rows = math.ceil(5 * pipe.length / self.wavelength) + 1
+        rows = math.ceil(5 * pipe.axis_length / self.wavelength) + 1
         return rows, 4 * math.ceil(5 * 2 * math.pi * pipe.radius / self.wavelength / 4)
 
-    def patch(self, pipe: Straight) -> Patch:
+    def patch(self, pipe: Relieved) -> Patch:
         """See ``Relief``: white noise, of which a band of wavelengths is kept."""
         rows, columns = self._grid(pipe)
-        spacing, step = pipe.length / (rows - 1), 2 * math.pi / columns
+        spacing, step = pipe.axis_length / (rows - 1), 2 * math.pi / columns
         more = 5  # that its ends do not know each other
         noise = np.random.default_rng(self.seed).normal(size=(rows + more, columns))
         along = np.fft.fftfreq(rows + more, spacing)[:, None]
@@ -324,3 +346,33 @@ def relief_kind(kind: str) -> type[Relief]:
     if kind not in relief_kinds():
         raise InputError(Fault("kind", f"is {kind!r}", tuple(relief_kinds()), given=kind))
     return relief_kinds()[kind]
+
+
+Entries = Annotated[
+    tuple[Annotated[SerializeAsAny[Relief], by_kind(relief_kind, strict=True)], ...],
+    # Pipes of a scenario come as lists of Python, which strict tuples are not.
+    BeforeValidator(lambda relief: tuple(relief) if isinstance(relief, list) else relief),
+    Field(max_length=MAX_RELIEF),
+]
+"""Type of a pipe's ``relief`` in a table."""
+
+
+class _Pipe(Table):
+    """A pipe, of which the relief alone is read."""
+
+    relief: Entries
+
+
+def relief_tables(entries: Any, kind: str) -> tuple[Relief, ...]:
+    """Return the relief of a pipe of some kind as tables, from tables or plain data of them.
+
+    Raises:
+        GeometryError: lists every fault, with its place.
+    """
+    if isinstance(entries, tuple) and all(isinstance(one, Relief) for one in entries):
+        return entries
+    try:
+        return checked(_Pipe, {"relief": entries}, GeometryError).relief
+    except GeometryError as error:
+        places = [fault.at(f"{kind}.{fault.where}") for fault in error.faults]
+        raise GeometryError(places) from None

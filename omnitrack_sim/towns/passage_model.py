@@ -48,7 +48,7 @@ class ModelSettings:
     linear: tuple[float, ...] = (0.3, 10.0)
     quadratic: tuple[float, ...] = (0.1, 1.0)
     certain: float = 3.0
-    slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015)
+    slack: tuple[float, ...] = (0.02, 0.05, 0.02, 0.02, 5.0, 0.06, 0.015, 0.002, 0.02, 0.01, 0.01)
     leverage: float = 1.5
     scatter: float = 0.4
     few: int = 8

@@ -29,7 +29,7 @@ from omnitrack_sim.trials.entries import robot_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FORMAT = 2
+FORMAT = 3
 """Version of the file."""
 PASSPORT_FILE = "passport.parquet"
 COSTS = ("seconds", "joules", "slip")
@@ -51,7 +51,8 @@ class Passport:
     Example:
         >>> plan = ot.PassportPlan.of("presser", courses=["straight"], trials=2)
         >>> passport = plan.passport(ot.run_trials(plan).table)
-        >>> list(passport.kinds), passport.estimate("elbow", [[0.8, 0, 0, 0, 90, 0.7, 1]]).is_known
+        >>> point = [0.8, 0, 0, 0, 90, 0.7, 1, 0, 0, 0, 0]
+        >>> list(passport.kinds), passport.estimate("elbow", [point]).is_known
         (['straight'], array([False]))
     """
 

@@ -20,6 +20,7 @@ from omnitrack_sim.towns.features import (
     TRIED,
     as_straights,
     kind_of,
+    relief_of,
     shape_of,
     slopes_of,
 )
@@ -266,6 +267,42 @@ def _pipes() -> Iterator[tuple[str, list[dict[str, Any]]]]:
         reducer = {"kind": "reducer", "length": 0.6, "end_diameter": bore}
         last = {**lead, "inner_diameter": bore}
         yield f"reducer_{round(100 * bore)}", [lead, reducer, last]
+    yield from _worn(lead)
+
+
+def _worn(lead: dict[str, Any]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Names and pipes of the courses with relief and couplings, lengths in bores."""
+    bead = {"kind": "weld", "at": 1.0}
+    oval = {"kind": "ovality", "at": 1.5, "length": 2.8}
+    bed = {"kind": "deposit", "at": 1.5, "length": 2.5, "angle_deg": 0.0}
+    dent = {"kind": "dent", "at": 1.0, "angle_deg": 90.0, "length": 0.8, "width": 0.8}
+    reliefs: dict[str, tuple[float, list[dict[str, Any]]]] = {
+        **{f"weld_{1000 * h:g}": (2.0, [_bead(bead, h)]) for h in (0.015, 0.05)},
+        **{f"ovality_{100 * r:g}": (3.0, [oval | {"ratio": r}]) for r in (0.05, 0.15)},
+        **{f"deposit_{100 * d:g}": (3.0, [bed | {"depth": d}]) for d in (0.05, 0.2)},
+        "dent_10": (2.0, [dent | {"depth": 0.1}]),
+        "relief": (3.0, [_bead(bead, 0.03), oval | {"ratio": 0.1}, bed | {"depth": 0.1}]),
+    }
+    for name, (length, relief) in reliefs.items():
+        yield name, [lead, {"kind": "straight", "length": length, "relief": relief}, lead]
+    joints: dict[str, dict[str, float]] = {
+        "step_up_10": {"end_diameter": 0.98},
+        "step_up_50": {"end_diameter": 0.9},
+        "step_down_50": {"end_diameter": 1.1},
+        "offset_30": {"offset": 0.03},
+        "offset_100": {"offset": 0.1},
+        "gap_10": {"gap": 0.1, "depth": 0.1},
+        "gap_50": {"gap": 0.5, "depth": 0.1, "length": 1.5},
+        "gap_25_offset_50": {"gap": 0.25, "depth": 0.1, "length": 1.5, "offset": 0.05},
+    }
+    for name, sizes in joints.items():
+        last = {**lead, "inner_diameter": sizes.get("end_diameter", 1.0)}
+        yield name, [lead, {"kind": "coupling", **sizes}, last]
+
+
+def _bead(bead: Mapping[str, Any], height: float) -> dict[str, Any]:
+    """Table of a bead of a height, bores."""
+    return {**bead, "height": height, "width": 10 / 3 * height}
 
 
 def _kinds(sweep: Sweep, table: Any, changes: Mapping[str, Any]) -> dict[str, KindTrials]:
@@ -291,7 +328,8 @@ def _kinds(sweep: Sweep, table: Any, changes: Mapping[str, Any]) -> dict[str, Ki
         climb, lift, leaving = slopes_of(passage, gravity[i])
         shape = shape_of(passage, robot.nominal_bore)
         kind = kind_of(passage)
-        point = [friction[i], pull[i] / weight, climb, lift, *shape]
+        relief = relief_of(passage, robot.nominal_bore)
+        point = [friction[i], pull[i] / weight, climb, lift, *shape, *relief]
         points.setdefault(kind, []).append(point)
         rows.setdefault(kind, []).append(i)
         middle, half = (passage.s_enter + passage.s_leave) / 2, MODEL.way * robot.nominal_bore / 2

@@ -29,7 +29,15 @@ from omnitrack_sim.results.provenance import environment
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.robots.tail import Tether
 from omnitrack_sim.towns.bores import BoreReach, bores_of
-from omnitrack_sim.towns.features import FEATURES, TRIED, kind_of, shape_of, slopes_of
+from omnitrack_sim.towns.features import (
+    FEATURES,
+    RELIEF,
+    TRIED,
+    kind_of,
+    relief_of,
+    shape_of,
+    slopes_of,
+)
 from omnitrack_sim.towns.passport import Passport
 from omnitrack_sim.trials.batches import sha256_of
 
@@ -190,11 +198,12 @@ def _hard_to_reach(part: PipeReach) -> tuple[float, float]:
 
 
 class _Way(NamedTuple):
-    """One passage of the network: its edge, row in the tables, kind and segments."""
+    """One passage of the network: its edge, row in the tables, kind, words and segments."""
 
     edge: Edge
     row: int
     kind: str
+    what: str
     length: float
     segments: list[Segment]
 
@@ -393,12 +402,12 @@ class _Planner:
                 passage = Passage.of(self.network.pipes, (i, enter, leave))
                 kind, row = kind_of(passage), len(self.rows)
                 climb, lift, _ = slopes_of(passage, self.gravity)
-                points.setdefault(kind, []).append(
-                    (row, [0.0, 0.0, climb, lift, *shape_of(passage, bore)])
-                )
+                shape, relief = shape_of(passage, bore), relief_of(passage, bore)
+                points.setdefault(kind, []).append((row, [0.0, 0.0, climb, lift, *shape, *relief]))
                 lengths.append(passage.length)
                 segments = part.segments(passage.curve)
-                way = _Way((i, enter, leave), row, kind, passage.length, segments)
+                what = _what(kind, part.fitting.kind, relief)
+                way = _Way((i, enter, leave), row, kind, what, passage.length, segments)
                 self.ways.setdefault((i, enter), []).append(way)
                 self.rows[i, enter, leave] = row
             if i % 100 == 0:
@@ -570,7 +579,7 @@ class _Planner:
         loss = -_log_mean(logs[0])
         if straight:
             loss = max(loss + _log_mean(label.straights[0]), 0.0)
-        reason = f"{way.kind} ({name}): {math.exp(-loss):.2f}"
+        reason = f"{way.what} ({name}): {math.exp(-loss):.2f}"
         if self.tether is not None and drag > self.weight:
             reason += f", tether pulls {drag:.0f} N"
         spreads = dict(label.spread)
@@ -673,6 +682,12 @@ class _Planner:
             launch=launch,
             stopped_by=reason,
         )
+
+
+def _what(kind: str, fitting: str, relief: Sequence[float]) -> str:
+    """Return what a way is, such as "elbow", or what stands in it: "step and gap in coupling"."""
+    names = [name for name, size in zip(RELIEF, relief, strict=True) if size > 0]
+    return f"{' and '.join(names)} in {fitting}" if names else kind
 
 
 def _edges(path: tuple[Any, ...]) -> tuple[Edge, ...]:

@@ -34,7 +34,11 @@ CAUSES = {
     "unknown": ("what no trial has tried", "#b279a2"),
     "battery": ("the battery", "#c8322b"),
     "tether": ("the tether", "#8c5a44"),
-    "fitting": ("a fitting that it hardly passes", "#6b7077"),
+    "step": ("a step or a bead that it hardly passes", "#4c78a8"),
+    "gap": ("a gap that it hardly passes", "#72b7b2"),
+    "ovality": ("ovality that it hardly passes", "#54a24b"),
+    "deposit": ("a deposit or dent that it hardly passes", "#9d7660"),
+    "fitting": ("another fitting that it hardly passes", "#6b7077"),
     "way": ("no way leads there", "#c9cdd2"),
 }
 """Causes for which parts are not reached: words and colour."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.pipes import Fitting
-from omnitrack_sim.pipes.fittings import straight
+from omnitrack_sim.pipes.fittings import relieved
 from omnitrack_sim.pipes.native import (
     ROW,
     SCRATCH,
@@ -159,7 +159,7 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
         collider.call_collide: _call_collide,
         # Models with relief are refused.
         collider.sizes_of: lambda body, node: _at(body, _sizes_in(node)),
-        straight.from_relief: lambda body, node: Code("0", REAL),  # noqa: ARG005
+        relieved.from_relief: lambda body, node: Code("0", REAL),  # noqa: ARG005
         bodies.face_of: lambda body, node: body.value(node.args[1]),
         bodies.round_face: lambda body, node: body.value(node.args[1]),
         bodies.mesh_face: lambda body, node: body.value(node.args[1]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -19,13 +19,20 @@ from omnitrack_sim.pipes.fittings.base import (
     Arcs,
     AxisCurve,
     Description,
-    Fitting,
-    FittingTable,
     X,
     Z,
     check,
     port_pose,
     possible_bore,
+)
+from omnitrack_sim.pipes.fittings.relieved import (
+    MARKED,
+    OWN,
+    PATCHES,
+    ReliefTable,
+    Relieved,
+    from_relief,
+    from_relief_on,
 )
 from omnitrack_sim.pipes.shapes import THICKNESS, Kit, Pieces, Ring, Solid, sagitta, stave_count
 
@@ -39,8 +46,8 @@ they are laid."""
 
 
 @compiled
-def surface(sizes, x, y, z, out):
-    """See ``compiled.Wall``. Sizes: radius, mean radius, m, sine and cosine of the angle."""
+def from_torus(sizes, x, y, z, out):
+    """Return the distance from the bore without relief."""
     radius, mean_radius = sizes[0], sizes[1]
     # The axis circle lies in the plane y = 0 with its centre at (mean_radius, 0, 0).
     px = x - mean_radius
@@ -57,10 +64,26 @@ def surface(sizes, x, y, z, out):
     return radius - away
 
 
+def relieved(sizes, x, y, z, out):
+    """See ``compiled.Wall``: the surface of a wall with relief."""
+    d = 0.0 if sizes[PATCHES] > 0.0 else from_torus(sizes, x, y, z, out)
+    return from_relief_on(sizes, 1.0 / sizes[1], x, y, z, d, out)
+
+
+@compiled
+def surface(sizes, x, y, z, out):
+    """See ``compiled.Wall``. Sizes: radius, mean radius, m, sine and cosine of the angle."""
+    if sizes[MARKED] < 0.0:
+        return from_relief(sizes, x, y, z, out)
+    return from_torus(sizes, x, y, z, out)
+
+
 @compiled
 def span(sizes, ends, px, _py, pz, ax, _ay, az, out):
     """See ``compiled.Wall``: between the port planes."""
     a, b, c = sizes[1], sizes[2], sizes[3]
+    if b < 0.0:
+        b, c = sizes[OWN], sizes[OWN + 1]
     clip(out, -pz, -az, ends[0])
     # The second port plane contains the axis of the bend and is turned about it by the angle.
     clip(out, (px - a) * b + pz * c, ax * b + az * c, ends[1])
@@ -68,10 +91,14 @@ def span(sizes, ends, px, _py, pz, ax, _ay, az, out):
 
 
 @dataclass(frozen=True)
-class Elbow(Fitting):
+class Elbow(Relieved):
     """A bend of ``angle`` rad, at most pi, with its axis on a circle of ``mean_radius`` m.
 
     The radius is at least that of the bore.
+
+    Attributes:
+        relief: how its wall differs from its bore: tables, or plain data of them.
+        profile: the measured wall, or the file of a scan; None without one.
 
     Example:
         >>> round(ot.Elbow(0.24).length_of_axes, 3)
@@ -81,10 +108,13 @@ class Elbow(Fitting):
     mean_radius: float
     angle: float = math.pi / 2
     inner_diameter: float = BORE
+    relief: Sequence[Any] = ()
+    profile: Any = None
+    relieved_surface: ClassVar[Any] = relieved
     kind: ClassVar[str] = "elbow"
     wall: ClassVar[Wall] = Wall(surface, span)
 
-    class Table(FittingTable):
+    class Table(ReliefTable):
         """Keys in files."""
 
         mean_radius: Annotated[Size, Unit("m", "Rm")] = 0.24
@@ -108,6 +138,7 @@ class Elbow(Fitting):
                 f"is {math.degrees(self.angle):.6g} degrees; must be over 0, at most 180",
             ),
         )
+        self._check_relief()
 
     @property
     def _end_axes(self) -> tuple[Array, Array]:
@@ -152,7 +183,7 @@ class Elbow(Fitting):
     @property
     def bounds(self) -> tuple[Array, Array]:
         """See ``Fitting``: around both end discs and the outermost circle between them."""
-        r = self.radius
+        r = self.max_radius
         # The extremes lie at the ends or within the bend, as its angle has it: samples settle it.
         angles = np.append(np.linspace(0, self.angle, 181), self.angle)
         rims = np.array([self.mean_radius + r, max(self.mean_radius - r, 0.0)])
@@ -161,20 +192,45 @@ class Elbow(Fitting):
         return np.array([x.min(), -r, z.min()]), np.array([x.max(), r, z.max()])
 
     @property
-    def sizes(self) -> tuple[float, ...]:
+    def axis_length(self) -> float:
+        """See ``Relieved``."""
+        return self.mean_radius * self.angle
+
+    @property
+    def curvature(self) -> float:
+        """See ``Relieved``."""
+        return 1 / self.mean_radius
+
+    @property
+    def max_radius(self) -> float:
+        """See ``Fitting``."""
+        return self.radius + self.widening
+
+    @property
+    def plain_sizes(self) -> tuple[float, ...]:
         """See ``surface``."""
-        return self.radius, self.mean_radius, math.sin(self.angle), math.cos(self.angle)
+        return self.radius, self.mean_radius, *self.own_numbers
+
+    @property
+    def own_numbers(self) -> tuple[float, ...]:
+        """See ``Relieved``: sine and cosine of the angle."""
+        return math.sin(self.angle), math.cos(self.angle)
 
     def add_walls(self, pieces: Pieces, tolerance: float, staves: int | None) -> None:
         """See ``Fitting``: rows of boxes along the bend, each as fine as its radius asks."""
+        if self.add_relief(pieces, tolerance):
+            return
         ring, along_tolerance = self._ring(tolerance, staves)
         for u in ring.azimuths:
             self._add_row(pieces, ring, u, self._row_count(ring, u, along_tolerance))
 
     def piece_count(self, tolerance: float, staves: int | None) -> int:
         """See ``Fitting``."""
+        count, is_all = self.relief_count(tolerance)
+        if is_all:
+            return count
         ring, along_tolerance = self._ring(tolerance, staves)
-        return sum(self._row_count(ring, u, along_tolerance) for u in ring.azimuths)
+        return count + sum(self._row_count(ring, u, along_tolerance) for u in ring.azimuths)
 
     def _ring(self, tolerance: float, staves: int | None) -> tuple[Ring, float]:
         """Return the rows around the bore, and the rest of the tolerance along them, m."""
@@ -214,13 +270,15 @@ class Elbow(Fitting):
 
     def fill(self, kit: Kit, more: float) -> Solid:
         """See ``Fitting``: a sector of a torus."""
+        if self.patches:
+            return self.lofted(kit, more)
         return kit.bend(self.mean_radius, self.angle, self.radius + more)
 
     def bore(self, kit: Kit) -> Solid:
         """See ``Fitting``: a little longer than the wall at both ports."""
         # A port plane that is turned by the bend's angle is rounded otherwise for the bore than for
         # the wall; bores that end flush with it leave shreds of a film across the mouth.
-        bore: Any = self.fill(kit, 0.0)
+        bore: Any = super().bore(kit)
         for port in self.ports.values():
             within = Pose(port.rotation, port.position - MOUTH_OVERLAP * port.rotation[:, 2])
             bore += kit.moved(kit.cylinder(kit.overcut, self.radius), within)
