@@ -14,6 +14,7 @@ from omnitrack_sim.calibration.compare import targets_of
 from omnitrack_sim.calibration.contradictions import contradictions_of
 from omnitrack_sim.calibration.doubt import (
     draw_within,
+    foreseeable,
     independent_count,
     indistinct_of,
     information_of,
@@ -131,6 +132,22 @@ def test_samples_that_are_chance_count_less():
     squares = rng.random(200)
     assert smoothed(squares)[50:150].mean() == pytest.approx(squares[50:150].mean(), rel=0.03)
     np.testing.assert_allclose(smoothed(np.ones(5)), 1.0)
+
+
+def test_samples_whose_slope_may_be_chance_do_not_count():
+    """Where slope and uncertainty are alike; smooth ones count all, and so do those of no slope."""
+    slopes, chances = np.array([4.0, 1.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.1, 0.0])
+    np.testing.assert_allclose(foreseeable(slopes, chances), [1.0, 0.0, 0.7, 1.0])
+
+
+@pytest.mark.long
+def test_a_pull_until_the_belts_slip_tells_friction():
+    """With currents that stick and slip by chance once they do."""
+    scenario = ot.load_scenario("calibration/pull")
+    run = ot.run(ot.override(scenario, {"world.friction": 0.72}), no_load=False)
+    noise = {"tail_force_max": 0.5, **{f"motor_current_{i}": 0.005 for i in (1, 2, 3)}}
+    fit = ot.calibrate([noisy(run.trajectory, 7, noise)], scenario, ["world.friction"])
+    assert abs(fit.values[0] - 0.72) < 2.5 * fit.std[0] < 0.03
 
 
 def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):

@@ -11,6 +11,9 @@ from omnitrack_sim.base.rotations import Array
 
 MIN_CORRELATION = 0.05
 """Correlation of residuals at a distance in time, below which they count as independent."""
+CHANCE = 3.0
+"""Times the square of its uncertainty, from which on the square of a slope counts. That of pure
+chance is a third of it on the average, and by luck as large."""
 SLIPS = 11
 """Samples over which chance is averaged: a robot sticks and slips some times a second."""
 UNKNOWN = 0.05
@@ -45,6 +48,17 @@ def smoothed(squares: Array) -> Array:
     window = np.ones(min(SLIPS, len(squares)))
     count = np.convolve(np.ones(len(squares)), window, mode="same")
     return np.convolve(squares, window, mode="same") / count
+
+
+def foreseeable(slopes: Array, chances: Array) -> Array:
+    """Return how much samples (m,) count, from 0 to 1: not where their slopes may be chance.
+
+    Args:
+        slopes: mean squares of the derivatives around each sample.
+        chances: mean squares of what these are uncertain by.
+    """
+    share = 1 - CHANCE * chances / np.where(slopes > 0, slopes, 1.0)
+    return np.where(slopes > 0, share, 1.0).clip(0.0)
 
 
 def noise_of(residual: Array, variance: Array) -> float:

@@ -15,6 +15,7 @@ from omnitrack_sim.calibration.calibration import Calibration, FittedColumn
 from omnitrack_sim.calibration.compare import Target, targets_of
 from omnitrack_sim.calibration.contradictions import contradictions_of
 from omnitrack_sim.calibration.doubt import (
+    foreseeable,
     independent_count,
     indistinct_of,
     information_of,
@@ -277,8 +278,7 @@ class _Fit:
     def result(self) -> Calibration:
         """Fit the parameters, and return them with their doubt."""
         values, number = self._search(), 0
-        # What the best of them does not meet yet counts as noise, so that first steps end early.
-        self._weigh(values)
+        self._weigh(values, at_start=True)
         while True:
             number += 1
             self._tell(number / (ROUNDS + 1), f"round {number} of up to {ROUNDS}")
@@ -355,21 +355,20 @@ class _Fit:
 
     def _unweighted(self, sets: Array) -> Array:
         """Return the logs' residuals (r, k), each in its unit, of sets of values (k, p)."""
-        weights = np.concatenate(self._weights)
+        ones = [np.ones(len(target.time)) for target in self._runs.targets]
         points = self._runs.points(sets)
-        own = [np.concatenate(self._parts(point)) / weights for point in points]
-        return np.stack(own, axis=1)
+        return np.stack([np.concatenate(self._parts(point, ones)) for point in points], axis=1)
 
     def _surprise(self, values: Array) -> Array:
         """Return how far values (p,) are from what was known before, in standard deviations."""
         return (self._coordinates(values) - self._coordinates(self._start)) / self._prior
 
-    def _parts(self, point: Point) -> list[Array]:
-        """Return the weighted residuals of each target."""
+    def _parts(self, point: Point, weights: Sequence[Array] | None = None) -> list[Array]:
+        """Return the weighted residuals of each target; by default with the fit's own weights."""
         targets = self._runs.targets
         if point.simulated is None:
             return [np.full(len(target.time), FAILED) for target in targets]
-        of = zip(self._weights, targets, point.simulated, strict=True)
+        of = zip(weights or self._weights, targets, point.simulated, strict=True)
         return [weight * target.residual(simulated) for weight, target, simulated in of]
 
     def _descend(self, values: Array) -> Array:
@@ -401,10 +400,11 @@ class _Fit:
         )
         return self._values(found.ravel())
 
-    def _weigh(self, values: Array) -> None:
+    def _weigh(self, values: Array, *, at_start: bool = False) -> None:
         """Weigh samples by the noise of their column and by what is chance in them.
 
-        And logs by what the model is wrong by in each.
+        And logs by what the model is wrong by in each. Of what is not met ``at_start`` only that
+        counts as noise which no change of the parameters would meet.
         """
         (point,) = self._runs.points(values[None])
         assert point.simulated is not None
@@ -416,15 +416,20 @@ class _Fit:
             zip(self._runs.targets, point.simulated, strict=True)
         ):
             rows, residual = self._target_of == t, target.residual(simulated)
+            if at_start:
+                residual = residual - slopes[rows] @ np.linalg.lstsq(slopes[rows], residual)[0]
             own = np.sqrt(np.mean(slopes[rows] ** 2 - doubts[rows] ** 2, axis=0).clip(0.0))
             effects[t] = own / max(size_of(target, simulated), 1e-12)
-            chance = self._model_error**2 * smoothed(np.sum(doubts[rows] ** 2, axis=1))
+            chance = smoothed(np.sum(doubts[rows] ** 2, axis=1))
+            share = foreseeable(smoothed(np.sum(slopes[rows] ** 2, axis=1)), chance)
+            chance *= self._model_error**2
             least = self._model_error * self._sizes[t]
             spread = noise_of(residual, chance + max(target.noise, least, 1e-12) ** 2)
             noise = np.sqrt(spread**2 + max(least, 1e-12) ** 2 + chance)
-            independent = independent_count(residual / noise)
+            independent = independent_count((residual / noise)[share > 0])
             self.independent.append(independent)
-            self._weights[t] = np.sqrt(independent / len(residual)) / noise
+            count = max(np.count_nonzero(share), 1)
+            self._weights[t] = np.sqrt(share * independent / count) / noise
         weighted = slopes * np.concatenate(self._weights)[:, None]
         self._errors = []
         for i in range(len(self._runs.logs)):
