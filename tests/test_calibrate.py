@@ -17,6 +17,8 @@ from omnitrack_sim.calibration.doubt import (
     independent_count,
     indistinct_of,
     information_of,
+    noise_of,
+    smoothed,
 )
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
@@ -117,6 +119,18 @@ def test_slopes_that_are_chance_tell_nothing():
     assert strengths[1] < 0.5 * 2 * 400
     clean = information_of(slope + np.zeros(2), np.zeros((400, 2)))
     np.testing.assert_allclose(clean, np.full((2, 2), float(slope.ravel() @ slope.ravel())))
+
+
+def test_samples_that_are_chance_count_less():
+    """The noise of a column is that of its foreseeable samples, whatever the others do; running
+    means keep the mean."""
+    rng = np.random.default_rng(0)
+    chance = np.repeat([0.0, 25.0], 500)
+    residual = rng.normal(size=1000) * np.sqrt(1 + chance)
+    assert noise_of(residual, 1 + chance) == pytest.approx(1.0, abs=0.1)
+    squares = rng.random(200)
+    assert smoothed(squares)[50:150].mean() == pytest.approx(squares[50:150].mean(), rel=0.03)
+    np.testing.assert_allclose(smoothed(np.ones(5)), 1.0)
 
 
 def test_parameters_that_cannot_be_told_apart_are_named(climb, pulled):

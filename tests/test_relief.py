@@ -16,9 +16,11 @@ import pytest
 import thrown_bodies
 from in_pipes import check_that_thrown_bodies_stay, swing_period
 from scipy.spatial import cKDTree
+from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.cli import app
 from omnitrack_sim.pipes import Assembly, Part, Straight
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.scenario import validate
@@ -348,14 +350,14 @@ def test_relief_is_kept_in_files():
     ("entry", "where", "told"),
     [
         ({"kind": "wled", "at": 0.1}, "kind", "weld"),
-        ({"kind": "weld", "at": 0.001}, "at", "both sides"),
+        ({"kind": "weld", "at": 0.001}, "at", "from 0.005 to 0.295 m"),
         ({"kind": "weld", "at": 0.1, "height": 0.006}, "height", "half its width"),
-        ({"kind": "weld", "at": 0.1, "to_deg": -10.0}, "to_deg", "over from_deg"),
+        ({"kind": "weld", "at": 0.1, "to_deg": -10.0}, "to_deg", "over from_deg, 0,"),
         ({"kind": "weld", "at": 0.1, "deep": 1.0}, "deep", "height"),
         ({"kind": "deposit", "at": 0.15, "length": 0.05, "depth": 0.02}, "length", "slopes"),
-        ({"kind": "deposit", "at": 0.15, "length": 0.28, "depth": 0.08}, "depth", "axis"),
+        ({"kind": "deposit", "at": 0.15, "length": 0.28, "depth": 0.08}, "depth", "0.076 m"),
         ({"kind": "ovality", "ratio": 0.3}, "ratio", "0.2"),
-        ({"kind": "ovality", "ratio": 0.1, "at": 0.1, "length": 0.4}, "at", "must lie in"),
+        ({"kind": "ovality", "ratio": 0.1, "at": 0.1, "length": 0.4}, "at", "does not fit into"),
     ],
 )
 def test_relief_that_cannot_be_is_told(entry, where, told):
@@ -365,6 +367,31 @@ def test_relief_that_cannot_be_is_told(entry, where, told):
     (fault,) = caught.value.faults
     assert fault.where == f"pipes.1.relief.1.{where}"
     assert told in str(fault)
+
+
+@pytest.mark.parametrize(
+    ("relief", "told"),
+    [
+        (["weld"], "straight.relief.0: input should be a table (given: 'weld')"),
+        ([{"at": 0.1}], "straight.relief.0.kind: is missing (choose from: ovality, "),
+        ([{"kind": "weld", "at": 0.1, "hieght": 1.0}], "did you mean 'height'?"),
+        ([{"kind": "weld", "at": 0.1, "height": -1.0}], "straight.relief.0.height: "),
+        ({"kind": "weld", "at": 0.1}, "straight.relief: is a table; it must be a list"),
+    ],
+)
+def test_relief_in_python_is_checked_as_in_files(relief, told):
+    """What is no relief is a fault at its place, in the words of files."""
+    with pytest.raises(ot.GeometryError) as caught:
+        Straight(0.3, relief=relief)
+    assert told in str(caught.value)
+
+
+def test_an_entry_of_a_network_in_python_that_is_no_table_is_told():
+    """It is told in words of files, not by the name of a class."""
+    with pytest.raises(
+        ot.NetworkError, match=r"relief\.0: input should be a table \(given: 'weld'\)"
+    ):
+        in_a_row(tables("weld"))
 
 
 def test_a_section_has_deposits_alone():
@@ -384,3 +411,12 @@ def test_a_saved_model_asks_for_its_relief():
     record[-10:-8] = 123456, 654321
     with pytest.raises(mujoco.FatalError, match="relief"):
         mujoco.MjData(model)
+
+
+def test_the_list_of_a_network_names_its_relief(tmp_path):
+    """A part's sizes end with the kinds of its relief, and how often there is each."""
+    weld, dent = RELIEF["weld"], RELIEF["dent"]
+    path = tmp_path / "welded.toml"
+    path.write_text(in_a_row(tables(weld, dent, weld | {"at": 0.2})).to_toml())
+    done = CliRunner().invoke(app, ["network", str(path)], env={"COLUMNS": "200"})
+    assert "2 x weld, dent" in done.stdout

@@ -557,6 +557,8 @@ def _fault_of(item: Mapping[str, Any], choices_at: Callable[[list[str]], tuple[s
             problem += f" of tables, each of which begins with [[{where}]] in TOML"
         return Fault(where, problem)
     message = _in_words_of_files(item["msg"])
+    if kind in ("model_type", "dict_type"):  # which name a class where data come from Python
+        message = "input should be a table"
     # A missing key has the whole table as its input, which would fill the message.
     if not isinstance(item["input"], dict) and kind != "missing":
         message += f" (given: {shown(item['input'])})"

@@ -11,6 +11,8 @@ from omnitrack_sim.base.rotations import Array
 
 MIN_CORRELATION = 0.05
 """Correlation of residuals at a distance in time, below which they count as independent."""
+SLIPS = 11
+"""Samples over which chance is averaged: a robot sticks and slips some times a second."""
 UNKNOWN = 0.05
 """Doubt of a direction of parameters, as a part of their values, from which on the logs do not tell
 it: what a spring balance and a tilted pipe measure to."""
@@ -36,6 +38,21 @@ def independent_count(residual: Array) -> float:
     until = int(small[0]) if len(small) else len(correlation)
     total = 1 + 2 * float(correlation[1:until].sum())
     return float(np.clip(m / max(total, 1.0), 1.0, m))
+
+
+def smoothed(squares: Array) -> Array:
+    """Return running means of squares (m,), over as many samples as a robot sticks and slips in."""
+    window = np.ones(min(SLIPS, len(squares)))
+    count = np.convolve(np.ones(len(squares)), window, mode="same")
+    return np.convolve(squares, window, mode="same") / count
+
+
+def noise_of(residual: Array, variance: Array) -> float:
+    """Return the root mean square of residuals (m,), those of a small ``variance`` (m,) counting.
+
+    A square is known to a multiple of its variance, and counts by one over the square of that.
+    """
+    return float(np.sqrt(np.sum((residual / variance) ** 2) / np.sum(1 / variance**2)))
 
 
 @dataclass(frozen=True)

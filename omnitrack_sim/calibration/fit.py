@@ -14,7 +14,13 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.calibration.calibration import Calibration, FittedColumn
 from omnitrack_sim.calibration.compare import Target, targets_of
 from omnitrack_sim.calibration.contradictions import contradictions_of
-from omnitrack_sim.calibration.doubt import independent_count, indistinct_of, information_of
+from omnitrack_sim.calibration.doubt import (
+    independent_count,
+    indistinct_of,
+    information_of,
+    noise_of,
+    smoothed,
+)
 from omnitrack_sim.calibration.logs import Log, as_logs
 from omnitrack_sim.calibration.model_error import ModelError, size_of
 from omnitrack_sim.calibration.parameters import (
@@ -258,7 +264,7 @@ class _Fit:
         # Positive values are fitted by their logarithms: what a guess is wrong by is a factor.
         self._by_ratio = self._low > 0
         self._prior = np.array([one.prior for one in self._parameters]) / self._scale
-        self._weights = np.ones(len(runs.targets))
+        self._weights: list[Array] = [np.ones(len(target.time)) for target in runs.targets]
         self._sizes = np.ones(len(runs.targets))
         lengths = [len(target.time) for target in runs.targets]
         # Index of the log, and of the target, of each residual.
@@ -304,9 +310,8 @@ class _Fit:
             own = np.array([simulated[t] for simulated in known])
             size = max(target.spread, float(np.sqrt(own.var(axis=0).mean())), 1e-12)
             self._sizes[t] = size
-            self._weights[t] = 1 / max(
-                float(np.hypot(target.noise, self._model_error * size)), 1e-12
-            )
+            noise = max(float(np.hypot(target.noise, self._model_error * size)), 1e-12)
+            self._weights[t] = np.full(len(target.time), 1 / noise)
         return sets[np.argmin(self._costs(sets))]
 
     def _costs(self, sets: Array) -> Array:
@@ -348,10 +353,12 @@ class _Fit:
             columns.append(np.concatenate([own, self._surprise(values)]))
         return np.stack(columns, axis=1)
 
-    def _over_noise(self, sets: Array) -> Array:
-        """Return the logs' residuals (r, k), each over its noise, of sets of values (k, p)."""
+    def _unweighted(self, sets: Array) -> Array:
+        """Return the logs' residuals (r, k), each in its unit, of sets of values (k, p)."""
+        weights = np.concatenate(self._weights)
         points = self._runs.points(sets)
-        return np.stack([np.concatenate(self._parts(point)) for point in points], axis=1)
+        own = [np.concatenate(self._parts(point)) / weights for point in points]
+        return np.stack(own, axis=1)
 
     def _surprise(self, values: Array) -> Array:
         """Return how far values (p,) are from what was known before, in standard deviations."""
@@ -395,36 +402,35 @@ class _Fit:
         return self._values(found.ravel())
 
     def _weigh(self, values: Array) -> None:
-        """Weigh columns by the noise and the independent samples of their residuals.
+        """Weigh samples by the noise of their column and by what is chance in them.
 
         And logs by what the model is wrong by in each.
         """
         (point,) = self._runs.points(values[None])
         assert point.simulated is not None
-        self.independent, self._errors = [], []
+        slopes, doubts = self._differences(values)
+        self._place = self._coordinates(values)
+        self.independent = []
+        effects = np.zeros((len(self._runs.targets), len(values)))
         for t, (target, simulated) in enumerate(
             zip(self._runs.targets, point.simulated, strict=True)
         ):
-            residual = target.residual(simulated)
-            noise = np.hypot(np.sqrt(np.mean(residual**2)), self._model_error * self._sizes[t])
-            independent = independent_count(residual)
+            rows, residual = self._target_of == t, target.residual(simulated)
+            own = np.sqrt(np.mean(slopes[rows] ** 2 - doubts[rows] ** 2, axis=0).clip(0.0))
+            effects[t] = own / max(size_of(target, simulated), 1e-12)
+            chance = self._model_error**2 * smoothed(np.sum(doubts[rows] ** 2, axis=1))
+            least = self._model_error * self._sizes[t]
+            spread = noise_of(residual, chance + max(target.noise, least, 1e-12) ** 2)
+            noise = np.sqrt(spread**2 + max(least, 1e-12) ** 2 + chance)
+            independent = independent_count(residual / noise)
             self.independent.append(independent)
-            self._weights[t] = np.sqrt(independent / len(residual)) / max(float(noise), 1e-12)
-        slopes, _ = self._differences(values)
-        self._place = self._coordinates(values)
-        sizes = self._weights * [
-            size_of(target, simulated)
-            for target, simulated in zip(self._runs.targets, point.simulated, strict=True)
-        ]
-        self._errors = [
-            ModelError.of(
-                self._model_error,
-                slopes[self._log_of == i],
-                self._target_of[self._log_of == i],
-                sizes,
-            )
-            for i in range(len(self._runs.logs))
-        ]
+            self._weights[t] = np.sqrt(independent / len(residual)) / noise
+        weighted = slopes * np.concatenate(self._weights)[:, None]
+        self._errors = []
+        for i in range(len(self._runs.logs)):
+            of = self._log_of == i
+            own = effects[np.unique(self._target_of[of])]
+            self._errors.append(ModelError.of(self._model_error, weighted[of], own))
 
     def _jacobian(self, coordinates: Array) -> Array:
         """Return the derivatives (r, p) of the weighted residuals, by differences to one side."""
@@ -442,7 +448,7 @@ class _Fit:
         return ahead, behind, np.diag(ahead) - np.diag(behind)
 
     def _differences(self, values: Array) -> tuple[Array, Array]:
-        """Return first derivatives (r, p) of the logs' residuals over their noise, and their doubt.
+        """Return first derivatives (r, p) of the logs' residuals, and their doubt.
 
         By relative changes of the values. Where a robot sticks and slips, a small change leads to
         another course: the residual with a value in the middle of two others is not in the middle
@@ -451,13 +457,14 @@ class _Fit:
         coordinates = self._coordinates(values)
         ahead, behind, lengths = self._sides(coordinates)
         sets = self._values(np.vstack([coordinates, ahead, behind]))
-        residuals = self._over_noise(sets)
+        residuals = self._unweighted(sets)
         middle, (own, other) = residuals[:, :1], np.split(residuals[:, 1:], 2, axis=1)
         return (own - other) / lengths, np.abs(own + other - 2 * middle) / lengths
 
     def _information(self, values: Array) -> Array:
         """Return what the logs tell (p, p) of relative changes of the values."""
-        slopes, doubts = self._differences(values)
+        weights = np.concatenate(self._weights)[:, None]
+        slopes, doubts = (weights * own for own in self._differences(values))
         told = np.zeros((len(values), len(values)))
         for i, error in enumerate(self._errors):
             own = np.zeros_like(told)

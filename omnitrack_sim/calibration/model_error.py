@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.calibration.compare import Target
@@ -48,23 +47,16 @@ class ModelError:
     cuts: Array
 
     @classmethod
-    def of(
-        cls, part: float, slopes: Array, target_of: NDArray[np.intp], sizes: Array
-    ) -> ModelError:
+    def of(cls, part: float, slopes: Array, effects: Array) -> ModelError:
         """Return the error of a log.
 
         Args:
             part: e.
             slopes: (r, p) derivatives of the residuals over their noise, by relative changes of
                 the parameters.
-            target_of: (r,) number of the column that each is of.
-            sizes: of all columns, over their noise.
+            effects: (c, p) what these change of each column, as parts of its size.
         """
-        columns = np.unique(target_of)
-        effects = [np.sqrt(np.mean(slopes[target_of == t] ** 2, axis=0)) for t in columns]
-        known = sizes[columns] > 0
-        shares = np.array(effects)[known] / sizes[columns][known][:, None]
-        strongest = np.maximum(shares.max(axis=0, initial=0.0), UNSEEN)
+        strongest = np.maximum(effects.max(axis=0, initial=0.0), UNSEEN)
         deviations = part * np.maximum(1.0, 1 / strongest)
         directions, strengths, _ = np.linalg.svd(slopes * deviations, full_matrices=False)
         return cls(deviations, directions, 1 - 1 / np.sqrt(1 + strengths**2))

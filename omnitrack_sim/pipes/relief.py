@@ -14,9 +14,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from omnitrack_sim.base.errors import Fault, InputError
+from omnitrack_sim.base.errors import Fault, GeometryError, InputError
+from omnitrack_sim.base.reading import by_kind, checked
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Angle, Positive, Table, Unit
 from omnitrack_sim.pipes.heights import PAD, Patch, total_height
@@ -51,7 +52,8 @@ class Relief(Table):
     def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
         """Yield keys, and what is wrong with them in a pipe."""
         if self.needs_circle and pipe.shape is not None:
-            yield "kind", "stands in a circular bore alone"
+            shape = pipe.shape.name
+            yield "kind", f"needs a circular bore; in {shape!r} there are deposits alone"
         if self.is_height and (problem := too_tight(pipe)):
             yield "kind", problem
 
@@ -78,11 +80,10 @@ At = Annotated[float, Field(ge=0, le=1000), Unit("m")]
 def _beyond(at: float, half: float, pipe: Relieved) -> Iterator[tuple[str, str]]:
     """Yield the problem of what reaches beyond a port."""
     if not half - 1e-9 <= at <= pipe.axis_length - half + 1e-9:
-        yield (
-            "at",
-            f"is {at:g} m; it reaches {half:g} m to both sides, which must lie in the pipe of "
-            f"{pipe.axis_length:g} m",
-        )
+        room = f"must be from {half:g} to {pipe.axis_length - half:g} m"
+        if 2 * half > pipe.axis_length:
+            room = f"does not fit into a pipe of {pipe.axis_length:g} m"
+        yield "at", f"is {at:g} m; {room}, as it reaches {half:g} m to both sides"
 
 
 def _not_over(key: str, value: float, most: float, what: str) -> Iterator[tuple[str, str]]:
@@ -97,7 +98,7 @@ class Ovality(Relief):
     kind: Literal["ovality"]
     """A stretch that is pressed out of round, and passes into the round bore at its ends."""
     ratio: Annotated[float, Field(gt=0, le=0.2), Unit("1")]
-    """Difference of the longest and shortest diameter over the nominal."""
+    """Difference of the longest and shortest diameter over the nominal, at most 0.2."""
     direction_deg: Annotated[Angle, Unit("deg")] = 0.0
     """Of the longest diameter, about the axis from the x axis."""
     at: Annotated[float | None, Field(ge=0, le=1000), Unit("m")] = None
@@ -158,7 +159,8 @@ class Weld(Relief):
         yield from _not_over("height", self.height, self.width / 2, "half its width")
         yield from _not_over("height", self.height, pipe.radius / 2, "half the bore's radius")
         if not 0 < self.to_deg - self.from_deg <= 360:
-            yield "to_deg", f"is {self.to_deg:g}; must be over from_deg, by 360 at most"
+            own, start = f"{self.to_deg:g}", f"{self.from_deg:g}"
+            yield "to_deg", f"is {own}; must be over from_deg, {start}, by 360 at most"
 
     def obstacle(self, pipe: Relieved) -> Obstacle:
         """See ``Relief``: an arc of a torus, on a wall that is out of round of an oval one."""
@@ -186,7 +188,7 @@ class Deposit(Relief):
     length: Annotated[Positive, Unit("m")]
     """Along the floor, with its ends."""
     depth: Annotated[Positive, Unit("m")]
-    """In its middle, less than from the floor to the axis."""
+    """In its middle, less than 0.95 of the way from the floor to the axis."""
     angle_deg: Annotated[Angle | None, Unit("deg")] = None
     """Of its middle, about the axis from the x axis; left out: the lowest side of the pipe, which
     then is at most 60 degrees steep."""
@@ -201,9 +203,10 @@ class Deposit(Relief):
             yield "kind", "lies in straights and caps alone"
             return
         yield from _beyond(self.at, self.length / 2, pipe)
-        floor = self._floor(pipe)
-        if self.depth >= 0.95 * floor:
-            yield "depth", f"is {self.depth:g} m; must be less than 0.95 of {floor:g} m to the axis"
+        most = 0.95 * self._floor(pipe)
+        if self.depth >= most:
+            limit = f"must be less than {most:g} m, 0.95 of the way to the axis"
+            yield "depth", f"is {self.depth:g} m; {limit}"
         least = 2 * self.depth / math.tan(SLOPE)
         if self.length < least:
             yield "length", f"is {self.length:g} m; its slopes alone take {least:.4f} m"
@@ -343,3 +346,33 @@ def relief_kind(kind: str) -> type[Relief]:
     if kind not in relief_kinds():
         raise InputError(Fault("kind", f"is {kind!r}", tuple(relief_kinds()), given=kind))
     return relief_kinds()[kind]
+
+
+Entries = Annotated[
+    tuple[Annotated[SerializeAsAny[Relief], by_kind(relief_kind, strict=True)], ...],
+    # Pipes of a scenario come as lists of Python, which strict tuples are not.
+    BeforeValidator(lambda relief: tuple(relief) if isinstance(relief, list) else relief),
+    Field(max_length=MAX_RELIEF),
+]
+"""Type of a pipe's ``relief`` in a table."""
+
+
+class _Pipe(Table):
+    """A pipe, of which the relief alone is read."""
+
+    relief: Entries
+
+
+def relief_tables(entries: Any, kind: str) -> tuple[Relief, ...]:
+    """Return the relief of a pipe of some kind as tables, from tables or plain data of them.
+
+    Raises:
+        GeometryError: lists every fault, with its place.
+    """
+    if isinstance(entries, tuple) and all(isinstance(one, Relief) for one in entries):
+        return entries
+    try:
+        return checked(_Pipe, {"relief": entries}, GeometryError).relief
+    except GeometryError as error:
+        places = [fault.at(f"{kind}.{fault.where}") for fault in error.faults]
+        raise GeometryError(places) from None

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import Field
 
 from omnitrack_sim.base.errors import Fault, GeometryError
-from omnitrack_sim.base.reading import by_kind
 from omnitrack_sim.base.rotations import Array, Pose
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.fittings.base import ADDRESS, Fitting, FittingTable
@@ -26,7 +25,7 @@ from omnitrack_sim.pipes.native import SIGNATURES, at, c_function, call_surface,
 from omnitrack_sim.pipes.obstacles import PLACED, Obstacle
 from omnitrack_sim.pipes.obstacles import nearest as nearest_obstacle
 from omnitrack_sim.pipes.profile import Profile, load_profile
-from omnitrack_sim.pipes.relief import MAX_RELIEF, Relief, relief_kind
+from omnitrack_sim.pipes.relief import Entries, relief_tables
 from omnitrack_sim.pipes.sections import Section
 from omnitrack_sim.pipes.shapes import Kit, Pieces, Solid
 
@@ -62,12 +61,7 @@ def from_relief(sizes, x, y, z, out):
 class ReliefTable(FittingTable):
     """Keys of a pipe whose wall may have relief."""
 
-    relief: Annotated[
-        tuple[Annotated[SerializeAsAny[Relief], by_kind(relief_kind, strict=True)], ...],
-        # Pipes of a scenario come as lists of Python, which strict tuples are not.
-        BeforeValidator(lambda relief: tuple(relief) if isinstance(relief, list) else relief),
-        Field(max_length=MAX_RELIEF, exclude_if=lambda relief: not relief),
-    ] = ()
+    relief: Annotated[Entries, Field(exclude_if=lambda relief: not relief)] = ()
     """How the wall differs from the bore, such as by beads of welds: a list of tables, by `kind`.
     It ends within the pipe: the ports stay as they are."""
     profile: Annotated[Profile | None, Field(exclude_if=lambda profile: profile is None)] = None
@@ -78,7 +72,7 @@ class Relieved(Fitting):
     """A pipe whose wall may differ from its bore.
 
     Attributes:
-        relief: how its wall differs: tables, or plain data of them.
+        relief: how its wall differs: a list of tables by ``kind``, or plain data of them.
         profile: the measured wall, its table, or the file of a scan; None without one.
         relieved_surface: its ``surface``, where there is relief.
     """
@@ -118,13 +112,7 @@ class Relieved(Fitting):
         Raises:
             GeometryError: they do not fit the pipe.
         """
-        tables = tuple(
-            relief_kind(str(one.get("kind"))).model_validate(one)
-            if isinstance(one, Mapping)
-            else one
-            for one in self.relief
-        )
-        object.__setattr__(self, "relief", tables)
+        object.__setattr__(self, "relief", relief_tables(self.relief, self.kind))
         object.__setattr__(self, "profile", _profile_of(self.profile))
         if faults := [Fault(f"{self.kind}.{key}", problem) for key, problem in self._problems()]:
             raise GeometryError(faults)

@@ -112,7 +112,8 @@ class Straight(Relieved, Axial):
             egg, mouth or arch; the axis is that of the largest ball in it.
         ovality: of an oval, the difference of its longest and shortest diameter over the nominal.
         direction: rad about the axis, from x, of an oval's longest diameter, or of the invert.
-        relief: how its wall differs from that: tables, or plain data of them.
+        relief: how its wall differs from that: a list of tables by ``kind``, such as the weld
+            below; docs/reference/networks.md has the keys of each kind.
         profile: the measured wall, or the file of a scan; None without one.
 
     Example:
