@@ -100,7 +100,7 @@ def test_a_bench_and_a_passport_say_how_long_they_take_and_run_nothing(paced, tm
     listed = omnitrack("passport", "presser", "--quick", "--list", cwd=tmp_path).stdout
     words = " ".join(listed.split())
     assert "straight 8" in words
-    assert "392 trials take" in words
+    assert "520 trials take" in words
     assert list(tmp_path.iterdir()) == []
 
 

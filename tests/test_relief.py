@@ -16,9 +16,11 @@ import pytest
 import thrown_bodies
 from in_pipes import check_that_thrown_bodies_stay, swing_period
 from scipy.spatial import cKDTree
+from typer.testing import CliRunner
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.rotations import Pose, unit
+from omnitrack_sim.cli import app
 from omnitrack_sim.pipes import Assembly, Part, Straight
 from omnitrack_sim.pipes.network import validate as validate_network
 from omnitrack_sim.scenario import validate
@@ -409,3 +411,12 @@ def test_a_saved_model_asks_for_its_relief():
     record[-10:-8] = 123456, 654321
     with pytest.raises(mujoco.FatalError, match="relief"):
         mujoco.MjData(model)
+
+
+def test_the_list_of_a_network_names_its_relief(tmp_path):
+    """A part's sizes end with the kinds of its relief, and how often there is each."""
+    weld, dent = RELIEF["weld"], RELIEF["dent"]
+    path = tmp_path / "welded.toml"
+    path.write_text(in_a_row(tables(weld, dent, weld | {"at": 0.2})).to_toml())
+    done = CliRunner().invoke(app, ["network", str(path)], env={"COLUMNS": "200"})
+    assert "2 x weld, dent" in done.stdout

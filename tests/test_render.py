@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from film_samples import SIZE, elbow_result
 
+import omnitrack_sim as ot
 from omnitrack_sim.base.errors import InputError, OutputError
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.show.film.render import render_frame, render_frames, render_video
@@ -193,6 +194,15 @@ def test_a_strip_covers_the_fittings(result):
     assert times[0] == pytest.approx(max(0.0, elbow.time_enter_s - 0.3))
     end = result.duration_s if elbow.time_leave_s is None else elbow.time_leave_s + 0.3
     assert times[-1] == pytest.approx(min(end, result.trajectory.time[-1]))
+
+
+def test_a_strip_covers_relief():
+    """It begins just before a pipe with a weld, though that does not bend."""
+    plain = {"kind": "straight", "length": 0.3}
+    pipes = [plain, plain | {"relief": [{"kind": "weld", "at": 0.15}]}, plain]
+    changes = {"pipes": pipes, "start.distance": 0.2, "run.time_limit": 1.5}
+    welded = ot.run(ot.load_scenario("straight", changes))
+    assert strip_times(welded, 3)[0] == pytest.approx(welded.timeline()[1].time_enter_s - 0.3)
 
 
 def test_a_strip_shows_the_turn(result):

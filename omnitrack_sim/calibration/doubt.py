@@ -48,8 +48,11 @@ def smoothed(squares: Array) -> Array:
 
 
 def noise_of(residual: Array, variance: Array) -> float:
-    """Return the root mean square of residuals (m,), each counted by one over its variance."""
-    return float(np.sqrt(np.sum(residual**2 / variance) / np.sum(1 / variance)))
+    """Return the root mean square of residuals (m,), those of a small ``variance`` (m,) counting.
+
+    A square is known to a multiple of its variance, and counts by one over the square of that.
+    """
+    return float(np.sqrt(np.sum((residual / variance) ** 2) / np.sum(1 / variance**2)))
 
 
 @dataclass(frozen=True)

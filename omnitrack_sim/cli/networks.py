@@ -318,7 +318,9 @@ def _print_network(net: ot.Network) -> None:
 
 
 def _sizes(part: NetworkFitting) -> str:
-    """The sizes of a part, mm and degrees."""
+    """The sizes of a part, mm and degrees, and how many entries of relief it has of each kind."""
+    from collections import Counter
+
     from omnitrack_sim.base.table import Unit, marks_of
 
     fitting = part.fitting()
@@ -334,6 +336,9 @@ def _sizes(part: NetworkFitting) -> str:
             value = table[key]
             number = f"{1e3 * value:.4g} mm" if unit.symbol == "m" else f"{value:g} {unit.symbol}"
             sizes.append(f"{unit.short} {number}".strip())
+    kinds = Counter(str(entry["kind"]) for entry in table.get("relief", ()))
+    sizes += [kind if count == 1 else f"{count} x {kind}" for kind, count in kinds.items()]
+    sizes += ["measured wall"] if "profile" in table else []
     return ", ".join(sizes)
 
 

@@ -16,6 +16,7 @@ from omnitrack_sim.base.arguments import check_times
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.writing import check_file, format_of, whole_file
+from omnitrack_sim.pipes.fittings.base import Fitting
 from omnitrack_sim.show.film.encoding import Image
 from omnitrack_sim.show.film.overlay import font
 from omnitrack_sim.show.film.render import check_request, render_frames
@@ -91,13 +92,13 @@ def render_strip(
 def strip_times(source: Source, count: int = FRAMES) -> list[float]:
     """Return times, s, with equal shares of the way and the turns of the robot between them.
 
-    They go from just before the first fitting that bends, branches or narrows to just after the
-    last; over the whole and evenly where there is none.
+    They go from just before the first fitting that bends, branches, narrows or has relief to just
+    after the last; over the whole and evenly where there is none.
     """
     playback = playback_of(source)
     time = playback.time
     first, last = time[[0, -1]].tolist()
-    bends = [passage for passage in playback.passages if not passage.part.fitting.is_plain]
+    bends = [passage for passage in playback.passages if _is_shown(passage.part.fitting)]
     if bends:
         first = max(first, float(time[bends[0].first]) - BEFORE)
         last = min(last, float(time[bends[-1].last]) + BEFORE)
@@ -108,6 +109,11 @@ def strip_times(source: Source, count: int = FRAMES) -> list[float]:
     shares = _shares(playback, when)
     times = np.interp(np.linspace(0.0, shares[-1], count), shares, when)
     return [first, *times[1:-1].tolist(), last][:count]
+
+
+def _is_shown(fitting: Fitting) -> bool:
+    """Return whether a fitting bends, branches, narrows or has relief."""
+    return not fitting.is_plain or bool(fitting.obstacles or fitting.waves)
 
 
 def _shares(playback: Playback, when: Array) -> Array:
