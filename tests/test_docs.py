@@ -172,7 +172,10 @@ def test_examples_of_the_network_page_run(capsys):
     *examples, condition = [tomllib.loads(example) for example in examples]
     drawn = checked(Condition, {"name": "street", **condition}, NetworkError).defects
     assert [defect.kind for defect in drawn] == ["offset", "deposit"]
-    found = [validate_network(example).open_ends for example in examples]
+    networks = [example for example in examples if "fittings" in example]
+    (scan,) = (example for example in examples if "pipes" in example)
+    assert scan["pipes"][0]["profile"] == "scan.csv"
+    found = [validate_network(example).open_ends for example in networks]
     assert found == [
         ("riser.start", "t1.run_end", "bend.end"),
         ("main.start", "end.end"),

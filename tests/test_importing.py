@@ -285,3 +285,18 @@ def test_a_line_loses_points_that_it_passes_near():
     assert without_straight(bent, 0.1).tolist() == bent[[0, 2, 3]].tolist()
     ring = np.array([[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 0.05, 0], [0, 0, 0]])
     assert without_straight(ring, 0.1).tolist() == ring[[0, 1, 2, 4]].tolist()
+
+
+@pytest.mark.parametrize("at", [0.5, 1.0, 2.5, 5.9])
+def test_a_drawn_pipe_is_cut_where_it_is_said(at):
+    """Both pieces follow the line, and meet at a new node; together they are as long."""
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0], [1, 2, 3]])
+    pipe = DrawnPipe("p", "p", ("a", "b"), line, 0.16)
+    first, second = pipe.cut(at, "q", "n")
+    assert (first.ends, second.ends) == (("a", "n"), ("n", "b"))
+    assert (first.name, second.name) == ("p", "q")
+    assert first.length == pytest.approx(at)
+    assert second.length == pytest.approx(6.0 - at)
+    np.testing.assert_array_equal(first.points[-1], second.points[0])
+    np.testing.assert_array_equal(first.points[0], line[0])
+    np.testing.assert_array_equal(second.points[-1], line[-1])

@@ -84,3 +84,8 @@ def test_robot_is_frozen_and_refuses_unknown_fields():
         Omnitrack(prelaod=3.0)
     with pytest.raises(ValidationError):
         Omnitrack(lug_radius=-0.01)
+
+
+def test_its_nominal_speed_is_that_of_the_paper():
+    """100 mm/s, in any bore: what courses and passports drive it with."""
+    assert [Omnitrack(scale=scale).nominal_speed for scale in (1.0, 3.0)] == [0.1, 0.1]

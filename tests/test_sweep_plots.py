@@ -17,6 +17,7 @@ from omnitrack_sim.show.plots.success import (
     SINGULAR_COLOUR,
     THETA5,
     Spread,
+    bench_figure,
     success_figure,
     sweep_figure,
 )
@@ -292,3 +293,18 @@ def test_a_map_of_few_draws_is_a_scatter(count):
     rows = np.arange(count)
     grid = [Spread("a", "m", 1.0 * (rows % 3)), Spread("b", "1", 1.0 * (rows // 3))]
     assert sweep_figure(grid, passed).axes[0].collections
+
+
+def test_a_course_that_an_entry_cannot_drive_says_why():
+    """In place of a rate; what was driven has its rate and interval, in per cent."""
+    driven = {"success": 0.5, "success_low": 0.15, "success_high": 0.85, "passed": 2, "trials": 4}
+    never = dict.fromkeys(driven) | {"others": "too wide for the bore"}
+    rows = [
+        {"course": "tee_turn", "entry": "mine"} | driven | {"others": "2 stuck"},
+        {"course": "tee_turn", "entry": "yours"} | never,
+    ]
+    (panel,) = (axis for axis in bench_figure(rows).axes if axis.get_title(loc="left"))
+    assert [text.get_text() for text in panel.texts] == ["too wide for the bore"]
+    interval, rate = panel.lines[:2]
+    np.testing.assert_allclose(interval.get_xdata(), [15.0, 85.0])
+    np.testing.assert_allclose(rate.get_xdata(), [50.0])

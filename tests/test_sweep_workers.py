@@ -28,7 +28,7 @@ from sweep_samples import (
 
 from omnitrack_sim import load_sweep, run_trials
 from omnitrack_sim.base import workers
-from omnitrack_sim.base.workers import DaskPool, LocalPool, WorkersLost
+from omnitrack_sim.base.workers import DaskPool, LocalPool, WorkersLost, cores
 from omnitrack_sim.trials import dispatch
 
 pytestmark = pytest.mark.long
@@ -226,3 +226,13 @@ def test_a_missing_scheduler_or_package_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(Exception, match="pip install"):
         DaskPool("tcp://127.0.0.1:9")
+
+
+def test_cores_are_those_that_this_process_may_use(monkeypatch):
+    """Of Linux those it is bound to; elsewhere all of the machine, one where nobody knows."""
+    if hasattr(os, "sched_getaffinity"):
+        assert cores() == len(os.sched_getaffinity(0))
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    for known, told in ((6, 6), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda known=known: known)
+        assert cores() == told

@@ -288,7 +288,7 @@ def _worn(lead: dict[str, Any]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     joints: dict[str, dict[str, float]] = {
         "step_up_10": {"end_diameter": 0.98},
         "step_up_50": {"end_diameter": 0.9},
-        "step_down_50": {"end_diameter": 1.1},
+        "step_down_50": {"inner_diameter": 0.9, "end_diameter": 1.0},
         "offset_30": {"offset": 0.03},
         "offset_100": {"offset": 0.1},
         "gap_10": {"gap": 0.1, "depth": 0.1},
@@ -296,8 +296,12 @@ def _worn(lead: dict[str, Any]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
         "gap_25_offset_50": {"gap": 0.25, "depth": 0.1, "length": 1.5, "offset": 0.05},
     }
     for name, sizes in joints.items():
-        last = {**lead, "inner_diameter": sizes.get("end_diameter", 1.0)}
-        yield name, [lead, {"kind": "coupling", **sizes}, last]
+        ends = (
+            {**lead, "inner_diameter": sizes.get(key, 1.0)}
+            for key in ("inner_diameter", "end_diameter")
+        )
+        first, last = ends
+        yield name, [first, {"kind": "coupling", **sizes}, last]
 
 
 def _bead(bead: Mapping[str, Any], height: float) -> dict[str, Any]:
