@@ -17,6 +17,9 @@ EXCEPTIONS = {
     "robots/climber/__init__.py": "is a robot that is made of the other's parts",
     "cli/package.py": "`omnitrack models` writes the robot's published models",
     "cli/paper.py": "commands about the paper of the robot",
+    "warp/driving.py": "kernels of the robot's motors, belts and readings",
+    "warp/env.py": "is the environment of the robot that stays on a GPU",
+    "warp/starts.py": "draws and seats the robots of that environment",
 }
 """Files that name the robot, with the reason."""
 NAMES = re.compile(r"robots[./]omnitrack|\bOmnitrack\b|omnidirectional|^omnitrack$")

@@ -57,7 +57,7 @@ import importlib, pkgutil
 from importlib.util import find_spec
 import omnitrack_sim
 skipped = () if find_spec("mujoco_warp") else tuple(
-    f"omnitrack_sim.warp.{name}" for name in ("kernels", "origins", "walls")
+    f"omnitrack_sim.warp.{name}" for name in ("driving", "env", "kernels", "origins", "plant", "starts", "walls")
 )
 names = [one.name for one in pkgutil.walk_packages(omnitrack_sim.__path__, "omnitrack_sim.")]
 for name in names:

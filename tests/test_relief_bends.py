@@ -172,7 +172,11 @@ def ot_height(patch, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
             "relief.0.kind",
             "straights and caps",
         ),
-        ({"mean_radius": MEAN, "relief": [{"kind": "weld", "at": 0.4}]}, "relief.0.at", "must lie"),
+        (
+            {"mean_radius": MEAN, "relief": [{"kind": "weld", "at": 0.4}]},
+            "relief.0.at",
+            "must be from",
+        ),
     ],
 )
 def test_relief_that_cannot_be_in_a_bend_is_told(keys, where, told):
