@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,8 @@ def test_an_interruption_while_it_starts_ends_quietly(delay, tmp_path):
         [*COMMAND, "run", "straight", "--no-video", "--out", str(tmp_path / "run")],
         stderr=subprocess.PIPE,
         text=True,
+        # Of tests that a shell runs in the background it is ignored.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     time.sleep(delay)
     process.send_signal(signal.SIGINT)

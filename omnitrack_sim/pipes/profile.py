@@ -71,6 +71,8 @@ class Profile(Table):
     """A measured wall: radii on a grid along and round a pipe, smoothed.
 
     Example:
+        >>> import numpy as np
+        >>> import omnitrack_sim as ot
         >>> rings, turns = np.meshgrid(np.arange(0, 1, 0.02), np.arange(0, 360, 5), indexing="ij")
         >>> radius = 0.08 + 0.002 * np.cos(np.radians(2 * turns))
         >>> oval = ot.Profile.from_rays(rings, np.radians(turns), radius)
@@ -323,7 +325,7 @@ def _filled(
 
 
 def load_profile(path: str | Path) -> Profile:
-    """Read the scan of a pipe's wall: a CSV file of rays.
+    """Read the scan of a pipe's wall: a CSV file of rays. A warning tells where rays are missing.
 
     Its first line names the columns with their units, in any order: ``length_m`` or ``length_mm``
     along the pipe from its port ``start``, ``angle_deg`` or ``angle_rad`` about the axis from the
@@ -333,7 +335,13 @@ def load_profile(path: str | Path) -> Profile:
     Raises:
         InputError: it cannot be read; what is wrong in which row.
 
-    A warning tells where rays are missing.
+    Example:
+        >>> import omnitrack_sim as ot
+        >>> try:
+        ...     ot.load_profile("no_such_scan.csv")
+        ... except ot.InputError as error:
+        ...     print(error)
+        'no_such_scan.csv': cannot be read: No such file or directory
     """
     try:
         content = read_bytes(path, MAX_BYTES, " of a scan")
