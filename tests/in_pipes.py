@@ -126,3 +126,12 @@ def check_that_thrown_bodies_stay(network: ot.Network) -> None:
         out, deepest = thrown_bodies.throw(network, shape, 0.002, None, 4, seed=3)
         assert out == 0
         assert deepest < 0.06
+
+
+def gradient_error(fitting, points, gradient):
+    """By how much gradients (n, 3) at points (n, 3) m differ from differences of the distance."""
+    slopes = [
+        fitting.signed_distance(points + e)[0] - fitting.signed_distance(points - e)[0]
+        for e in 1e-6 * np.eye(3)
+    ]
+    return np.linalg.norm(np.stack(slopes, axis=-1) / 2e-6 - gradient, axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -21,9 +22,11 @@ from omnitrack_sim.calibration.doubt import (
     noise_of,
     smoothed,
 )
+from omnitrack_sim.calibration.fit import MODEL_ERROR
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
+from omnitrack_sim.cli.calibrate import calibrate as command
 from omnitrack_sim.show.mcap import to_mcap
 from omnitrack_sim.trials.sweep_file import resolve
 
@@ -421,6 +424,11 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_the_command_takes_the_model_error_that_python_takes():
+    """The default stands in the command as well, which is read before anything heavy is loaded."""
+    assert signature(command).parameters["model_error"].default == MODEL_ERROR
 
 
 def test_a_calibration_of_many_parameters_is_read_back(tmp_path):

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 import thrown_bodies
-from in_pipes import check_that_thrown_bodies_stay, swing_period
+from in_pipes import check_that_thrown_bodies_stay, gradient_error, swing_period
 from scipy.spatial import cKDTree
 from typer.testing import CliRunner
 
@@ -88,12 +88,7 @@ def test_the_distance_is_that_of_the_nearest_place(name, spacing):
     # No place is nearer, and there is a place that near.
     assert (distance - away).max() < 1e-7
     assert np.abs(fitting.signed_distance(points - distance[:, None] * gradient)[0]).max() < 1e-7
-    step = 1e-6 * np.eye(3)
-    slopes = [
-        fitting.signed_distance(points + e)[0] - fitting.signed_distance(points - e)[0]
-        for e in step
-    ]
-    error = np.linalg.norm(np.stack(slopes, axis=-1) / 2e-6 - gradient, axis=1)
+    error = gradient_error(fitting, points, gradient)
     # But for points that are as near to two places.
     assert np.quantile(error, 0.98) < 1e-5
     np.testing.assert_allclose(np.linalg.norm(gradient, axis=1), 1.0, atol=1e-9)

@@ -8,7 +8,7 @@ import contact_lots
 import numpy as np
 import pytest
 import thrown_bodies
-from in_pipes import check_that_thrown_bodies_stay
+from in_pipes import check_that_thrown_bodies_stay, gradient_error
 from scipy.spatial import cKDTree
 
 import omnitrack_sim as ot
@@ -67,12 +67,7 @@ def test_the_distance_is_that_of_the_nearest_place(name, mean):
     # The nearest of the places lies up to 0.5 mm aside.
     assert (away - distance - 1.3e-7 / distance).max() < 3e-5
     assert np.abs(fitting.signed_distance(points - distance[:, None] * gradient)[0]).max() < 1e-7
-    step = 1e-6 * np.eye(3)
-    slopes = [
-        fitting.signed_distance(points + e)[0] - fitting.signed_distance(points - e)[0]
-        for e in step
-    ]
-    error = np.linalg.norm(np.stack(slopes, axis=-1) / 2e-6 - gradient, axis=1)
+    error = gradient_error(fitting, points, gradient)
     assert np.quantile(error, 0.98) < 1e-5
 
 

@@ -51,9 +51,9 @@ class Headway(NamedTuple):
     """What n robots have to make headway by.
 
     Attributes:
-        patience: (n,) s without headway, and how long each has made none by now.
-        waiting: (n,) s.
-        time_limit: (n,) s.
+        patience: (n,) s, longest time without headway.
+        waiting: (n,) s, how long each has made none by now.
+        time_limit: (n,) s, of the run.
         farthest: (n,) m, arc length that each has reached.
         progress: m, that counts as headway.
         slide_back: m, back from the farthest point, that ends a run.

@@ -121,8 +121,7 @@ class WarpVectorEnv(VectorEnv):
             if name in UNREAD:
                 continue
             if name not in targets:
-                holder = self.model.opt if "." in name else self.model
-                shape = np.shape(getattr(holder, name.removeprefix("opt.")))
+                shape = np.shape(field_of(self.model, name))
                 put_field(self.m, name, np.tile(values[0].reshape(shape), (n, *[1] * len(shape))))
                 targets[name] = field_of(self.m, name)
             source = wp.array(values.astype(np.float32), dtype=float)

@@ -208,14 +208,17 @@ class WarpBatch(FieldsBatch):
 
 def differs(model: mujoco.MjModel, name: str, values: NDArray[Any]) -> bool:
     """Return whether values (n, ...) of a field are others than those of a model."""
-    holder = model.opt if name.startswith("opt.") else model
-    return bool((values != getattr(holder, name.removeprefix("opt."))).any())
+    return bool((values != field_of(model, name)).any())
 
 
-def field_of(m: mjw.Model, name: str) -> Any:
-    """Return a field of a model on the device; None where there is none."""
-    holder = m.opt if name.startswith("opt.") else m
-    return getattr(holder, name.removeprefix("opt."), None)
+def place_of(model: Any, name: str) -> tuple[Any, str]:
+    """Return what holds a field of a model, and its name there: ``opt.gravity`` is an option's."""
+    return (model.opt, name.removeprefix("opt.")) if name.startswith("opt.") else (model, name)
+
+
+def field_of(model: Any, name: str) -> Any:
+    """Return a field of a model, of the processor or on the device; None where there is none."""
+    return getattr(*place_of(model, name), None)
 
 
 def put_field(m: mjw.Model, name: str, values: NDArray[Any]) -> Any:
@@ -231,7 +234,7 @@ def put_field(m: mjw.Model, name: str, values: NDArray[Any]) -> Any:
         array.assign(values.astype(np.float32))
         return array
     new = wp.array(values, dtype=array.dtype)
-    setattr(m.opt if name.startswith("opt.") else m, name.removeprefix("opt."), new)
+    setattr(*place_of(m, name), new)
     return new
 
 

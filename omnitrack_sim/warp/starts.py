@@ -24,7 +24,7 @@ from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
 from omnitrack_sim.robots.omnitrack.policy.features import FEATURES
 from omnitrack_sim.robots.size import GRAVITY as GRAVITY_SIZE
 from omnitrack_sim.sim.simulation import Simulation
-from omnitrack_sim.warp.plant import FieldsBatch, differs
+from omnitrack_sim.warp.plant import FieldsBatch, differs, field_of
 
 SIZES = {
     "position": 3,
@@ -172,7 +172,7 @@ def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
     model = simulation.model
     fields = {name: values for name, values in arrays.items() if name not in ("state", *_OF_DATA)}
     for name, values in fields.items():
-        shape = np.shape(getattr(model.opt if "." in name else model, name.removeprefix("opt.")))
+        shape = np.shape(field_of(model, name))
         if not differs(model, name, values.reshape(count, *shape)):
             del arrays[name]
     period = physics.control_period
