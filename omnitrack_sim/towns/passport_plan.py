@@ -13,6 +13,7 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError, ScenarioError, SweepError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.calibration.calibration import Calibration
+from omnitrack_sim.pipes.condition import BEAD
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.towns.features import (
@@ -306,7 +307,7 @@ def _worn(lead: dict[str, Any]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
 
 def _bead(bead: Mapping[str, Any], height: float) -> dict[str, Any]:
     """Table of a bead of a height, bores."""
-    return {**bead, "height": height, "width": 10 / 3 * height}
+    return {**bead, "height": height, "width": BEAD * height}
 
 
 def _kinds(sweep: Sweep, table: Any, changes: Mapping[str, Any]) -> dict[str, KindTrials]:

@@ -576,16 +576,11 @@ def bench_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """
     courses = list(dict.fromkeys(row["course"] for row in rows))
     entries = list(dict.fromkeys(row["entry"] for row in rows))
-    across, down = min(len(courses), _ACROSS), math.ceil(len(courses) / _ACROSS)
-    height = down * (_HEAD + _ROW * len(entries))
-    figure = new_figure((PAGE, height), layout="constrained")
-    panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-    for panel, course in zip(panels, courses, strict=False):
+    figure, panels, across = _panels(len(courses), len(entries), sharex=True)
+    for panel, course in zip(panels, courses, strict=True):
         _draw_course(panel, [row for row in rows if row["course"] == course], entries)
         panel.set_title(course.replace("_", " "), loc="left")
-    for panel in panels[len(courses) :]:
-        panel.set_axis_off()
-    for panel in panels[max(len(courses) - across, 0) : len(courses)]:
+    for panel in panels[max(len(courses) - across, 0) :]:
         panel.set_xlabel("passed [%]")
         panel.tick_params(labelbottom=True)
     return figure
@@ -621,16 +616,21 @@ def ladder_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """
     own = [row for row in rows if row.get("ladder")]
     ladders, entries = ([*dict.fromkeys(row[key] for row in own)] for key in ("ladder", "entry"))
-    across, down = min(len(ladders), _ACROSS), math.ceil(len(ladders) / _ACROSS)
-    height = down * (_HEAD + _ROW * len(entries))
-    figure = new_figure((PAGE, height), layout="constrained")
-    panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
-    for panel, ladder in zip(panels, ladders, strict=False):
+    figure, panels, _ = _panels(len(ladders), len(entries))
+    for panel, ladder in zip(panels, ladders, strict=True):
         _draw_ladder(panel, [row for row in own if row["ladder"] == ladder], entries)
         panel.set_title(f"{ladder.replace('_', ' ')}, size in bores", loc="left")
-    for panel in panels[len(ladders) :]:
-        panel.set_axis_off()
     return figure
+
+
+def _panels(count: int, rows: int, sharex: bool = False) -> tuple[Figure, Sequence[Axes], int]:
+    """Return a figure, its ``count`` panels of so many rows, and how many lie beside each other."""
+    across, down = min(count, _ACROSS), math.ceil(count / _ACROSS)
+    figure = new_figure((PAGE, down * (_HEAD + _ROW * rows)), layout="constrained")
+    panels = figure.subplots(down, across, sharex=sharex, sharey=True, squeeze=False).ravel()
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    return figure, panels[:count], across
 
 
 def _draw_ladder(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
