@@ -630,7 +630,7 @@ def _panels(count: int, rows: int, sharex: bool = False) -> tuple[Figure, Sequen
     panels = figure.subplots(down, across, sharex=sharex, sharey=True, squeeze=False).ravel()
     for panel in panels[count:]:
         panel.set_axis_off()
-    return figure, panels[:count], across
+    return figure, panels[:count].tolist(), across
 
 
 def _draw_ladder(panel: Axes, rows: Sequence[Mapping[str, Any]], entries: Sequence[str]) -> None:
