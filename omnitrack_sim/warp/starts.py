@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.autonomy.pilots import FixedRoute
 from omnitrack_sim.base.errors import Fault, InputError
@@ -17,91 +16,13 @@ from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.gym.episodes import EpisodeSampler
 from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.pipes.route_map import Location
-from omnitrack_sim.robots.feature import steps_of_decision
-from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.drive import FIGURES, drive_of
-from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.policy.features import FEATURES
-from omnitrack_sim.robots.size import GRAVITY as GRAVITY_SIZE
+from omnitrack_sim.robots.feature import Feature, entry_slices, steps_of_decision
 from omnitrack_sim.sim.simulation import Simulation
+from omnitrack_sim.warp.episodes import SIZES
 from omnitrack_sim.warp.plant import FieldsBatch, differs, field_of
 
-SIZES = {
-    "position": 3,
-    "rotation": 9,
-    "angular_velocity": 3,
-    "roll": 3,
-    "slide": 3,
-    "pitch": 3,
-    "belt_speed": 3,
-    "motor_torque": 3,
-    "normal_force": 3,
-    "traction": 3,
-    "slip_velocity": 3,
-    "module_speed": 3,
-    "contact_count": 6,
-    "contact_position": 9,
-    "place": 17,
-    "passage": 1,
-    "roll_set_point": 3,
-    "forward": 3,
-    "action": 4,
-    "correction": 3,
-    "first": 1,
-    "first_passage": 1,
-    "waiting": 1,
-    "farthest": 1,
-    "steps": 1,
-    "time": 1,
-    "gravity": 3,
-    "speed_limit": 1,
-    "cruise_speed": 1,
-    "motor": FIGURES,
-    "weight": 1,
-    "goal": 1,
-    "patience": 1,
-    "max_steps": 1,
-}
-"""Numbers of a world's state beside MuJoCo's, in order: readings, location (``route_map``'s place),
-controls, and what belongs to the episode."""
-(
-    POSITION,
-    ROTATION,
-    SPIN,
-    ROLL,
-    SLIDE,
-    PITCH,
-    BELT_SPEED,
-    TORQUE,
-    NORMAL_FORCE,
-    TRACTION,
-    SLIP,
-    MODULE_SPEED,
-    CONTACT_COUNT,
-    CONTACT_POSITION,
-    PLACE,
-    PASSAGE,
-    ROLL_SET,
-    FORWARD,
-    ACTION,
-    CORRECTION,
-    FIRST,
-    FIRST_PASSAGE,
-    WAITING,
-    FARTHEST,
-    STEPS,
-    TIME,
-    GRAVITY,
-    SPEED_LIMIT,
-    CRUISE_SPEED,
-    MOTOR,
-    WEIGHT,
-    GOAL,
-    PATIENCE,
-    MAX_STEPS,
-    STATE_SIZE,
-) = accumulate(SIZES.values(), initial=0)
-"""Where each begins, and how many there are."""
+OwnState = Callable[[Simulation], Mapping[str, ArrayLike]]
+"""What one kind of robot adds to the states at its start: arrays (n, ...) by name, in order."""
 SEATINGS = 1024
 """Robots that are seated at once."""
 
@@ -113,33 +34,41 @@ class Starts:
     Attributes:
         simulation: of the processor that seated the last of them; model, routes and robot are those
             of all.
-        options: of the environment.
         hold: control steps of a decision.
         substeps: physics steps of a control step.
-        arrays: (K, size) by name: ``state`` by ``SIZES``, ``qpos`` and ``ctrl`` of MuJoCo, and the
+        arrays: (K, size) by name: ``state`` by ``episodes.SIZES`` and what the
+            robot adds, ``qpos`` and ``ctrl`` of MuJoCo, and the
             fields of the model, in which robots differ.
     """
 
     simulation: Simulation
-    options: EnvOptions
     hold: int
     substeps: int
     arrays: Mapping[str, Array]
 
 
-def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
-    """Draw and seat the robots of ``count`` episodes, as the environments of ``gym`` do.
+def sampler_of(options: EnvOptions) -> EpisodeSampler:
+    """Return what draws episodes on a device.
 
     Raises:
         InputError: an option, or the scenario, needs what there is not on a device.
     """
     _check(options)
-    sampler, rng = EpisodeSampler(options), np.random.default_rng(seed)
-    robot = sampler.example.robot
-    _check_robot(robot)
-    physics = sampler.example.physics
-    if physics.collider != "exact":
+    sampler = EpisodeSampler(options)
+    if sampler.example.physics.collider != "exact":
         raise InputError(Fault("physics.collider", "is 'primitives'", ("exact",)))
+    return sampler
+
+
+def starts_of(
+    sampler: EpisodeSampler, count: int, seed: int, threads: int, own: OwnState
+) -> Starts:
+    """Draw and seat the robots of ``count`` episodes, as the environments of ``gym`` do.
+
+    Raises:
+        InputError: the scenario is no single route.
+    """
+    rng, physics = np.random.default_rng(seed), sampler.example.physics
     batches: list[FieldsBatch] = []
 
     def make_batch(model: mujoco.MjModel, n: int, threads: int, persistent: bool) -> FieldsBatch:
@@ -160,10 +89,10 @@ def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
                 (),
                 make_batch,
             ),
-            threads=options.threads,
+            threads=threads,
             recording=False,
         )
-        parts.append(_arrays(simulation, batches[-1]))
+        parts.append(_arrays(simulation, batches[-1], own(simulation)))
     assert simulation is not None
     if simulation.legs.pilots[0].__class__ is not FixedRoute:
         raise InputError(Fault("scenario", "has a mission; on a device robots drive one route"))
@@ -178,7 +107,6 @@ def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
     period = physics.control_period
     return Starts(
         simulation,
-        options,
         steps_of_decision(period),
         round(period / physics.timestep),
         arrays,
@@ -202,49 +130,35 @@ def _check(options: EnvOptions) -> None:
         raise InputError(faults)
 
 
-def _check_robot(robot: object) -> None:
-    """Refuse robots whose motors are not on the device."""
-    if not isinstance(robot, Omnitrack):
-        raise InputError(Fault("robot.kind", "is another robot", ("omnitrack",)))
-    if not drive_of(robot.drive).direct:
-        raise InputError(Fault("robot.drive", f"is {robot.drive!r}", ("three_motors",)))
-
-
-def _arrays(simulation: Simulation, batch: FieldsBatch) -> dict[str, Array]:
+def _arrays(
+    simulation: Simulation, batch: FieldsBatch, own: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
     """Return the arrays (n, size) of the robots of a simulation at their start."""
     n = simulation.n
-    arrays = {"state": _state(simulation), "qpos": batch.bind("qpos"), "ctrl": batch.bind("ctrl")}
+    columns = [*_state(simulation).values(), *own.values()]
+    state = np.concatenate([np.asarray(each, float).reshape(n, -1) for each in columns], axis=1)
+    arrays = {"state": state, "qpos": batch.bind("qpos"), "ctrl": batch.bind("ctrl")}
     arrays |= batch.fields
     return {name: np.array(values, float).reshape(n, -1) for name, values in arrays.items()}
 
 
-def _state(simulation: Simulation) -> Array:
-    """Return the states (n, STATE_SIZE) of robots at their start."""
-    readings, setup, n = simulation.readings, simulation.setup, simulation.n
-    location, headway = simulation.location, simulation.monitor.headway
-    own = {
-        "place": place_of(location),
-        "passage": location.passage,
-        "roll_set_point": setup.command.roll,
-        "forward": belt_sign(setup.command.roll),
-        "action": np.zeros((n, 4)),
-        "correction": np.zeros((n, 3)),
-        "first": np.zeros(n),
-        "first_passage": np.full(n, -1.0),
+def _state(simulation: Simulation) -> dict[str, ArrayLike]:
+    """Return the numbers (n, ...) of any robot at its start, in the order of ``SIZES``."""
+    readings, n, headway = simulation.readings, simulation.n, simulation.monitor.headway
+    own: dict[str, ArrayLike] = {
+        "place": place_of(simulation.location),
+        "passage": simulation.location.passage,
+        "slip": np.zeros(n),
+        "effort_change": np.zeros(n),
         "waiting": headway.waiting,
         "farthest": headway.farthest,
         "steps": np.zeros(n),
-        "gravity": setup.gravity,
-        "speed_limit": setup.settings.speed_limit,
-        "cruise_speed": setup.settings.cruise_speed,
-        "motor": simulation.plant.motors.figures,
-        "weight": setup.own("mass") * GRAVITY_SIZE,
+        "gravity": simulation.setup.gravity,
         "goal": simulation.legs.end,
         "patience": headway.patience,
         "max_steps": [math.ceil(limit / simulation.period) for limit in headway.time_limit],
     }
-    columns = [own[name] if name in own else readings[name] for name in SIZES]
-    return np.concatenate([np.asarray(each, float).reshape(n, -1) for each in columns], axis=1)
+    return {name: own[name] if name in own else readings[name] for name in SIZES}
 
 
 def place_of(location: Location) -> Array:
@@ -255,18 +169,16 @@ def place_of(location: Location) -> Array:
     return np.concatenate(whole, axis=1)
 
 
-def entry_numbers(options: EnvOptions, robot: Omnitrack) -> NDArray[np.intp]:
-    """Return where the entries of an observation stand among those of all shipped features.
+def entry_numbers(features: Sequence[Feature], shipped: Mapping[str, Feature]) -> NDArray[np.intp]:
+    """Return where the entries of features stand among those of all shipped ones.
 
     Raises:
         InputError: a feature is a user's own.
     """
-    names, first = list(FEATURES), np.cumsum([0, *(f.size for f in FEATURES.values())])
-    numbers: list[int] = []
-    for feature in options.features(robot):
-        if FEATURES.get(feature.name) is not feature:
+    slices, numbers = entry_slices(tuple(shipped.values())), []
+    for feature in features:
+        if shipped.get(feature.name) is not feature:
             problem = f"has {feature.name!r}; on a device there are the shipped features"
-            raise InputError(Fault("observation", problem, tuple(names)))
-        begin = int(first[names.index(feature.name)])
-        numbers += range(begin, begin + feature.size)
+            raise InputError(Fault("observation", problem, tuple(shipped)))
+        numbers += range(slices[feature.name].start, slices[feature.name].stop)
     return np.array(numbers)
