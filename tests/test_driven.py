@@ -18,7 +18,7 @@ from omnitrack_sim.results.provenance import provenance_of
 from omnitrack_sim.robots.driving import DriverTable, ObeysOrders, Order
 from omnitrack_sim.robots.omnitrack.control.driven import DrivenController
 from omnitrack_sim.scenario import Scenario, validate
-from omnitrack_sim.scenario.loading import MAX_DRIVE, to_drive, with_orders
+from omnitrack_sim.scenario.loading import to_drive, with_orders
 
 Plan = Sequence[tuple[Callable[[ot.Simulation], bool], dict[str, Any]]]
 
@@ -79,7 +79,7 @@ def test_saved_run_repeats_itself(handed_over, tmp_path):
 
 def test_record_tells_who_drove(handed_over):
     """Events and phases name driver and autopilot, and the run is not under the author's
-    expectation or name."""
+    expectation, name, or time limit: who drives has an hour."""
     who = [event.who for event in handed_over.events if hasattr(event, "who")]
     assert who == ["a test", "controller jacobian", "a test", "controller jacobian"]
     names = [name for name, _, _ in handed_over.trajectory.phase_spans()]
@@ -89,7 +89,7 @@ def test_record_tells_who_drove(handed_over):
     assert handed_over.outcome is ot.Outcome.REACHED_GOAL
     assert handed_over.as_expected is None
     assert handed_over.scenario.name == "tee_turn_driven"
-    assert handed_over.scenario.run.time_limit == MAX_DRIVE
+    assert handed_over.scenario.run.time_limit == 3600.0
 
 
 def test_the_end_is_no_change_of_drivers():

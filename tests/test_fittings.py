@@ -107,15 +107,20 @@ def test_ports_are_frames_that_look_out(fitting):
 
 @pytest.mark.parametrize(
     ("kind", "lengths"),
-    [(ot.Tee, (0.32, 0.16, 0.005)), (ot.Wye, (0.44, 0.22, 0.005))],
+    [
+        (ot.Tee, {"run_length": 0.32, "branch_length": 0.16, "fillet_radius": 0.005}),
+        (ot.Wye, {"run_length": 0.44, "branch_length": 0.22, "fillet_radius": 0.005}),
+        (ot.Cross, {"run_length": 0.32, "branch_length": 0.16}),
+        (ot.Mitre, {"leg_length": 0.1, "fillet_radius": 0.0025}),
+    ],
 )
 @pytest.mark.parametrize("bore", [0.1, 0.16, 0.3])
-def test_fittings_with_a_branch_are_similar_in_every_bore(kind, lengths, bore):
+def test_fittings_are_similar_in_every_bore(kind, lengths, bore):
     """Where a file or a caller gives the bore alone all lengths are in proportion to it, the
     branch's bore too; at 160 mm they are the figures of the documentation."""
     fitting, scale = kind(inner_diameter=bore), bore / 0.16
-    own = (fitting.run_length, fitting.branch_length, fitting.fillet_radius)
-    assert own == pytest.approx([scale * length for length in lengths])
+    own = {name: getattr(fitting, name) for name in lengths}
+    assert own == pytest.approx({name: scale * length for name, length in lengths.items()})
     points = inside(kind(), 200, 3)
     distance = fitting.signed_distance(scale * points)[0]
     assert distance == pytest.approx(scale * kind().signed_distance(points)[0], abs=1e-9)

@@ -94,6 +94,22 @@ def test_the_travel_of_a_playback_is_the_way_of_its_body(rolling):
     assert playback.path[0] == 0
 
 
+def test_no_two_samples_are_at_one_travel():
+    """The travel grows from sample to sample, also of a body that stands still, by next to nothing:
+    what is drawn along it can be looked up by it."""
+    model, pipes = ball_model()
+    data = mujoco.MjData(model)
+    recording = ot.Recording(model, pipes, period=0.0)
+    mujoco.mj_forward(model, data)
+    for k in range(5):
+        data.time = 0.001 * k
+        recording.append(data)
+    travel = RecordingPlayback(recording).travel
+    assert len(travel) == 5
+    assert (np.diff(travel) > 0).all()
+    assert travel[-1] < 1e-6
+
+
 def test_samples_are_a_period_apart():
     """From the first sample on by whole periods, also of a period that is no whole number of steps;
     with a period of 0 every state is a sample, and what a sample holds is a copy."""
