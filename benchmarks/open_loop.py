@@ -1,6 +1,7 @@
 """Whether any command could have passed the tee turns that the default controller fails.
 
 python benchmarks/open_loop.py STUDY [--quick] [--workers N] [--trials N] [--failures N] [--seed S]
+    [--out FOLDER]
 
 * slippery: aligned turns, friction 0.5 to 0.8, preload 20 to 35 N, any gravity, no retry; failures
   by kind.
@@ -24,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,12 +37,12 @@ from tee_turns import AGAIN, PRELOAD_RANGES, PUBLISHED, STUDIES, random_tee_turn
 from omnitrack_sim import Result, Scenario, override
 from omnitrack_sim.record.statistics import rate_text, wilson_interval
 
-LIMITS = {0.4: 1, 0.245: 3}
+LIMITS = {0.4: 1, 0.245: 2}
 """Limits of the published motor, N m, and by what the number of turns is divided: with little
 torque more of them fail."""
 SETS = 16
 """Of parameters."""
-GENERATIONS, POPULATION, STEP = 4, 16, 0.4
+GENERATIONS, POPULATION, STEP = 3, 16, 0.4
 """Of CMA-ES, and the standard deviation with which it begins, in parts of the speed limit."""
 WIDEST = 2.0
 """Largest correction, in parts of the speed limit: from one end to the other."""
@@ -211,6 +213,7 @@ def main() -> None:
     parser = Arguments(__doc__, trials=200, quick=8, workers=True)
     parser.add_argument("study", choices=("slippery", "torque"), metavar="STUDY")
     parser.add_argument("--failures", type=int, default=200, metavar="N", help="of a cell, at most")
+    parser.add_argument("--out", type=Path, help="keeps the trials, and goes on where it was")
     parser.add_argument("--seed", type=int, help="of the trials; default of the study")
     given = parser.read()
     study, slippery = STUDIES["motors"], given.study == "slippery"
@@ -233,7 +236,8 @@ def main() -> None:
             for limit, share in LIMITS.items()
             for number, preload in enumerate(PRELOAD_RANGES)
         }
-    rows = Trials(f"open_loop_{given.study}", cells, measure=measured).run(given.workers)
+    plan = Trials(f"open_loop_{given.study}", cells, measure=measured)
+    rows = plan.run(given.workers, given.out)
     failed = {
         cell: [
             Case(turn, how_it_failed(row))
