@@ -23,6 +23,7 @@ Needs an operating system that can copy processes (fork).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -76,12 +77,13 @@ class Case(NamedTuple):
     """A failure of the default controller and what was found about it.
 
     Attributes:
-        scenario: that failed. kind: how it failed.
+        turn: that failed, a scenario as plain data: other processes take no scenario.
+        kind: how it failed.
         sets: of parameters that passed.
         found: whether any commands passed.
     """
 
-    scenario: Scenario
+    turn: Mapping[str, Any]
     kind: str = ""
     sets: int = 0
     found: bool = False
@@ -134,17 +136,19 @@ def corrected(scenario: Scenario, begun: float, seed: int, generations: int) -> 
 
 def solve(case: Case, seed: int, generations: int) -> Case:
     """Search for commands that would have passed."""
-    turns = drawn(case.scenario, SETS, np.random.default_rng(seed))
+    scenario = Scenario.model_validate(case.turn)
+    turns = drawn(scenario, SETS, np.random.default_rng(seed))
     tried = finish(ready(turns))
     case = case._replace(sets=int(tried.passed.sum()))
     best = int(np.argmin(tried.loss))
-    if not tried.passed.any() and np.isfinite(tried.begun[best]):
-        tried = corrected(turns[best], float(tried.begun[best]), seed, generations)
-    if tried is None or not tried.passed.any():
-        return case
-    best = int(np.argmax(tried.passed))
-    again = replay(case.scenario, tried.belt_speed[:, best], tried.roll[:, best])
-    return case._replace(found=again)
+    if not case.sets and np.isfinite(tried.begun[best]):
+        tried = corrected(turns[best], float(tried.begun[best]), seed, generations) or tried
+        best = int(np.argmin(tried.loss))
+    if tried.passed[best]:
+        again = replay(scenario, tried.belt_speed[:, best], tried.roll[:, best])
+        case = case._replace(found=again)
+    print(f"{scenario.name}: {case.sets} sets pass, {case.found}", file=sys.stderr, flush=True)
+    return case
 
 
 def floor_text(passed: int, total: int, found: int, tried: int) -> str:
@@ -240,7 +244,7 @@ def main() -> None:
     rows = plan.run(given.workers, given.out)
     failed = {
         cell: [
-            Case(turn, how_it_failed(row))
+            Case(turn.model_dump(mode="json"), how_it_failed(row))
             for turn, row in zip(turns, rows[cell], strict=True)
             if not row["success"]
         ][: given.failures]

@@ -101,9 +101,9 @@ def test_a_failure_tells_how_far_it_has_turned(scenario):
     assert open_loop.how_it_failed(failed | {"outcome": "left_pipe"}) == "slides past"
 
 
-def test_failures_are_counted_by_kind(scenario, capsys):
+def test_failures_are_counted_by_kind(capsys):
     """Of three that slide past, commands passed two."""
-    cases = [open_loop.Case(scenario, "slides past", found=found) for found in (False, True, True)]
+    cases = [open_loop.Case({}, "slides past", found=found) for found in (False, True, True)]
     open_loop.print_kinds(cases, [{"success": False}] * 3)
     assert "| slides past | 3 | 2 | 1 |" in capsys.readouterr().out
 
