@@ -1,7 +1,7 @@
 """Whether any command could have passed the tee turns that the default controller fails.
 
 python benchmarks/open_loop.py STUDY [--quick] [--workers N] [--trials N] [--failures N] [--seed S]
-    [--out FOLDER]
+    [--generations N] [--out FOLDER]
 
 * slippery: aligned turns, friction 0.5 to 0.8, preload 20 to 35 N, any gravity, no retry; failures
   by kind.
@@ -43,7 +43,7 @@ LIMITS = {0.4: 1, 0.245: 2}
 torque more of them fail."""
 SETS = 16
 """Of parameters."""
-GENERATIONS, POPULATION, STEP = 3, 16, 0.4
+GENERATIONS, QUICK_GENERATIONS, POPULATION, STEP = 20, 1, 16, 0.4
 """Of CMA-ES, and the standard deviation with which it begins, in parts of the speed limit."""
 WIDEST = 2.0
 """Largest correction, in parts of the speed limit: from one end to the other."""
@@ -207,7 +207,7 @@ def print_floor(found: Mapping[Any, Sequence[Case]], rows: Mapping[Any, Sequence
             ]
 
     tried = [case for cases in found.values() for case in cases]
-    sets = sum(case.sets for case in tried) / (SETS * len(tried))
+    sets = sum(case.sets for case in tried) / max(1, SETS * len(tried))
     text = f"A set of parameters by lot passes {100 * sets:.0f} % of the failures at one attempt."
     table("floor", heads, lines(), text)
 
@@ -217,6 +217,8 @@ def main() -> None:
     parser = Arguments(__doc__, trials=200, quick=8, workers=True)
     parser.add_argument("study", choices=("slippery", "torque"), metavar="STUDY")
     parser.add_argument("--failures", type=int, default=200, metavar="N", help="of a cell, at most")
+    words = f"of {POPULATION} corrections; default {GENERATIONS}, quick {QUICK_GENERATIONS}"
+    parser.add_argument("--generations", type=int, help=words)
     parser.add_argument("--out", type=Path, help="keeps the trials, and goes on where it was")
     parser.add_argument("--seed", type=int, help="of the trials; default of the study")
     given = parser.read()
@@ -250,7 +252,8 @@ def main() -> None:
         ][: given.failures]
         for cell, turns in cells.items()
     }
-    search = partial(solve, seed=first, generations=1 if given.quick else GENERATIONS)
+    generations = given.generations or (QUICK_GENERATIONS if given.quick else GENERATIONS)
+    search = partial(solve, seed=first, generations=generations)
     cases = iter(
         run_tasks(search, [case for own in failed.values() for case in own], given.workers)
     )
