@@ -196,8 +196,8 @@ class _Moments(State):
         first = states[0]
         arrays = {name: np.concatenate([s.arrays[name] for s in states]) for name in first.arrays}
         super().__init__(arrays, first.at, first.robot, first.sensors, {})
-        # Weak: the first of them keeps this block, and a cycle with arrays in it would stay in memory
-        # until Python looks for cycles, which it does by the number of objects and not by their size.
+        # Weak: the first of them keeps this block, and a cycle with arrays in it would stay in
+        # memory until Python looks for cycles, by the number of objects and not by their size.
         self.states = [weakref.ref(state) for state in states]
         for name in first.looks_back:
             # Unknown at one of the moments: it is that of the moment before, which was perhaps
