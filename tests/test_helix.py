@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.robots.helix import JOINTS, Helix, coil_of
-from omnitrack_sim.robots.plant import initial_state
+from omnitrack_sim.robots.scene import initial_state
 
 
 def test_its_model_lies_in_the_helix_of_its_joint_angles():

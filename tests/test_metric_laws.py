@@ -31,7 +31,7 @@ from omnitrack_sim.record.trajectory import Recorder, Trajectory
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
 from omnitrack_sim.robots.omnitrack.metrics import METRICS
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.scene import compiled
 from omnitrack_sim.robots.tail import (
     TAIL_CHANNELS,
     TAIL_METRICS,

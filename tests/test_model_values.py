@@ -12,7 +12,7 @@ from runs import same_record
 
 import omnitrack_sim as ot
 from omnitrack_sim.base.paths import Document, expand
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.scene import compiled
 from omnitrack_sim.sim.builder import batch_key, is_shared
 from omnitrack_sim.sim.run import run_batch
 from omnitrack_sim.trials.sweep_file import resolve

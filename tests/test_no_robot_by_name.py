@@ -9,17 +9,14 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "omnitrack_sim"
-OWN = ("robots/omnitrack/", "paper/")
-"""The robot's own folder, and the room of its paper."""
+OWN = ("robots/omnitrack/", "warp/omnitrack/", "paper/")
+"""The robot's own folders, and the room of its paper."""
 EXCEPTIONS = {
     "__init__.pyi": "lists the public names, those of the robot among them",
     "robots/kinds.py": "lists the robots of the package, and says which is the default",
     "robots/climber/__init__.py": "is a robot that is made of the other's parts",
     "cli/package.py": "`omnitrack models` writes the robot's published models",
     "cli/paper.py": "commands about the paper of the robot",
-    "warp/driving.py": "kernels of the robot's motors, belts and readings",
-    "warp/env.py": "is the environment of the robot that stays on a GPU",
-    "warp/starts.py": "draws and seats the robots of that environment",
 }
 """Files that name the robot, with the reason."""
 NAMES = re.compile(r"robots[./]omnitrack|\bOmnitrack\b|omnidirectional|^omnitrack$")

@@ -10,7 +10,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.paper.robots.pirate import clamp_forces
 from omnitrack_sim.pipes.route_map import RouteMap
 from omnitrack_sim.robots.pirate import SIDES, Pirate, bending, chain
-from omnitrack_sim.robots.plant import initial_state
+from omnitrack_sim.robots.scene import initial_state
 
 
 @pytest.mark.parametrize("bore", [0.051, 0.1, 0.12])

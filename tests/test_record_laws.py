@@ -23,8 +23,9 @@ from omnitrack_sim.record.statistics import (
 )
 from omnitrack_sim.record.timeline import Touch, running_mean, timeline
 from omnitrack_sim.record.trajectory import Trajectory
+from omnitrack_sim.robots.model_sensors import TOUCH, model_sensors
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
-from omnitrack_sim.robots.plant import TOUCH, _model_sensors, compiled
+from omnitrack_sim.robots.scene import compiled
 from omnitrack_sim.robots.sensor import State
 
 TIME = 3.0 + np.cumsum([0.0, 0.1, 0.05, 0.2, 0.05, 0.3, 0.02, 0.28])
@@ -38,7 +39,7 @@ def test_contacts_of_a_body_add_up_and_slip_by_their_forces() -> None:
     of their tangential speeds by these, whatever their normal speeds; without a contact both are 0;
     power of an actuator is its force times its speed."""
     model = compiled(ot.load_scenario("robots/presser_tee").robot)
-    sensors = {sensor.channel.name: sensor for sensor in _model_sensors(model)}
+    sensors = {sensor.channel.name: sensor for sensor in model_sensors(model)}
     bodies = [
         model.sensor(i) for i in range(model.nsensor) if model.sensor(i).name.startswith(TOUCH)
     ]

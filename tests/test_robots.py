@@ -631,7 +631,7 @@ def test_a_saved_model_of_a_scenario_is_refused_without_the_package(name, tmp_pa
 @pytest.mark.parametrize("kind", [kind for kind in ROBOTS if kind != "mjcf"])
 def test_every_joint_has_columns_of_its_own(kind):
     """One after the other, all that there are: also beside a joint without a name."""
-    from omnitrack_sim.robots.plant import compiled
+    from omnitrack_sim.robots.scene import compiled
 
     robot = robot_class(kind)()
     columns = list(robot.joints.values())

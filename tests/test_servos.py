@@ -8,7 +8,7 @@ import pytest
 
 import omnitrack_sim as ot
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.scene import compiled
 from omnitrack_sim.robots.servos import MAX_RATIO, servo_notes, stiff_servos
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.run import run_batch

@@ -116,7 +116,7 @@ def _axis(channel: Channel, axis: int, robot: Robot) -> tuple[str, Sequence[Any]
 
 def joint_columns(robot: Robot) -> list[tuple[str, str]]:
     """Return name and unit of each joint position of a robot, in the order of ``qpos``."""
-    from omnitrack_sim.robots.plant import compiled
+    from omnitrack_sim.robots.scene import compiled
 
     model = robot.spec().compile() if isinstance(robot, Recorded) else compiled(robot)
     kinds = model.jnt_type.tolist()

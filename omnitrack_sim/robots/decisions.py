@@ -22,7 +22,7 @@ from omnitrack_sim.robots.feature import (
     select_features,
     steps_of_decision,
 )
-from omnitrack_sim.robots.plant import compiled
+from omnitrack_sim.robots.scene import compiled
 
 if TYPE_CHECKING:
     from omnitrack_sim.robots.robot import Robot

@@ -24,7 +24,7 @@ from omnitrack_sim.record.display import (
     model_cameras,
 )
 from omnitrack_sim.record.trajectory import Trajectory
-from omnitrack_sim.robots.plant import initial_state
+from omnitrack_sim.robots.scene import initial_state
 from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 from omnitrack_sim.walls.pipe_looks import ROBOT_GROUP
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.robots.plant import Plant, Start, compiled
+from omnitrack_sim.robots.plant import Plant, Start
+from omnitrack_sim.robots.scene import compiled
 
 FIELDS = (
     *("jnt_stiffness", "dof_damping", "dof_frictionloss"),

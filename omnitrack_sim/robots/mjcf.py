@@ -35,9 +35,10 @@ from omnitrack_sim.robots.model_values import (
     values_of,
     with_changes,
 )
-from omnitrack_sim.robots.plant import Plant, Start, compiled, initial_state
+from omnitrack_sim.robots.plant import Plant, Start
 from omnitrack_sim.robots.quantity import Parameter, QuantityModel, quantity
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.scene import compiled, initial_state
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 MAX_SERVOS = 1_000

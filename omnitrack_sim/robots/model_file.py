@@ -19,7 +19,7 @@ from omnitrack_sim.base.bounds import MAX_MODEL_TEXT
 from omnitrack_sim.base.reading import read_bytes
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.text import clipped, listed
-from omnitrack_sim.robots.plant import actuator_names
+from omnitrack_sim.robots.model_sensors import actuator_names
 from omnitrack_sim.walls.geoms import set_numerics
 from omnitrack_sim.walls.model_bounds import read_spec
 

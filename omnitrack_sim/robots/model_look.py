@@ -19,7 +19,8 @@ from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.robots.mjcf import Axis, Mjcf, Servo, turn_to
 from omnitrack_sim.robots.model_file import robot_model
-from omnitrack_sim.robots.plant import SETTINGS, compiled, initial_state
+from omnitrack_sim.robots.plant import SETTINGS
+from omnitrack_sim.robots.scene import compiled, initial_state
 from omnitrack_sim.robots.servos import MAX_RATIO
 from omnitrack_sim.robots.size import GRAVITY
 from omnitrack_sim.walls.geoms import TIMESTEP

@@ -1,17 +1,11 @@
-"""The plant: n robots of one model in exact pipes, the only door to MuJoCo's state.
-
-And the diagnosis of robots that make no headway.
-"""
+"""The plant: n robots of one model in exact pipes, the only door to MuJoCo's state."""
 
 from __future__ import annotations
 
-import functools
 import math
-import operator
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
@@ -30,29 +24,14 @@ from omnitrack_sim.base.rotations import (
     quaternion_from_matrix,
     set_rows,
 )
-from omnitrack_sim.pipes import Assembly
-from omnitrack_sim.pipes.route_map import Location, RouteMap
-from omnitrack_sim.record.channels import COMMON, Channel, Display
-from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.actuator_units import actuator_units
+from omnitrack_sim.record.channels import COMMON, Channel
 from omnitrack_sim.robots.control import Actuation
+from omnitrack_sim.robots.model_sensors import model_sensors
+from omnitrack_sim.robots.scene import PIPES
 from omnitrack_sim.robots.sensor import Sensor, State
-from omnitrack_sim.walls.around import add_pipes, wall_attributes
-from omnitrack_sim.walls.geoms import add_plates, leave_no_log
 
 if TYPE_CHECKING:
-    from omnitrack_sim.robots.robot import Robot, SceneOptions
-
-PIPES = ("wall_", "relief_", "rim_", "plate_")
-"""Names of the geoms of pipes, which the world carries, begin like this."""
-CONTACT_TIME = 0.005
-"""Time constant of contacts with the wall, s, of a robot for 160 mm."""
-SLOTS = 4
-"""Contacts of a body whose forces are added up: the largest ones."""
-MAX_COMPILED = 256
-"""Models of robots alone that are kept: a batch may have one for each robot."""
-TOUCH = "touch_of_"
-"""Names of the contact sensors that the scene adds begin like this."""
+    from omnitrack_sim.robots.robot import Robot
 
 
 MakeBatch = Callable[[mujoco.MjModel, int, int, bool], batch.Batch]
@@ -101,105 +80,6 @@ class Start:
     bore_radius: Array
     roll: Array
     robots: Sequence[Robot]
-
-
-def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
-    """Return a robot in exact pipes as one model, ready to compile; see ``Robot.scene``.
-
-    Beside the robot's own sensors the model has one for each of its bodies that can touch the wall.
-    """
-    leave_no_log()
-    spec = robot.spec()
-    spec.option.timestep = options.timestep
-    bodies = touching_bodies(spec)
-    # Contacts as soft as MuJoCo's own let wheels sink in: they would run 2 % slower.
-    soft = max(CONTACT_TIME * robot.time_scale, 2 * options.timestep)
-    contact: dict[str, Any] = {"solref": [soft, 1.0]} | _touching_bits(spec)
-    add_pipes(spec, network, friction=1.0, **contact)
-    more = [end for end in options.plates if end not in network.closed_ends]
-    walls = wall_attributes(1.0, contact)
-    del walls["rgba"]
-    add_plates(spec, network, more, options.looks, **walls)
-    if not options.looks:
-        for body in bodies:
-            _add_touch(spec, body)
-    return spec
-
-
-def _touching_bits(spec: mujoco.MjSpec) -> dict[str, int]:
-    """Return the bits with which walls touch whatever of a robot can touch anything."""
-    bits = functools.reduce(operator.or_, (g.contype | g.conaffinity for g in spec.geoms), 1)
-    return {"contype": bits, "conaffinity": bits}
-
-
-def touching_bodies(spec: mujoco.MjSpec) -> list[str]:
-    """Return the names of the bodies of a model whose geoms can touch, in order.
-
-    Bodies without a name get one by their number.
-    """
-    for i, body in enumerate(spec.bodies):
-        if not body.name:
-            body.name = f"body_{i}"
-    bodies = spec.bodies[1:]
-    return [b.name for b in bodies if any(g.contype | g.conaffinity for g in b.geoms)]
-
-
-def compiled(robot: Robot) -> mujoco.MjModel:
-    """Return the model of a robot alone, with the sensors that ``scene`` adds; kept for later."""
-    return _compiled(robot)  # type: ignore[arg-type]  # a frozen model is hashable
-
-
-@lru_cache(maxsize=MAX_COMPILED)
-def _compiled(robot: Robot) -> mujoco.MjModel:
-    leave_no_log()
-    spec = robot.spec()
-    for body in touching_bodies(spec):
-        _add_touch(spec, body)
-    return spec.compile()
-
-
-def initial_state(robot: Robot) -> mujoco.MjData:
-    """Return data of the model of a robot alone, in its initial state."""
-    data = mujoco.MjData(compiled(robot))
-    if robot.start_qpos is not None:
-        data.qpos[:] = robot.start_qpos
-    mujoco.mj_kinematics(data.model, data)
-    return data
-
-
-def is_similar(robot: Robot, other: Robot) -> bool:
-    """Return whether the parts of robots that touch the wall have the same form and density."""
-    own, its = compiled(robot), compiled(other)
-    factor = other.nominal_bore / robot.nominal_bore
-    touching = own.geom_contype | own.geom_conaffinity > 0
-    pairs = (
-        (own.geom_size[touching] * factor, its.geom_size[touching]),
-        (own.geom_pos[touching] * factor, its.geom_pos[touching]),
-        (own.body_pos * factor, its.body_pos),
-        (own.body_mass * factor**3, its.body_mass),
-    )
-    least = 1e-4 * min(factor, factor**3)
-    return all(np.allclose(a, b, rtol=0.01, atol=least) for a, b in pairs)
-
-
-def _add_touch(spec: mujoco.MjSpec, body: str) -> None:
-    """Add a sensor of the contacts of a body with the walls.
-
-    For each of the largest contacts it says whether there is one, its force in the frame of the
-    contact, and the speed at which the surfaces slide.
-    """
-    fields = mujoco.mjtConDataField
-    wanted = (fields.mjCONDATA_FOUND, fields.mjCONDATA_FORCE, fields.mjCONDATA_LINVEL)
-    largest_first = 2
-    spec.add_sensor(
-        name=f"{TOUCH}{body}",
-        type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        objname=body,
-        reftype=mujoco.mjtObj.mjOBJ_BODY,
-        refname="world",
-        intprm=[sum(1 << int(f) for f in wanted), largest_first, SLOTS],
-    )
 
 
 class WallContact(NamedTuple):
@@ -374,7 +254,7 @@ class Plant:
 
     def shipped_sensors(self) -> Sequence[Sensor]:
         """Sensors of the channels that every robot of this kind has."""
-        return (*_POSE_SENSORS, *_model_sensors(self.model))
+        return (*_POSE_SENSORS, *model_sensors(self.model))
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
@@ -652,218 +532,3 @@ _READ = {
 _POSE_SENSORS = tuple(
     Sensor(channel, _READ[name]) for name, channel in COMMON.items() if channel.source == "plant"
 )
-
-
-def model_channels(model: mujoco.MjModel) -> dict[str, Channel]:
-    """Return the channels that follow from a robot's model, by name.
-
-    They are of actuators, of contacts of bodies, and of the named sensors of the model.
-    """
-    meaning, unit = "control inputs, by actuator", actuator_units(model)["ctrl"]
-    shown = Display("Control inputs", unit, span=0.02, each="actuator")
-    own = {"source": "command", "names": actuator_names(model), "shown": shown}
-    ctrl = Channel("ctrl", (model.nu,), unit, meaning, **own)
-    channels = [ctrl, *(sensor.channel for sensor in _model_sensors(model))]
-    return {channel.name: channel for channel in channels}
-
-
-def _model_sensors(model: mujoco.MjModel) -> list[Sensor]:
-    """Sensors of the channels that follow from a robot's model."""
-    names = [model.sensor(i).name for i in range(model.nsensor)]
-    named = [name for name in names if name and not name.startswith(TOUCH)]
-    own = [
-        *_actuator_sensors(model),
-        *_contact_sensors(model, [name for name in names if name.startswith(TOUCH)]),
-        *_joint_sensors(model),
-    ]
-    taken = {*COMMON, "ctrl", *(sensor.channel.name for sensor in own)}
-    return [*own, *(_named_sensor(model, name, taken) for name in named)]
-
-
-def actuator_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the actuators; of one without, that of its joint or tendon, or its number from 1."""
-    names = []
-    for i in range(model.nu):
-        actuator, driven = model.actuator(i), ""
-        kind, target = int(actuator.trntype[0]), int(actuator.trnid[0])
-        if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-            driven = model.joint(target).name
-        elif kind == mujoco.mjtTrn.mjTRN_TENDON:
-            driven = model.tendon(target).name
-        names.append(actuator.name or driven or str(i + 1))
-    return tuple(names)
-
-
-def _actuator_sensors(model: mujoco.MjModel) -> list[Sensor]:
-    def each(name: str, unit: str, meaning: str) -> Channel:
-        title = name.replace("_", " ").capitalize()
-        shown = Display(title, unit, span=0.02, each="actuator")
-        return Channel(name, (model.nu,), unit, meaning, names=names, shown=shown)
-
-    names, order = actuator_names(model), "in the model's own order"
-    units = actuator_units(model)
-    force = each("actuator_force", units["actuator_force"], f"force of each actuator, {order}")
-    unit, meaning = units["actuator_velocity"], "speed of each actuator's length"
-    velocity = each("actuator_velocity", unit, meaning)
-    power = each("actuator_power", "W", "force times speed of each actuator")
-    return [
-        Sensor(force, lambda state: state.actuator_force),
-        Sensor(velocity, lambda state: state.actuator_velocity),
-        Sensor(power, lambda state: state.actuator_force * state.actuator_velocity),
-    ]
-
-
-def _contact_sensors(model: mujoco.MjModel, names: Sequence[str]) -> list[Sensor]:
-    """Sensors of force and slip of the bodies whose contact sensors have these ``names``."""
-    touch = np.array([model.sensor(name).adr[0] for name in names], int)
-    slots = (touch[:, None] + np.arange(SLOTS * 7)).reshape(-1, SLOTS, 7)
-
-    def contacts(state: State) -> Array:
-        """(n, bodies, slots, 7): found, force and velocity in the contact's frame."""
-        return state.sensordata.take(slots, axis=1)
-
-    def total_force(state: State) -> Array:
-        return np.abs(contacts(state)[..., 1]).sum(axis=-1)
-
-    def mean_speed(state: State) -> Array:
-        contact = contacts(state)
-        share = np.abs(contact[..., 1])
-        slip = np.hypot(contact[..., 5], contact[..., 6])
-        total = share.sum(axis=-1)
-        return (share * slip).sum(axis=-1) / np.where(total > 0, total, 1.0)
-
-    touched = tuple(name.removeprefix(TOUCH) for name in names)
-    bodies = ", ".join(touched)
-    force = Channel(
-        "wall_force",
-        (len(names),),
-        "N",
-        f"normal forces between the wall and each body, added up; bodies in order: {bodies}",
-        names=touched,
-        shown=Display("Force on the wall, by body", "N", low=0.0, span=2.0, each="body"),
-    )
-    speed = Channel(
-        "contact_speed",
-        (len(names),),
-        "m/s",
-        "speed of each body's surface over the wall where it touches, mean by force; 0 without "
-        f"contact; bodies in order: {bodies}",
-        names=touched,
-        shown=Display("Slip speed at contacts", "mm/s", 1e3, low=0.0, span=1.0, each="body"),
-    )
-    return [Sensor(force, total_force), Sensor(speed, mean_speed)]
-
-
-def _joint_sensors(model: mujoco.MjModel) -> list[Sensor]:
-    position = Channel("qpos", (model.nq,), "m, rad", "joint positions", recorded=False)
-    velocity = Channel("qvel", (model.nv,), "m/s, rad/s", "joint velocities", recorded=False)
-    return [
-        Sensor(position, lambda state: state.qpos),
-        Sensor(velocity, lambda state: state.qvel),
-    ]
-
-
-def _named_sensor(model: mujoco.MjModel, name: str, taken: Container[str]) -> Sensor:
-    """Sensor of a channel with the values of a named sensor of the model.
-
-    The channel has its name, but for the names of channels that are ``taken``.
-    """
-    sensor = model.sensor(name)
-    kind = mujoco.mjtSensor(int(sensor.type[0])).name.removeprefix("mjSENS_").lower()
-    at = sensor.adr[0] + np.arange(sensor.dim[0])
-    shape = () if len(at) == 1 else (len(at),)
-    own = f"sensor_{name}" if name in taken else name
-    channel = Channel(own, shape, "", f"sensor of the model: {kind}")
-    return Sensor(channel, lambda state: state.sensordata.take(at, axis=1).reshape(-1, *shape))
-
-
-class Motion(StrEnum):
-    """How a robot moves over the walls."""
-
-    FALLING = "fell"
-    """Nothing of it touches a wall."""
-    SLIDING = "slid"
-    """What touches slides."""
-    DRIVING = "moved"
-    """What touches rolls, steps or sticks."""
-
-
-class Diagnosis:
-    """Finds the cause for which each of n robots makes no headway.
-
-    A robot whose causes need more than its tilt and its contacts keeps averages of its readings.
-
-    Args:
-        robot: parameters.
-        limits: ``[monitor]`` of the scenario.
-        period: s, between two samples of the averages.
-        robots: the parameters of each; the list is the simulation's, which changes it.
-    """
-
-    def __init__(self, robot: Any, limits: Any, period: float, robots: Sequence[Any]) -> None:
-        self.limits, self.robots, self.n = limits, robots, len(robots)
-
-    def reset(self, rows: NDArray[np.intp]) -> None:
-        """Begin anew for robots ``rows`` (k,)."""
-
-    def average(
-        self,
-        readings: Mapping[str, Array],
-        command: Any,
-        saturated: NDArray[np.bool_],
-        due: NDArray[np.bool_],
-    ) -> None:
-        """Add a sample to the averages of the robots ``due`` (n,).
-
-        Args:
-            readings: of the sensors.
-            command: that the robots carry out.
-            saturated: (n, m) motors at their limit.
-            due: (n,) robots of which a sample is taken.
-        """
-
-    def cause(
-        self, robot: int, location: Location, routes: RouteMap, retreat: Motion | None
-    ) -> Outcome:
-        """Return the cause for which a robot makes no headway.
-
-        Args:
-            robot: its number.
-            location: of all robots.
-            routes: of theirs.
-            retreat: how it moved back by ``monitor.slide_back``; None if it did not.
-        """
-        if self.lies_across(robot, location):
-            return Outcome.WEDGED
-        lost_hold = retreat in (Motion.FALLING, Motion.SLIDING)
-        return Outcome.SLIPPING if lost_hold else Outcome.STUCK
-
-    def motion(self, robot: int, readings: Mapping[str, Array], speed: float) -> Motion:
-        """Return how a robot moves that is asked for a ``speed``, m/s."""
-        if not readings["wall_force"][robot].any():
-            return Motion.FALLING
-        slides = _slip(robot, readings) > self.limits.slipping_ratio * speed
-        return Motion.SLIDING if slides else Motion.DRIVING
-
-    def lies_across(self, robot: int, location: Location) -> bool:
-        """Return whether a robot lies across its pipe."""
-        return bool(np.abs(np.cos(location.tilt[robot])) < self.limits.wedged_cosine)
-
-    def words(self, robot: int, readings: Mapping[str, Array], speed: float) -> str:
-        """Return measurements at the end of a run, in words; "" for none.
-
-        Args:
-            robot: its number.
-            readings: of the sensors at the end.
-            speed: that it is asked for, m/s.
-        """
-        if self.motion(robot, readings, speed) is not Motion.SLIDING:
-            return ""
-        slip = _slip(robot, readings)
-        return f", sliding over the wall at {slip:.2g} m/s; it is asked for {speed:.2g} m/s"
-
-
-def _slip(robot: int, readings: Mapping[str, Array]) -> float:
-    """Speed of what touches over the wall, m/s, mean by force."""
-    force = readings["wall_force"][robot]
-    return float(force @ readings["contact_speed"][robot]) / float(force.sum())

@@ -36,9 +36,10 @@ from omnitrack_sim.robots.tail import Tether
 if TYPE_CHECKING:
     import mujoco
 
+    from omnitrack_sim.robots.diagnosis import Diagnosis
     from omnitrack_sim.robots.display import RobotDisplay
     from omnitrack_sim.robots.odometry import Odometry
-    from omnitrack_sim.robots.plant import Diagnosis, Plant, Start
+    from omnitrack_sim.robots.plant import Plant, Start
 
 
 MAX_WEIGHTS = 20.0
@@ -186,7 +187,7 @@ class Robot(Sized, ABC):
 
     def scene(self, network: Assembly, options: SceneOptions) -> mujoco.MjSpec:
         """Return the robot and the pipes, placed in the world, as one model, ready to compile."""
-        from omnitrack_sim.robots.plant import scene
+        from omnitrack_sim.robots.scene import scene
 
         return scene(self, network, options)
 
@@ -216,7 +217,7 @@ class Robot(Sized, ABC):
 
         By default between the sites of these names along z, in the initial state.
         """
-        from omnitrack_sim.robots.plant import initial_state
+        from omnitrack_sim.robots.scene import initial_state
 
         data = initial_state(self)
         return float(data.site(self.nose).xpos[2] - data.site(self.tail).xpos[2])
@@ -224,14 +225,14 @@ class Robot(Sized, ABC):
     @property
     def mass(self) -> float:
         """Whole robot, kg."""
-        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.scene import compiled
 
         return float(compiled(self).body_mass.sum())
 
     @property
     def joints(self) -> Mapping[str, slice]:
         """Columns of joint positions by the names of the joints; one without goes by its number."""
-        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.scene import compiled
 
         model = compiled(self)
         starts = [*model.jnt_qposadr.tolist(), model.nq]
@@ -314,7 +315,7 @@ class Robot(Sized, ABC):
         Raises:
             InputError: an actuator has none.
         """
-        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.scene import compiled
 
         model = compiled(self)
         names = [model.actuator(i).name or f"number {i}" for i in range(model.nu)]
@@ -361,7 +362,8 @@ class Robot(Sized, ABC):
     @property
     def channels(self) -> Mapping[str, Channel]:
         """Channels that are measured, by name, in the order of the file."""
-        from omnitrack_sim.robots.plant import compiled, model_channels
+        from omnitrack_sim.robots.model_sensors import model_channels
+        from omnitrack_sim.robots.scene import compiled
 
         return {**COMMON, **model_channels(compiled(self))}
 
@@ -423,14 +425,14 @@ class Robot(Sized, ABC):
 
         Here one on servos that are too stiff for the inertia of their joints.
         """
-        from omnitrack_sim.robots.plant import compiled
+        from omnitrack_sim.robots.scene import compiled
         from omnitrack_sim.robots.servos import servo_notes
 
         return servo_notes(compiled(self), timestep)
 
     def diagnosis(self, limits: Any, period: float, robots: Sequence[Robot]) -> Diagnosis:
         """Return what finds the causes of failures of robots; arguments as of ``Diagnosis``."""
-        from omnitrack_sim.robots.plant import Diagnosis
+        from omnitrack_sim.robots.diagnosis import Diagnosis
 
         return Diagnosis(self, limits, period, robots)
 

@@ -21,8 +21,8 @@ from omnitrack_sim.base.text import strict_json
 from omnitrack_sim.record.events import Note
 from omnitrack_sim.results.dataset import Series, series_of
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.plant import PIPES
 from omnitrack_sim.robots.recorded import Recorded
+from omnitrack_sim.robots.scene import PIPES
 from omnitrack_sim.show.playback import Playback
 from omnitrack_sim.show.recording import Recording
 from omnitrack_sim.show.recording_playback import RecordingPlayback

@@ -25,7 +25,7 @@ from omnitrack_sim.record.display import (
 from omnitrack_sim.record.trajectory import spans
 from omnitrack_sim.robots.actuator_units import actuator_units
 from omnitrack_sim.robots.display import HIDDEN_FROM
-from omnitrack_sim.robots.plant import actuator_names
+from omnitrack_sim.robots.model_sensors import actuator_names
 from omnitrack_sim.show.film.shots import is_outside
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan
 from omnitrack_sim.show.legend import Legend, Parts, actuator_owners, legends_of

@@ -11,7 +11,7 @@ import numpy as np
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.results.dataset import Series
 from omnitrack_sim.robots.actuator_units import actuator_units
-from omnitrack_sim.robots.plant import actuator_names
+from omnitrack_sim.robots.model_sensors import actuator_names
 from omnitrack_sim.show.recording import FIELDS, Recording
 from omnitrack_sim.show.wall_forces import body_forces
 

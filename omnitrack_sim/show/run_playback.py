@@ -23,9 +23,9 @@ from omnitrack_sim.record.events import Note
 from omnitrack_sim.record.metrics import ESTIMATE_METRICS, Metric
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.results.result import Result
-from omnitrack_sim.robots.plant import scene
 from omnitrack_sim.robots.recorded import Recorded
 from omnitrack_sim.robots.robot import SceneOptions
+from omnitrack_sim.robots.scene import scene
 from omnitrack_sim.robots.tail import TAIL_METRICS, TETHER_METRICS
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.show.landmarks import Landmarks, PassageSpan, passage_spans

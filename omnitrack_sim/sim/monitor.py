@@ -15,7 +15,7 @@ from omnitrack_sim.autonomy.pilots import Hindrance
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.record.events import Outcome
-from omnitrack_sim.robots.plant import Motion
+from omnitrack_sim.robots.diagnosis import Motion
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.scenario.tables import MonitorTable
 from omnitrack_sim.sim.tail_load import TailLoad

@@ -14,8 +14,8 @@ from omnitrack_sim.base.naming import installed, trusting
 from omnitrack_sim.base.reading import NAME_PATTERN, checked
 from omnitrack_sim.robots.control import controller_of
 from omnitrack_sim.robots.kinds import DEFAULT, is_model_file, robot_class
-from omnitrack_sim.robots.plant import is_similar
 from omnitrack_sim.robots.robot import Robot
+from omnitrack_sim.robots.scene import is_similar
 from omnitrack_sim.scenario import kinds_first, set_value
 
 Changes = Mapping[str, Any]

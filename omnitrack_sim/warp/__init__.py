@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _HOMES = {
-    "WarpVectorEnv": "env",
+    "WarpVectorEnv": "omnitrack.env",
     "make_plant": "plant",
     "put_model": "walls",
     "recentre": "origins",

@@ -3,107 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from omnitrack_sim.autonomy.pilots import FixedRoute
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
-from omnitrack_sim.gym.episodes import EpisodeSampler
+from omnitrack_sim.gym.episodes import NETWORKS, EpisodeSampler, with_values
 from omnitrack_sim.gym.options import EnvOptions
 from omnitrack_sim.pipes.route_map import Location
-from omnitrack_sim.robots.feature import steps_of_decision
-from omnitrack_sim.robots.omnitrack import Omnitrack
-from omnitrack_sim.robots.omnitrack.drive import FIGURES, drive_of
-from omnitrack_sim.robots.omnitrack.kinematics import belt_sign
-from omnitrack_sim.robots.omnitrack.policy.features import FEATURES
-from omnitrack_sim.robots.size import GRAVITY as GRAVITY_SIZE
+from omnitrack_sim.robots.feature import Feature, entry_slices, steps_of_decision
+from omnitrack_sim.scenario import Scenario, validate
 from omnitrack_sim.sim.simulation import Simulation
-from omnitrack_sim.warp.plant import FieldsBatch, differs, field_of
+from omnitrack_sim.warp.episodes import SIZES
+from omnitrack_sim.warp.plant import FieldsBatch, differs, field_of, near_origins
 
-SIZES = {
-    "position": 3,
-    "rotation": 9,
-    "angular_velocity": 3,
-    "roll": 3,
-    "slide": 3,
-    "pitch": 3,
-    "belt_speed": 3,
-    "motor_torque": 3,
-    "normal_force": 3,
-    "traction": 3,
-    "slip_velocity": 3,
-    "module_speed": 3,
-    "contact_count": 6,
-    "contact_position": 9,
-    "place": 17,
-    "passage": 1,
-    "roll_set_point": 3,
-    "forward": 3,
-    "action": 4,
-    "correction": 3,
-    "first": 1,
-    "first_passage": 1,
-    "waiting": 1,
-    "farthest": 1,
-    "steps": 1,
-    "time": 1,
-    "gravity": 3,
-    "speed_limit": 1,
-    "cruise_speed": 1,
-    "motor": FIGURES,
-    "weight": 1,
-    "goal": 1,
-    "patience": 1,
-    "max_steps": 1,
-}
-"""Numbers of a world's state beside MuJoCo's, in order: readings, location (``route_map``'s place),
-controls, and what belongs to the episode."""
-(
-    POSITION,
-    ROTATION,
-    SPIN,
-    ROLL,
-    SLIDE,
-    PITCH,
-    BELT_SPEED,
-    TORQUE,
-    NORMAL_FORCE,
-    TRACTION,
-    SLIP,
-    MODULE_SPEED,
-    CONTACT_COUNT,
-    CONTACT_POSITION,
-    PLACE,
-    PASSAGE,
-    ROLL_SET,
-    FORWARD,
-    ACTION,
-    CORRECTION,
-    FIRST,
-    FIRST_PASSAGE,
-    WAITING,
-    FARTHEST,
-    STEPS,
-    TIME,
-    GRAVITY,
-    SPEED_LIMIT,
-    CRUISE_SPEED,
-    MOTOR,
-    WEIGHT,
-    GOAL,
-    PATIENCE,
-    MAX_STEPS,
-    STATE_SIZE,
-) = accumulate(SIZES.values(), initial=0)
-"""Where each begins, and how many there are."""
+OwnState = Callable[[Simulation], Mapping[str, ArrayLike]]
+"""What one kind of robot adds to the states at its start: arrays (n, ...) by name, in order."""
 SEATINGS = 1024
-"""Robots that are seated at once."""
+"""Robots that are seated at once, at most."""
+ROOM = 0.5
+"""Distance between networks that stand side by side, m: none touches what is another's."""
 
 
 @dataclass(frozen=True)
@@ -113,42 +37,63 @@ class Starts:
     Attributes:
         simulation: of the processor that seated the last of them; model, routes and robot are those
             of all.
-        options: of the environment.
         hold: control steps of a decision.
         substeps: physics steps of a control step.
-        arrays: (K, size) by name: ``state`` by ``SIZES``, ``qpos`` and ``ctrl`` of MuJoCo, and the
+        origins: (K, 3) m, from which positions in ``qpos`` count.
+        arrays: (K, size) by name: ``state`` by ``episodes.SIZES`` and what the
+            robot adds, ``qpos`` and ``ctrl`` of MuJoCo, and the
             fields of the model, in which robots differ.
     """
 
     simulation: Simulation
-    options: EnvOptions
     hold: int
     substeps: int
+    origins: Array
     arrays: Mapping[str, Array]
 
 
-def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
-    """Draw and seat the robots of ``count`` episodes, as the environments of ``gym`` do.
+def sampler_of(options: EnvOptions) -> EpisodeSampler:
+    """Return what draws episodes on a device.
 
     Raises:
         InputError: an option, or the scenario, needs what there is not on a device.
     """
     _check(options)
-    sampler, rng = EpisodeSampler(options), np.random.default_rng(seed)
-    robot = sampler.example.robot
-    _check_robot(robot)
-    physics = sampler.example.physics
-    if physics.collider != "exact":
+    sampler = EpisodeSampler(options)
+    if sampler.example.physics.collider != "exact":
         raise InputError(Fault("physics.collider", "is 'primitives'", ("exact",)))
+    return sampler
+
+
+def starts_of(
+    sampler: EpisodeSampler, count: int, seed: int, networks: int, threads: int, own: OwnState
+) -> Starts:
+    """Draw and seat the robots of ``count`` episodes, as the environments of ``gym`` do.
+
+    Args:
+        sampler: draws them.
+        count: K.
+        seed: of the draws.
+        networks: see ``SideBySide``.
+        threads: with which robots are seated.
+        own: what the robot adds to the states.
+
+    Raises:
+        InputError: the scenario is no single route, or there are fewer starts than networks.
+    """
+    rng = np.random.default_rng(seed)
+    if not sampler.alike and count < networks:
+        raise InputError(Fault("starts", f"is {count}; {networks} networks need one each"))
+    drawn = sampler if sampler.alike else SideBySide(sampler, networks, rng)
     batches: list[FieldsBatch] = []
 
     def make_batch(model: mujoco.MjModel, n: int, threads: int, persistent: bool) -> FieldsBatch:
         batches.append(FieldsBatch(model, n, threads, persistent))
         return batches[-1]
 
-    parts, simulation, left = [], None, count
+    parts, first, left = [], None, count
     while left:
-        scenarios = [sampler.draw(rng) for _ in range(min(left, SEATINGS))]
+        scenarios = [drawn.draw(rng) for _ in range(min(left, SEATINGS))]
         left -= len(scenarios)
         simulation = Simulation(
             scenarios,
@@ -160,29 +105,80 @@ def starts_of(options: EnvOptions, count: int, seed: int) -> Starts:
                 (),
                 make_batch,
             ),
-            threads=options.threads,
+            threads=threads,
             recording=False,
         )
-        parts.append(_arrays(simulation, batches[-1]))
-    assert simulation is not None
-    if simulation.legs.pilots[0].__class__ is not FixedRoute:
-        raise InputError(Fault("scenario", "has a mission; on a device robots drive one route"))
-    names = parts[0].keys() | {name for part in parts for name in part}
-    arrays = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    model = simulation.model
+        first = first or simulation
+        if sampler.alike and not isinstance(simulation.legs.pilots[0], FixedRoute):
+            raise InputError(Fault("scenario", "has a mission; on a device robots drive one route"))
+        parts.append(_arrays(simulation, batches[-1], own(simulation)))
+    assert first is not None
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     fields = {name: values for name, values in arrays.items() if name not in ("state", *_OF_DATA)}
     for name, values in fields.items():
-        shape = np.shape(field_of(model, name))
-        if not differs(model, name, values.reshape(count, *shape)):
+        shape = np.shape(field_of(first.model, name))
+        if not differs(first.model, name, values.reshape(count, *shape)):
             del arrays[name]
-    period = physics.control_period
-    return Starts(
-        simulation,
-        options,
-        steps_of_decision(period),
-        round(period / physics.timestep),
-        arrays,
-    )
+    origins = near_origins(arrays["qpos"][:, :3])
+    arrays["qpos"][:, :3] -= origins
+    physics = sampler.example.physics
+    period, timestep = physics.control_period, physics.timestep
+    hold, substeps = steps_of_decision(period), round(period / timestep)
+    return Starts(first, hold, substeps, origins, arrays)
+
+
+class SideBySide:
+    """Random missions through random networks that stand side by side, as pipes of one model.
+
+    Args:
+        sampler: of the scenario "random_network".
+        count: number of networks.
+        rng: draws them.
+    """
+
+    def __init__(self, sampler: EpisodeSampler, count: int, rng: np.random.Generator) -> None:
+        self._sampler, self._next = sampler, 0
+        missions = [sampler.mission(int(rng.integers(NETWORKS))) for _ in range(count)]
+        fittings, joints, places, x = [], [], [], 0.0
+        for k, mission in enumerate(missions):
+            assert mission.network is not None
+            own = mission.network.pipes.parts
+            samples = np.concatenate([part.bore_samples() for part in own])
+            data = mission.network.model_dump(mode="json")
+            x += ROOM - float(samples[:, 0].min())
+            at = data["place"]["position"]
+            data["place"]["position"] = [at[0] + x, *at[1:]]
+            x += float(samples[:, 0].max())
+            places.append(data["place"] | {"fitting": _named(k, data["fittings"][0]["name"])})
+            for row in data["fittings"]:
+                fittings.append(row | {"name": _named(k, row["name"])})
+            for row in data["joints"]:
+                joints.append(row | {"ports": [_named(k, port) for port in row["ports"]]})
+        place = {key: value for key, value in places[0].items() if key != "fitting"}
+        network = {"place": place, "fittings": fittings, "joints": joints, "places": places[1:]}
+        self._bases = []
+        for k, mission in enumerate(missions):
+            assert mission.mission is not None
+            way = {"start": _named(k, mission.mission.start)}
+            way["goals"] = [_named(k, goal) for goal in mission.mission.goals]
+            own = {"name": mission.name, "network": network, "mission": way}
+            self._bases.append(validate(mission.model_dump(mode="json") | own))
+
+    def draw(self, rng: np.random.Generator) -> Scenario:
+        """Return the scenario of the next episode; networks take turns."""
+        base = self._bases[self._next]
+        self._next = (self._next + 1) % len(self._bases)
+        values = self._sampler.values(rng)
+        scenario = with_values(base, values)
+        if "start.distance" not in values:
+            # Planned once: of what is drawn, the way depends on nothing else.
+            scenario.__dict__["planner"] = base.planner
+        return scenario
+
+
+def _named(number: int, name: str) -> str:
+    """Return the name of a part, or of a port, of a network among others."""
+    return f"{number}_{name}"
 
 
 _OF_DATA = ("qpos", "ctrl")
@@ -202,49 +198,36 @@ def _check(options: EnvOptions) -> None:
         raise InputError(faults)
 
 
-def _check_robot(robot: object) -> None:
-    """Refuse robots whose motors are not on the device."""
-    if not isinstance(robot, Omnitrack):
-        raise InputError(Fault("robot.kind", "is another robot", ("omnitrack",)))
-    if not drive_of(robot.drive).direct:
-        raise InputError(Fault("robot.drive", f"is {robot.drive!r}", ("three_motors",)))
-
-
-def _arrays(simulation: Simulation, batch: FieldsBatch) -> dict[str, Array]:
+def _arrays(
+    simulation: Simulation, batch: FieldsBatch, own: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
     """Return the arrays (n, size) of the robots of a simulation at their start."""
     n = simulation.n
-    arrays = {"state": _state(simulation), "qpos": batch.bind("qpos"), "ctrl": batch.bind("ctrl")}
+    columns = [*_state(simulation).values(), *own.values()]
+    state = np.concatenate([np.asarray(each, float).reshape(n, -1) for each in columns], axis=1)
+    arrays = {"state": state, "qpos": batch.bind("qpos"), "ctrl": batch.bind("ctrl")}
     arrays |= batch.fields
     return {name: np.array(values, float).reshape(n, -1) for name, values in arrays.items()}
 
 
-def _state(simulation: Simulation) -> Array:
-    """Return the states (n, STATE_SIZE) of robots at their start."""
-    readings, setup, n = simulation.readings, simulation.setup, simulation.n
-    location, headway = simulation.location, simulation.monitor.headway
-    own = {
-        "place": place_of(location),
-        "passage": location.passage,
-        "roll_set_point": setup.command.roll,
-        "forward": belt_sign(setup.command.roll),
-        "action": np.zeros((n, 4)),
-        "correction": np.zeros((n, 3)),
-        "first": np.zeros(n),
-        "first_passage": np.full(n, -1.0),
+def _state(simulation: Simulation) -> dict[str, ArrayLike]:
+    """Return the numbers (n, ...) of any robot at its start, in the order of ``SIZES``."""
+    readings, n, headway = simulation.readings, simulation.n, simulation.monitor.headway
+    own: dict[str, ArrayLike] = {
+        "route": simulation.location.route,
+        "place": place_of(simulation.location),
+        "passage": simulation.location.passage,
+        "slip": np.zeros(n),
+        "effort_change": np.zeros(n),
         "waiting": headway.waiting,
         "farthest": headway.farthest,
         "steps": np.zeros(n),
-        "gravity": setup.gravity,
-        "speed_limit": setup.settings.speed_limit,
-        "cruise_speed": setup.settings.cruise_speed,
-        "motor": simulation.plant.motors.figures,
-        "weight": setup.own("mass") * GRAVITY_SIZE,
+        "gravity": simulation.setup.gravity,
         "goal": simulation.legs.end,
         "patience": headway.patience,
         "max_steps": [math.ceil(limit / simulation.period) for limit in headway.time_limit],
     }
-    columns = [own[name] if name in own else readings[name] for name in SIZES]
-    return np.concatenate([np.asarray(each, float).reshape(n, -1) for each in columns], axis=1)
+    return {name: own[name] if name in own else readings[name] for name in SIZES}
 
 
 def place_of(location: Location) -> Array:
@@ -255,18 +238,16 @@ def place_of(location: Location) -> Array:
     return np.concatenate(whole, axis=1)
 
 
-def entry_numbers(options: EnvOptions, robot: Omnitrack) -> NDArray[np.intp]:
-    """Return where the entries of an observation stand among those of all shipped features.
+def entry_numbers(features: Sequence[Feature], shipped: Mapping[str, Feature]) -> NDArray[np.intp]:
+    """Return where the entries of features stand among those of all shipped ones.
 
     Raises:
         InputError: a feature is a user's own.
     """
-    names, first = list(FEATURES), np.cumsum([0, *(f.size for f in FEATURES.values())])
-    numbers: list[int] = []
-    for feature in options.features(robot):
-        if FEATURES.get(feature.name) is not feature:
+    slices, numbers = entry_slices(tuple(shipped.values())), []
+    for feature in features:
+        if shipped.get(feature.name) is not feature:
             problem = f"has {feature.name!r}; on a device there are the shipped features"
-            raise InputError(Fault("observation", problem, tuple(names)))
-        begin = int(first[names.index(feature.name)])
-        numbers += range(begin, begin + feature.size)
+            raise InputError(Fault("observation", problem, tuple(shipped)))
+        numbers += range(slices[feature.name].start, slices[feature.name].stop)
     return np.array(numbers)

@@ -51,7 +51,8 @@ if TYPE_CHECKING:
 
     from omnitrack_sim.pipes import Assembly, Passage
     from omnitrack_sim.robots.display import RobotDisplay
-    from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis, TrackPlant
+    from omnitrack_sim.robots.omnitrack.track_diagnosis import TrackDiagnosis
+    from omnitrack_sim.robots.omnitrack.track_plant import TrackPlant
     from omnitrack_sim.robots.plant import Start
 
 JOINTS_OF_A_MODULE = (
@@ -525,7 +526,7 @@ class Omnitrack(Robot):
 
     def diagnosis(self, limits: Any, period: float, robots: Sequence[Robot]) -> TrackDiagnosis:
         """See ``Robot``."""
-        from omnitrack_sim.robots.omnitrack.track_plant import TrackDiagnosis
+        from omnitrack_sim.robots.omnitrack.track_diagnosis import TrackDiagnosis
 
         return TrackDiagnosis(self, limits, period, robots)
 

@@ -1,0 +1,1 @@
+"""The paper's robot in environments on a device."""
