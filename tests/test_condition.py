@@ -161,6 +161,15 @@ def test_nothing_settles_in_a_steep_pipe():
     assert len(level) > 3
 
 
+@pytest.mark.parametrize("condition", ["good", "fair", "poor"])
+def test_narrow_pipes_take_every_condition(condition):
+    """Of 20 mm, in which sizes by bores are less than relief may be."""
+    row = {"kind": "straight", "name": "main", "length": 400.0, "inner_diameter": 0.02}
+    old = in_condition(ot.Network(fittings=[row]), condition, 1)
+    relief = {e.kind for p in old.pipes.parts for e in getattr(p.fitting, "relief", ())}
+    assert {"weld", "ovality"} <= relief
+
+
 def test_a_pipe_is_rough_once_all_over():
     """By Poisson's chance of one or more, each pipe with waves of its own."""
     rough = _table({"kind": "corrosion", "per_km": 200.0, "size": (0.006, 0.008)})

@@ -46,6 +46,8 @@ DENT = 6.0
 """Length and width of a dent over its depth; assumed."""
 WAVES = 20.0
 """Wavelength of corrosion over its roughness, as of the default one."""
+LEAST_SIZE, LEAST_BEAD, LEAST_DENT, LEAST_WAVES = 1e-4, 1e-3, 0.01, 0.005
+"""Least size of a defect, and least widths that relief takes, m: in narrow bores."""
 ROUNDED = 5
 """Decimals to which lengths, m, are rounded, so that files are short."""
 _TRIES = 20
@@ -232,7 +234,7 @@ class _Ageing:
 
     def _size(self, defect: Defect, bore: float) -> float:
         """Size of a defect, m."""
-        return round(bore * float(self._rng.uniform(*defect.size)), ROUNDED)
+        return round(max(bore * float(self._rng.uniform(*defect.size)), LEAST_SIZE), ROUNDED)
 
     def _jointed(self, length: float, bore: float) -> list[Coupling | Straight]:
         """Return the parts of a straight, ``length`` m long, with joints drawn into it."""
@@ -314,12 +316,12 @@ class _Ageing:
         if defect.kind == "deposit":
             return Deposit(kind="deposit", at=at(length), length=reach, depth=size)
         if defect.kind == "dent":
-            wide = round(DENT * size, ROUNDED)
+            wide = round(max(DENT * size, LEAST_DENT), ROUNDED)
             own = {"angle_deg": direction, "depth": size, "length": wide, "width": wide}
             return Dent(kind="dent", at=at(wide), **own)
         if defect.kind == "corrosion":
-            waves = round(float(np.clip(WAVES * size, 0.005, 10)), ROUNDED)
+            waves = round(float(np.clip(WAVES * size, LEAST_WAVES, 10)), ROUNDED)
             seed = int(rng.integers(2**32))
             return Corrosion(kind="corrosion", roughness=size, wavelength=waves, seed=seed)
-        wide = round(BEAD * size, ROUNDED)
+        wide = round(max(BEAD * size, LEAST_BEAD), ROUNDED)
         return Weld(kind="weld", at=at(wide), height=size, width=wide)
