@@ -86,6 +86,7 @@ DRAWN = {
 weight, that of the strongest what its motors hold."""
 ASKED = {path: NAMES[path] for path in (FRICTION, PRELOAD, MASS, CONSTANT)}
 """Parameters whose errors are reported, and what tables call them."""
+GRIP = "friction x preload"
 REST = {MASS: 0.72, "robot.drum_mass": 0.54}
 """kg, of the rest of a robot: what is wrong with a part's mass is a part of the whole one."""
 FITTED_BY = (SLIDE, PULL, TIGHT, CLIMB, STALL)
@@ -164,6 +165,17 @@ def error(row: Mapping[str, Any], path: str) -> tuple[float, float]:
     true, found, std = (float(row[key][path]) for key in ("true", "values", "std"))
     size = true + REST.get(path, 0.0)
     return (found - true) / size, std / size
+
+
+def with_grip(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a robot's row with the product of friction and preload beside its values."""
+    i, j = ([*row["values"]].index(path) for path in (FRICTION, PRELOAD))
+    covariance = np.array(row["covariance"])
+    grips = {key: row[key][FRICTION] * row[key][PRELOAD] for key in ("true", "values")}
+    slope = np.zeros(len(covariance))
+    slope[[i, j]] = row["values"][PRELOAD], row["values"][FRICTION]
+    grips["std"] = float(np.sqrt(slope @ covariance @ slope))
+    return {**row, **{key: {**row[key], GRIP: grip} for key, grip in grips.items()}}
 
 
 def print_errors(title: str, rows: Sequence[Mapping[str, Any]], asked: Mapping[str, str]) -> None:
@@ -483,13 +495,15 @@ def main() -> None:
         print_turns(kept(out, "robots_0", functools.partial(measure_robot, 0, seed)), seed, out)
     else:
         measure, asked = {
-            "robots": (measure_robot, ASKED),
+            "robots": (measure_robot, {**ASKED, GRIP: GRIP}),
             "presser": (measure_presser, {path: path.partition(".")[2] for path in PRESSER}),
         }[given.what]
         rows = [
             kept(out, f"{given.what}_{i}", functools.partial(measure, i, seed))
             for i in range(count)
         ]
+        if given.what == "robots":
+            rows = [with_grip(row) for row in rows]
         print_errors(given.what, rows, asked)
         if given.what == "robots":
             print_seconds(rows)
