@@ -11,7 +11,7 @@ python benchmarks/bench_robots.py turns [--seed S] [--out DIR]
 them (``ot.calibrate``) from the shipped values on. The logs come from another model than the one
 that is fitted: a time step of 0.5 ms, walls of primitives, 12 % more play of the arms, and noise on
 what is measured. Printed are the errors of the values and how many lie within the stated 95 %. With
---out each robot is kept in a file, and is not fitted again.
+--out each robot is kept in a file, and is not fitted again; so are its turns.
 
 ``alone`` fits one parameter to one log without noise at a time, all others known: what it is off by
 is the error of the model in that log, for which ``ot.calibrate(model_error=)`` stands.
@@ -86,6 +86,7 @@ DRAWN = {
 weight, that of the strongest what its motors hold."""
 ASKED = {path: NAMES[path] for path in (FRICTION, PRELOAD, MASS, CONSTANT)}
 """Parameters whose errors are reported, and what tables call them."""
+GRIP = "friction x preload"
 REST = {MASS: 0.72, "robot.drum_mass": 0.54}
 """kg, of the rest of a robot: what is wrong with a part's mass is a part of the whole one."""
 FITTED_BY = (SLIDE, PULL, TIGHT, CLIMB, STALL)
@@ -164,6 +165,17 @@ def error(row: Mapping[str, Any], path: str) -> tuple[float, float]:
     true, found, std = (float(row[key][path]) for key in ("true", "values", "std"))
     size = true + REST.get(path, 0.0)
     return (found - true) / size, std / size
+
+
+def with_grip(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a robot's row with the product of friction and preload beside its values."""
+    i, j = ([*row["values"]].index(path) for path in (FRICTION, PRELOAD))
+    covariance = np.array(row["covariance"])
+    grips = {key: row[key][FRICTION] * row[key][PRELOAD] for key in ("true", "values")}
+    slope = np.zeros(len(covariance))
+    slope[[i, j]] = row["values"][PRELOAD], row["values"][FRICTION]
+    grips["std"] = float(np.sqrt(slope @ covariance @ slope))
+    return {**row, **{key: {**row[key], GRIP: grip} for key, grip in grips.items()}}
 
 
 def print_errors(title: str, rows: Sequence[Mapping[str, Any]], asked: Mapping[str, str]) -> None:
@@ -354,15 +366,21 @@ def drawn_sets(row: Mapping[str, Any], seed: int) -> dict[str, list[dict[str, fl
     }
 
 
-def print_turns(row: Mapping[str, Any], seed: int) -> None:
+def passed_turns(sets: Sequence[Mapping[str, float]], seed: int) -> dict[str, Any]:
+    """Return how many turns pass with each set of parameters, as plain data."""
+    rng = np.random.default_rng(seed)
+    trials = [turns(values, rng) for values in sets]
+    results = ot.run_batch([one for group in trials for one in group], threads=1, no_load=False)
+    success = np.array([result.success for result in results]).reshape(SETS, TURNS)
+    return {"passed": success.sum(axis=1).tolist()}
+
+
+def print_turns(row: Mapping[str, Any], seed: int, out: Path | None) -> None:
     """Print the rate of tee turns with the doubt of parameters, before and after calibration."""
     rows = []
     for name, sets in drawn_sets(row, seed).items():
-        rng = np.random.default_rng(seed)
-        trials = [turns(values, rng) for values in sets]
-        results = ot.run_batch([one for group in trials for one in group], no_load=False)
-        success = np.array([result.success for result in results]).reshape(SETS, TURNS)
-        rate, between, chance = spread_of(success.sum(axis=1).tolist())
+        made = functools.partial(passed_turns, sets, seed)
+        rate, between, chance = spread_of(kept(out, f"turns, {name}", made)["passed"])
         cells = [f"{100 * share:.0f} %" for share in (rate, between, chance)]
         rows.append([name, *cells])
     head = ["parameters", "rate", "its doubt by parameters", "by chance"]
@@ -463,7 +481,7 @@ def main() -> None:
         "what", choices=("robots", "alone", "apart", "presser", "stranger", "turns")
     )
     arguments.add_argument(
-        "--out", type=Path, metavar="DIR", help="keeps each robot, to go on later"
+        "--out", type=Path, metavar="DIR", help="keeps each robot and its turns, to go on later"
     )
     given = arguments.read()
     count, seed, out = given.robots, given.seed, given.out
@@ -474,16 +492,18 @@ def main() -> None:
     elif given.what == "stranger":
         print_stranger(seed)
     elif given.what == "turns":
-        print_turns(kept(out, "robots_0", functools.partial(measure_robot, 0, seed)), seed)
+        print_turns(kept(out, "robots_0", functools.partial(measure_robot, 0, seed)), seed, out)
     else:
         measure, asked = {
-            "robots": (measure_robot, ASKED),
+            "robots": (measure_robot, {**ASKED, GRIP: GRIP}),
             "presser": (measure_presser, {path: path.partition(".")[2] for path in PRESSER}),
         }[given.what]
         rows = [
             kept(out, f"{given.what}_{i}", functools.partial(measure, i, seed))
             for i in range(count)
         ]
+        if given.what == "robots":
+            rows = [with_grip(row) for row in rows]
         print_errors(given.what, rows, asked)
         if given.what == "robots":
             print_seconds(rows)

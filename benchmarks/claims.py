@@ -34,7 +34,7 @@ def ledger(findings: Sequence[Finding]) -> None:
     """Print published and simulated figures, what the intervals are over, and the sources."""
     pairs = [finding for finding in findings if isinstance(finding, Comparison)]
     numbered = list(enumerate(pairs, 1))
-    heads = "", "robot", "figure", "published", "tuned on it", "ours", "ratio"
+    heads = "", "robot", "our robot", "figure", "published", "tuned on it", "ours", "ratio"
     table("figures", heads, (ledger_row(number, pair) for number, pair in numbered))
     missed = (f"{number}. {pair.reason}" for number, pair in numbered if pair.reason)
     print("\n## misses\n", *(fill(line, 100, subsequent_indent="   ") for line in missed), sep="\n")
@@ -43,19 +43,19 @@ def ledger(findings: Sequence[Finding]) -> None:
 
 
 def ledger_row(number: int, pair: Comparison) -> list[str]:
-    """Return the row of an entry: both figures and their ratio."""
+    """Return the row of an entry: both robots, both figures and their ratio."""
     entry = pair.claim
+    ours = entry.ours if " " in entry.ours else f"`{entry.ours}`"
     figures = f"{entry.value:.3g} {entry.unit}", pair.figure.text(entry.unit), pair.ratio.text()
-    texts = entry.robot, entry.statement, figures[0], entry.tuned or "nothing", *figures[1:]
+    texts = entry.robot, ours, entry.statement, figures[0], entry.tuned or "nothing", *figures[1:]
     return [str(number), *map(cell, texts)]
 
 
 def source_row(number: int, pair: Comparison) -> list[str]:
     """Return the row of an entry: where it stands, in which words, and how ours came about."""
     entry, source = pair.claim, pair.claim.publication
-    how = f"`{entry.ours}`: {entry.how}" if " " not in entry.ours else f"{entry.ours}: {entry.how}"
     note = f". {entry.note}" if entry.note else ""
-    texts = f"[{source.title}]({source.address})", source.read, f"“{entry.quote}”", how + note
+    texts = f"[{source.title}]({source.address})", source.read, f"“{entry.quote}”", entry.how + note
     return [str(number), *map(cell, texts)]
 
 

@@ -1,7 +1,7 @@
-"""Tee turns in which the default controller's commands are replaced or corrected while it turns.
+"""Tee turns in which the default controller's commands are corrected while it turns.
 
 The physics is deterministic and has no way back. So robots are driven to just before their turn
-once, and every set of commands goes on from there in a copy of the process (``go_on``).
+once, and every set of corrections goes on from there in a copy of the process (``go_on``).
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from omnitrack_sim.robots.omnitrack.control import ControlSetup, JacobianControl
 from omnitrack_sim.robots.omnitrack.control.jacobian import TEE_TURN
 
 KNOTS = 10
-SPACING = 0.3
-"""Commands are linear in time between knots, and so many seconds are between two knots."""
+TRAVEL = 0.04
+"""Corrections are linear in time between knots, which are as far apart as a robot takes for so many
+metres at the speed of its turn."""
 HANDED_BACK_DEG = 10.0
 """Angle between the robot's axis and the branch's from which on the default controller drives
 alone again."""
@@ -59,37 +60,40 @@ class Turn(NamedTuple):
 
 
 class Steered(JacobianController):
-    """The default controller, except for the time of a turn.
+    """The default controller, corrected for the time of a turn.
 
     Attributes:
-        knots: (n, KNOTS, 3) m/s, wall speeds of the modules, the first where the turn begins.
-        replace: (n,) bool, whether they take the place of the controller's commands or are added.
+        knots: (n, KNOTS, 3) m/s, added to the modules' wall speeds, the first where a turn begins.
         begun: (n,) s, when the turn began; not a number before.
+        spacing: (n,) s between two knots.
     """
 
     def __init__(self, setup: ControlSetup) -> None:
         super().__init__(setup)
-        self.begun = np.full(setup.n, np.nan)
+        self.begun, self.spacing = np.full(setup.n, np.nan), np.ones(setup.n)
         self.handed_back = np.zeros(setup.n, bool)
-        self.knots, self.replace = np.zeros((setup.n, KNOTS, 3)), np.zeros(setup.n, bool)
+        self.knots = np.zeros((setup.n, KNOTS, 3))
         way = setup.routes.route_of[:1]
         self._way_out = setup.routes.centreline.at(setup.routes.lengths[way], way)[1]
+        self._in_turn = setup.each("tracking.turn_speed")
 
     def step(self, observation: Observation) -> Command:
         """The command for the next control period."""
         command = super().step(observation)
         begins = np.isnan(self.begun) & (command.phase == TEE_TURN)
         self.begun = np.where(begins, observation.time, self.begun)
+        speed = self._in_turn * self.speed_inside[observation.location.passage, range(len(begins))]
+        self.spacing = np.where(begins, TRAVEL / speed, self.spacing)
         off = angle_between(observation.rotation[:, :, 2], self._way_out)
         self.handed_back |= off < np.radians(HANDED_BACK_DEG)
-        since = (observation.time - self.begun) / SPACING
+        since = (observation.time - self.begun) / self.spacing
         steered = (since < KNOTS - 1) & ~self.handed_back
         sign = self.aligner.rolls.belt_sign(observation.roll)
-        own = np.where(self.replace[:, None], 0.0, command.belt_speed * sign)
-        speed = own + between(self.knots, np.nan_to_num(since))
+        speed = command.belt_speed * sign + between(self.knots, np.nan_to_num(since))
         limit = self.settings.speed_limit[:, None]
-        speed = np.clip(speed, -limit, limit)
-        belt_speed = np.where(steered[:, None], speed * sign, command.belt_speed)
+        belt_speed = np.where(
+            steered[:, None], np.clip(speed, -limit, limit) * sign, command.belt_speed
+        )
         return command._replace(belt_speed=belt_speed)
 
 
@@ -102,15 +106,20 @@ def between(knots: Array, at: Array) -> Array:
 
 
 class Tried(NamedTuple):
-    """What came of m sets of commands.
+    """What came of n robots.
 
     Attributes:
-        passed: (m,) bool. loss: (m,) least that was left of the turn, see ``Turn.left``; -1 where
+        passed: (n,) bool. loss: (n,) least that was left of the turn, see ``Turn.left``; -1 where
             it passed.
+        begun: (n,) s, when the turn began; not a number where it did not.
+        belt_speed: (T, n, 3) m/s, asked of the belts. roll: (T, n, 3) rad, asked of the modules.
     """
 
     passed: NDArray[np.bool_]
     loss: Array
+    begun: Array
+    belt_speed: Array
+    roll: Array
 
 
 def steered(sim: Simulation) -> Steered:
@@ -119,7 +128,7 @@ def steered(sim: Simulation) -> Steered:
     return sim.controller
 
 
-def ready(scenarios: Sequence[Scenario], until: float) -> Simulation:
+def ready(scenarios: Sequence[Scenario], until: float = 0.0) -> Simulation:
     """Steered robots under the default controller's commands, driven up to ``until`` s."""
     sim = Simulation(scenarios, controller=Steered)
     while sim.time[0] < until - sim.period / 2:
@@ -133,27 +142,29 @@ def passed(sim: Simulation) -> NDArray[np.bool_]:
     return np.array([outcome is Outcome.REACHED_GOAL for outcome in ends])
 
 
-def finish(sim: Simulation, knots: Array, replace: bool) -> Tried:
-    """Drive on by the commands ``knots`` (m, KNOTS, 3) to the end; robots beyond m are left out."""
-    controller, count = steered(sim), len(knots)
-    controller.knots[:count], controller.replace[:] = knots, replace
-    sim.active[count:] = False
-    turn = Turn.of(sim.scenarios[0])
+def finish(sim: Simulation, knots: Array | None = None) -> Tried:
+    """Drive on, corrected by ``knots`` (n, KNOTS, 3) if there are such, to the end."""
+    controller = steered(sim)
+    if knots is not None:
+        controller.knots = knots
+    turn, commands = Turn.of(sim.scenarios[0]), []
     loss = np.full(sim.n, np.inf)
     while sim.active.any():
-        running = sim.active
-        sim.step()
+        running, command = sim.active, controller.step(sim.observation)
+        sim.step(command)
+        commands.append((command.belt_speed, command.roll))
         left = turn.left(sim.observation.position, sim.observation.rotation)
         loss = np.where(running, np.minimum(loss, left), loss)
     through = passed(sim)
-    return Tried(through[:count], np.where(through, -1.0, loss)[:count])
+    belt_speed, roll = map(np.array, zip(*commands, strict=True))
+    return Tried(through, np.where(through, -1.0, loss), controller.begun, belt_speed, roll)
 
 
-def go_on(sim: Simulation, knots: Array, replace: bool) -> Tried:
+def go_on(sim: Simulation, knots: Array) -> Tried:
     """``finish`` in a copy of this process: ``sim`` stays where it is."""
     fork = get_context("fork")
     here, there = fork.Pipe(duplex=False)
-    copy = fork.Process(target=lambda: there.send(finish(sim, knots, replace)))
+    copy = fork.Process(target=lambda: there.send(finish(sim, knots)))
     copy.start()
     there.close()
     try:
@@ -164,40 +175,16 @@ def go_on(sim: Simulation, knots: Array, replace: bool) -> Tried:
         copy.join()
 
 
-class Trace(NamedTuple):
-    """What n robots did, from the beginning: arrays (T, n, ...), repeated after a robot's end.
+def replay(scenario: Scenario, belt_speed: Array, roll: Array) -> bool:
+    """Whether a robot passes that is told commands (T, 3) one after the other, unseen.
 
-    Attributes:
-        passed: (n,) bool. since: s since the turn began, not a number before.
-        wall_speed: (T, n, 3) m/s asked. belt_speed: the same, as it was asked of the belts.
+    Args:
+        scenario: of the robot.
+        belt_speed: m/s.
+        roll: rad.
     """
-
-    passed: NDArray[np.bool_]
-    since: Array
-    wall_speed: Array
-    belt_speed: Array
-
-
-def trace(scenarios: Sequence[Scenario], knots: Array, replace: NDArray[np.bool_]) -> Trace:
-    """Run robots from the beginning to the end and keep what they did."""
-    sim = ready(scenarios, 0.0)
-    controller = steered(sim)
-    controller.knots, controller.replace = knots, replace
-    rows = []
-    while sim.active.any():
-        seen = sim.observation
-        command = controller.step(seen)
-        sim.step(command)
-        speed = command.belt_speed
-        wall_speed = speed * controller.aligner.rolls.belt_sign(seen.roll)
-        rows.append((seen.time - controller.begun, wall_speed, speed))
-    return Trace(passed(sim), *map(np.array, zip(*rows, strict=True)))
-
-
-def replay(scenario: Scenario, belt_speed: Array) -> bool:
-    """Whether a robot passes that is told belt speeds (T, 3) m/s one after the other, unseen."""
     sim = Simulation([scenario])
-    for speed in belt_speed:
+    for speed, angle in zip(belt_speed, roll, strict=True):
         if sim.active.any():
-            sim.step(Command(speed[None]))
+            sim.step(Command(speed[None], angle[None]))
     return bool(passed(sim)[0])

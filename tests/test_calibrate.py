@@ -23,10 +23,12 @@ from omnitrack_sim.calibration.doubt import (
     smoothed,
 )
 from omnitrack_sim.calibration.fit import MODEL_ERROR
+from omnitrack_sim.calibration.model_error import ModelError, effects_of
 from omnitrack_sim.calibration.parameters import Parameter
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
 from omnitrack_sim.cli.calibrate import calibrate as command
+from omnitrack_sim.robots.tail import TAIL_CHANNELS
 from omnitrack_sim.show.mcap import to_mcap
 from omnitrack_sim.trials.sweep_file import resolve
 
@@ -132,15 +134,34 @@ def test_samples_that_are_chance_count_less():
     chance = np.repeat([0.0, 25.0], 500)
     residual = rng.normal(size=1000) * np.sqrt(1 + chance)
     assert noise_of(residual, 1 + chance) == pytest.approx(1.0, abs=0.1)
-    squares = rng.random(200)
-    assert smoothed(squares)[50:150].mean() == pytest.approx(squares[50:150].mean(), rel=0.03)
-    np.testing.assert_allclose(smoothed(np.ones(5)), 1.0)
+    squares, time = rng.random(400), 0.02 * np.arange(400)
+    means = smoothed(squares, time)
+    assert means[100:300].mean() == pytest.approx(squares[100:300].mean(), rel=0.03)
+    assert means[100] == pytest.approx(squares[75:126].mean())
+    np.testing.assert_allclose(smoothed(np.ones(5), time[:5]), 1.0)
 
 
 def test_samples_whose_slope_may_be_chance_do_not_count():
     """Where slope and uncertainty are alike; smooth ones count all, and so do those of no slope."""
     slopes, chances = np.array([4.0, 1.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.1, 0.0])
     np.testing.assert_allclose(foreseeable(slopes, chances), [1.0, 0.0, 0.7, 1.0])
+
+
+def test_what_a_parameter_changes_is_told_by_the_samples_that_count():
+    """Of a column, half of which is chance, it is as if that half were not there."""
+    slopes = np.random.default_rng(0).normal(size=(100, 2)) * [3.0, 0.1]
+    noisy = np.vstack([slopes, 1e3 * slopes])
+    weights = np.repeat([2.0, 0.0], 100)
+    expected = np.sqrt(np.mean(slopes**2, axis=0))
+    np.testing.assert_allclose(effects_of(noisy, weights), expected)
+
+
+def test_a_log_tells_nothing_less_than_nothing():
+    """Of three parameters with one effect, and a model's error that is huge in one of them."""
+    rng = np.random.default_rng(0)
+    slopes = 1000 * rng.normal(size=(50, 1)) * [1.0, 0.9, 0.04] + rng.normal(size=(50, 3))
+    error = ModelError.of(0.01, slopes, np.array([[1.0, 1.0, 0.0]]))
+    assert np.linalg.eigvalsh(error.bounded(slopes.T @ slopes)).min() > -1e-12
 
 
 @pytest.mark.long
@@ -205,6 +226,9 @@ def test_a_sweep_draws_robots_from_a_calibration(found, tmp_path):
     with pytest.raises(ot.SweepError, match=r"set by axes\.0 too"):
         resolve(table, tmp_path)
     del table["set"]
+    twice = {**table, "axes": [{**table["axes"][0], "path": FORCE}]}
+    with pytest.raises(ot.SweepError, match=r"axes\.0\.path: stands in the file"):
+        resolve(twice, tmp_path)
     sweep = resolve({**table, "set": {"pull.rate": 0.1}}, tmp_path)
     values = np.array(sweep.trials()[FORCE])
     assert values.mean() == pytest.approx(found.values[0], abs=0.1 * found.std[0])
@@ -420,10 +444,21 @@ def test_a_column_of_another_kind_is_refused(climb, pulled, tmp_path):
     """A way in kilograms, and a log without any column of the run."""
     rows = [f"{t},{d}" for t, d in zip(pulled.time, pulled["distance"], strict=True)]
     file = tmp_path / "log.csv"
-    for head, words in (("distance [kg]", "another kind of unit"), ("way", "no column of the")):
+    for head, words in (
+        ("distance [kg]", "is in 'kg', another kind of unit than 'm'"),
+        ("way", "no column of the"),
+    ):
         file.write_text("\n".join([f"time,{head}", *rows]))
         with pytest.raises(ot.InputError, match=words):
             ot.calibrate([file], climb, [FORCE])
+
+
+def test_a_unit_of_another_kind_is_named_with_those_that_fit():
+    """A balance that is read in kilograms was meant in kilograms-force."""
+    time = np.arange(0, 1, 0.02)
+    log = ot.Log("pull", time, {"tail_force": time}, {"tail_force": "kg"})
+    with pytest.raises(ot.InputError, match=r"is in 'kg'.*than 'N' .*did you mean 'kgf'"):
+        targets_of(0, log, TAIL_CHANNELS, 0.02)
 
 
 def test_the_command_takes_the_model_error_that_python_takes():

@@ -55,7 +55,7 @@ def _found(network: ot.Network) -> Iterator[tuple[str, float, float]]:
         at += fitting.length
 
 
-@pytest.mark.parametrize("kind", [*JOINTS, *RELIEF])
+@pytest.mark.parametrize("kind", [*JOINTS, *(kind for kind in RELIEF if kind != "corrosion")])
 def test_rates_sizes_and_places_are_those_of_the_table(kind):
     """The number is Poisson's within four of its deviations, sizes and places uniform.
 
@@ -159,6 +159,41 @@ def test_nothing_settles_in_a_steep_pipe():
     assert not [*_found(in_condition(_straight(axis=(0.0, 0.0, 1.0)), condition, 0))]
     level = [*_found(in_condition(_straight(), condition, 0))]
     assert len(level) > 3
+
+
+@pytest.mark.parametrize("condition", ["good", "fair", "poor"])
+def test_narrow_pipes_take_every_condition(condition):
+    """Of 20 mm, in which sizes by bores are less than relief may be."""
+    row = {"kind": "straight", "name": "main", "length": 400.0, "inner_diameter": 0.02}
+    old = in_condition(ot.Network(fittings=[row]), condition, 1)
+    relief = {e.kind for p in old.pipes.parts for e in getattr(p.fitting, "relief", ())}
+    assert {"weld", "ovality"} <= relief
+
+
+def test_a_pipe_is_rough_once_all_over():
+    """By Poisson's chance of one or more, each pipe with waves of its own."""
+    rough = _table({"kind": "corrosion", "per_km": 200.0, "size": (0.006, 0.008)})
+    pipes = [in_condition(_straight(5.0), rough, seed).fittings[0] for seed in range(2 * SEEDS)]
+    found = [pipe.relief for pipe in pipes if pipe.relief]
+    assert {len(relief) for relief in found} == {1}
+    chance, count = 1 - math.exp(-1.0), 2 * SEEDS
+    assert abs(len(found) - chance * count) < 4 * math.sqrt(count * chance * (1 - chance))
+    assert len({relief[0].seed for relief in found}) == len(found)
+    assert all(0.006 <= relief[0].roughness / BORE <= 0.008 for relief in found)
+
+
+def test_elbows_get_what_the_table_draws_into_them():
+    """By their own length, and beds never; without ``elbows`` they stay as they are."""
+    row = {"kind": "elbow", "name": "bend", "mean_radius": 0.4}
+    network, length = ot.Network(fittings=[row]), 0.4 * math.pi / 2
+    bead = {"kind": "weld", "per_km": 2000.0, "size": (0.01, 0.02)}
+    bed = bead | {"kind": "deposit", "length": (1.0, 2.0), "elbows": True}
+    assert in_condition(network, _table(bead), 0) == network
+    both = _table(bead | {"elbows": True}, bed)
+    beads = [in_condition(network, both, seed).fittings[0].relief for seed in range(SEEDS)]
+    assert {one.kind for relief in beads for one in relief} == {"weld"}
+    expected = 2.0 * length * SEEDS
+    assert abs(sum(map(len, beads)) - expected) < 4 * math.sqrt(expected)
 
 
 def test_what_does_not_fit_is_left_out_of_short_pipes():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import open_loop
 import pytest
-from steered_turns import KNOTS, Trace, Turn, between, finish, go_on, ready, replay, steered, trace
+from steered_turns import KNOTS, Tried, Turn, between, finish, go_on, ready, replay
 
 from omnitrack_sim import load_scenario, override, run_batch
+from omnitrack_sim.record.statistics import wilson_interval
 
-NONE = np.zeros((1, KNOTS, 3))
-ADD, REPLACE = np.array([False]), np.array([True])
+NONE, BACKWARD = np.zeros((1, KNOTS, 3)), np.full((1, KNOTS, 3), -0.4)
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +28,9 @@ def scenario():
 
 
 @pytest.fixture(scope="module")
-def own(scenario) -> Trace:
+def own(scenario) -> Tried:
     """The default controller's turn."""
-    return trace([scenario], NONE, ADD)
+    return finish(ready([scenario]))
 
 
 def test_corrections_of_nothing_are_the_default_controller(scenario, own):
@@ -43,26 +43,36 @@ def test_corrections_of_nothing_are_the_default_controller(scenario, own):
 
 
 def test_commands_pass_unseen_that_passed_with_feedback(scenario, own):
-    """The same belt speeds end alike without a controller; others do not."""
-    assert replay(scenario, own.belt_speed[:, 0])
-    assert not replay(scenario, own.belt_speed[:100, 0])
+    """The same belt speeds and rolls end alike without a controller; others do not."""
+    belt_speed, roll = own.belt_speed[:, 0], own.roll[:, 0]
+    assert replay(scenario, belt_speed, roll)
+    assert not replay(scenario, belt_speed[:100], roll[:100])
 
 
 def test_copies_go_on_from_the_same_place(scenario, own):
-    """Commands are tried one after the other from where the robots are, and end as in a run from
-    the beginning; standing still passes nothing."""
+    """Corrections are tried one after the other from where the robots are, and end as in a run from
+    the beginning; driving backward passes nothing."""
     before = 0.05
-    sim = ready([scenario] * 2, before)
-    still = go_on(sim, NONE, replace=True)
-    assert sim.time == pytest.approx([before] * 2)
+    sim = ready([scenario], before)
+    back = go_on(sim, BACKWARD)
+    assert sim.time == pytest.approx([before])
     assert sim.active.all()
-    assert not still.passed.any()
-    assert still.loss[0] > 1.0
-    again = go_on(sim, NONE, replace=False)
+    assert not back.passed.any()
+    assert back.loss[0] > 1.0
+    again = go_on(sim, NONE)
     assert (again.passed.tolist(), again.loss.tolist()) == (own.passed.tolist(), [-1.0])
-    there = finish(sim, NONE, replace=False)
-    assert there.passed.tolist() == again.passed.tolist()
-    assert np.isnan(steered(sim).begun).tolist() == [False, True]  # the second was left out
+    assert np.array_equal(again.belt_speed, own.belt_speed[-len(again.belt_speed) :])
+
+
+def test_sets_of_parameters_drive_differently(scenario, own):
+    """Sets by lot are taken by the controller that drives them, each at one attempt."""
+    turns = open_loop.drawn(scenario, 2, np.random.default_rng(1))
+    assert not any(turn.control.retry for turn in turns)
+    tried = finish(ready(turns))
+    steps = min(len(tried.belt_speed), len(own.belt_speed))
+    first, second = tried.belt_speed[:steps].transpose(1, 0, 2)
+    assert not np.array_equal(first, second)
+    assert not np.array_equal(first, own.belt_speed[:steps, 0])
 
 
 def test_knots_are_joined_by_lines():
@@ -91,7 +101,18 @@ def test_a_failure_tells_how_far_it_has_turned(scenario):
     assert open_loop.how_it_failed(failed | {"outcome": "left_pipe"}) == "slides past"
 
 
-def test_failures_are_counted_by_kind():
-    """Of three that slide past, commands passed two, one of them with all four neighbours."""
-    cases = [open_loop.Case(i, "slides past", robust) for i, robust in enumerate((None, 3, 4))]
-    assert open_loop.row("slides past", cases) == ["slides past", 3, 2, 1, 1]
+def test_failures_are_counted_by_kind(capsys):
+    """Of three that slide past, commands passed two."""
+    cases = [open_loop.Case({}, "slides past", found=found) for found in (False, True, True)]
+    open_loop.print_kinds(cases, [{"success": False}] * 3)
+    assert "| slides past | 3 | 2 | 1 |" in capsys.readouterr().out
+
+
+def test_a_floor_counts_what_was_found():
+    """Where commands are found for half of the failures, half of them are physics; where for all,
+    none. Two intervals of 97.5 % that hold together are wider than one of 95 %."""
+    assert open_loop.floor_text(60, 100, 4, 8).startswith("80 % (")
+    assert open_loop.floor_text(60, 100, 8, 8).startswith("100 % (")
+    assert open_loop.floor_text(100, 100, 0, 0).startswith("100 of 100 (")
+    narrow, wide = wilson_interval(60, 100), wilson_interval(60, 100, open_loop.Z975)
+    assert wide[0] < narrow[0] < 0.6 < narrow[1] < wide[1]

@@ -9,7 +9,7 @@ import pytest
 from samples import sample_result, two_legs_result
 
 from omnitrack_sim.base.rotations import Pose, frame_along
-from omnitrack_sim.pipes import Elbow, Step, Straight, Tee, route
+from omnitrack_sim.pipes import Coupling, Elbow, Step, Straight, Tee, route
 from omnitrack_sim.pipes.assembly import Assembly, Part
 from omnitrack_sim.pipes.network import load_network
 from omnitrack_sim.show.projection import (
@@ -17,6 +17,7 @@ from omnitrack_sim.show.projection import (
     SPACING,
     aligned,
     axis_lines,
+    bore_faces,
     clearest,
     needs_map,
     port_discs,
@@ -144,6 +145,16 @@ def test_discs_close_the_ports():
         assert np.hypot(own[:, 0], own[:, 1]) == pytest.approx(part.fitting.port_radius(name))
         assert own.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
         assert np.abs(own[:, 2]).max() < 1e-12
+
+
+def test_a_step_is_drawn_as_one():
+    """The drawn bores of a joint are those of its pipes up to their ends, and of its groove,
+    within the rounding of its edges."""
+    joint = Coupling(end_diameter=0.15, offset=0.002, gap=0.02)
+    corners = bore_faces(Assembly((Part("joint", joint, Pose()),))).reshape(-1, 3)
+    distance = joint.signed_distance(corners)[0]
+    assert len(corners) == 4 * 3 * CORNERS
+    assert np.abs(distance).max() < 2 * joint.edge_radius
 
 
 def test_pictures_have_a_map_of_many_fittings_and_of_several_legs():

@@ -3,6 +3,8 @@ drive."""
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import mujoco
@@ -162,6 +164,24 @@ def test_moments_read_together_have_the_bits_of_one_after_the_other() -> None:
         assert {name: state[name].tobytes() for name in READ} == {
             name: alone[name].tobytes() for name in READ
         }
+
+
+def test_a_run_keeps_few_moments_in_memory() -> None:
+    """Twice as long a run keeps as many states, without Python's search for cycles: in gigabytes of
+    arrays it sees a few objects, and comes too late."""
+    simulation = ot.Simulation([ot.load_scenario("tee_turn")])
+    alive: list[weakref.ref[State]] = []
+    counts = []
+    gc.disable()
+    try:
+        for steps in (2 * MAX_UNREAD, 4 * MAX_UNREAD):
+            while len(alive) < steps:
+                simulation.step()
+                alive.append(weakref.ref(simulation.readings))
+            counts.append(sum(ref() is not None for ref in alive))
+    finally:
+        gc.enable()
+    assert 1 <= max(counts) <= MAX_UNREAD + moments_together(1) + 1
 
 
 def test_moments_are_read_together_where_that_is_faster() -> None:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from omnitrack_sim.base.rotations import Pose, frame_along, matrix_from_quaternion
+from omnitrack_sim.pipes import Part, Straight
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
 from omnitrack_sim.show.surfaces import (
+    MARK_HEIGHT,
     PIPE,
     PLAIN,
     SEAM_HEIGHT,
@@ -20,6 +22,7 @@ from omnitrack_sim.show.surfaces import (
     geoms_surface,
     opened_pipe,
     pipe_inside,
+    rings,
     seam,
 )
 from omnitrack_sim.walls.meshes import TriangleMesh, cut_normal, fitting_mesh
@@ -116,6 +119,22 @@ def test_a_weld_is_a_low_ridge_at_its_port():
     assert ((np.cross(b - a, c - a) * weld.normal[weld.faces[:, 0]]).sum(axis=1) > 0).all()
     around = np.arctan2(*local[np.unique(weld.faces)][:, 1::-1].T)
     assert np.abs(around).min() == pytest.approx(np.pi / 2, abs=0.14)
+
+
+def test_rings_lie_on_the_wall_as_it_is():
+    """Rings in a pipe with relief are whole, and as high over its wall as in an ideal one."""
+    relief = [
+        {"kind": "ovality", "ratio": 0.1, "direction_deg": 20.0},
+        {"kind": "deposit", "at": 0.5, "length": 0.6, "depth": 0.03, "angle_deg": 0.0},
+    ]
+    fitting = Straight(1.0, relief=relief)
+    old, ideal = (rings(Part("pipe", each, Pose())) for each in (fitting, Straight(1.0)))
+    assert [len(ring.faces) for ring in old] == [len(ring.faces) for ring in ideal]
+    corners = np.concatenate([ring.position for ring in old])
+    normals = np.concatenate([ring.normal for ring in old])
+    distance, gradient = fitting.signed_distance(corners)
+    np.testing.assert_allclose(distance, MARK_HEIGHT * 0.16, atol=2e-5)
+    np.testing.assert_allclose(normals, gradient, atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["straight", "elbow", "tee", "wye"])

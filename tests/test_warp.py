@@ -327,7 +327,7 @@ def climb(model, worlds, steps, origins=None, each=lambda m, d: None):
 @pytest.mark.long
 def test_python_of_the_page_runs(told):
     """All of its 16 robots climb, and alike."""
-    assert len(BLOCKS) == 6
+    assert len(BLOCKS) == 7
     heights = told["d"].qpos.numpy()[:, 2]
     assert np.ptp(heights) < 1e-6
 

@@ -48,6 +48,8 @@ def ahead(env, speed=1.0):
         ({"observation": "odd"}, "observation"),
         ({"autoreset_mode": "Disabled"}, "autoreset_mode"),
         ({"num_envs": 0}, "num_envs"),
+        ({"networks": 0}, "networks"),
+        ({"scenario": "random_network", "networks": 3}, "starts"),
         ({"scenario": "robots/presser_tee"}, "robot.kind"),
         ({"changes": {"robot.drive": "differential"}}, "robot.drive"),
         ({"changes": {"physics.collider": "primitives"}}, "physics.collider"),
@@ -61,11 +63,16 @@ def test_what_there_is_not_on_a_device_is_refused(given, where):
 
 
 @pytest.mark.long
-def test_decisions_are_seen_and_rewarded_as_on_the_processor():
-    """All entries and terms, of robots about to turn at a tee that count their modules from other
-    ones, and have masses of their own; the processor's robots carry out the same actions."""
-    near = {"start.distance": 0.33, "robot.chassis_mass": (0.2, 0.6)}
-    env = made("tee_turn", 3, starts=3, start_seed=1, observation="truth", ranges=near)
+@pytest.mark.parametrize(
+    ("scenario", "distance"), [("tee_turn", 0.33), ("random_network", (0.5, 1.0))]
+)
+def test_decisions_are_seen_and_rewarded_as_on_the_processor(scenario, distance):
+    """All entries and terms, of robots about to turn at a tee, or each in its own network, that
+    count their modules from other ones, and have masses of their own; the processor's robots carry
+    out the same actions."""
+    near = {"start.distance": distance, "robot.chassis_mass": (0.2, 0.6)}
+    given = {"starts": 3, "start_seed": 1, "networks": 3}
+    env = made(scenario, 3, observation="truth", ranges=near, **given)
     observed, _ = env.reset(seed=3)
     simulation, start = env.starts.simulation, env.start.numpy().copy()
     decisions, rng = Decisions(simulation.setup, TRUTH), np.random.default_rng(4)
@@ -91,6 +98,28 @@ def test_decisions_are_seen_and_rewarded_as_on_the_processor():
         assert reward == pytest.approx(sum(t.numpy() for t in infos["terms"].values()), abs=1e-6)
         assert infos["time"].numpy() == pytest.approx(simulation.time[start], abs=1e-5)
     assert simulation.location.tilt.max() > 0.02
+    assert len(simulation.legs.routes.routes) == (1 if scenario == "tee_turn" else 3)
+
+
+@pytest.mark.long
+def test_a_robot_arrives_at_the_end_of_its_own_network():
+    """In networks of one straight each, of other lengths, side by side."""
+    near = {"start.distance": 0.3}
+    env = made("random_network", 6, starts=3, networks=3, fittings=(1, 1), ranges=near)
+    ends = env.starts.simulation.legs.end
+    first, second = np.sort(ends)[:2]
+    assert first < 0.35 < 0.4 < second
+    env.reset(seed=1)
+    start = env.start.numpy().copy()
+    assert 0 < np.count_nonzero(start == np.argmin(ends)) < 6
+    arrived = np.zeros(6, bool)
+    for _ in range(10):
+        (_, _, terminated, truncated), infos = copied(env.step(ahead(env)))
+        for world in np.flatnonzero(terminated):
+            assert env.outcomes[infos["outcome"].numpy()[world]] == "reached_goal"
+        arrived |= terminated
+    assert not truncated.any()
+    assert (arrived == (start == np.argmin(ends))).all()
 
 
 @pytest.mark.long

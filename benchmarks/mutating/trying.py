@@ -34,7 +34,8 @@ LIBRARIES = (
 )
 """What tests import, loaded once: they are half of the time of a short test."""
 PATIENCE = 60.0, 20.0
-"""A test hangs after so many seconds, and so many times the seconds that it took before."""
+"""A test hangs after so many seconds, and so many times the seconds that it took before. Time for
+which it waits for a core does not count."""
 MEMORY = 12 << 30
 """Octets of address space that a process of tests may ask for."""
 FAILED, NONE_LEFT = (1, 2, 4), 5
@@ -170,7 +171,6 @@ class Run:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         self._log.touch()
-        self._since, self._count = time.monotonic(), 0
         files = list(dict.fromkeys(test.partition("::")[0] for test in tests))
         arguments = ["-q", "-p", "no:cacheprovider", "-n", "0", "--tb=short", "-rfE"]
         # Of libraries that are loaded already, pytest says that it cannot rewrite them.
@@ -191,18 +191,19 @@ class Run:
                 status = around(run) if around else run([])
             sys.stdout.flush()
             os._exit(status)
+        self._since, self._count = self._time(), 0
 
     def is_over(self) -> bool:
         """Look whether it has ended, and end it where a test hangs."""
         lines = self._log.read_text(encoding="utf-8").splitlines()
         begun = [line.partition(" ")[2] for line in lines if line.startswith("begin ")]
         if len(begun) > self._count:
-            self._count, self._since = len(begun), time.monotonic()
+            self._count, self._since = len(begun), self._time()
             self.begun = len(set(map(base_name, begun)))
         now = begun[-1] if begun else ""
         limit = PATIENCE[0] + PATIENCE[1] * self._seconds.get(base_name(now), 1.0)
         pid, status = os.waitpid(self._pid, os.WNOHANG)
-        if pid == 0 and time.monotonic() - self._since < limit:
+        if pid == 0 and self._time() - self._since < limit:
             return False
         with suppress(ProcessLookupError):
             os.killpg(self._pid, signal.SIGKILL)
@@ -215,6 +216,13 @@ class Run:
         if self.status in FAILED or self.status < 0:
             self.failed = failed[0] if failed else f"{now or 'conftest'} (ended with {self.status})"
         return True
+
+    def _time(self) -> float:
+        """Seconds without those for which it was ready and other processes had the cores."""
+        waited = 0.0
+        with suppress(OSError):
+            waited = 1e-9 * int(Path(f"/proc/{self._pid}/schedstat").read_text().split()[1])
+        return time.monotonic() - waited
 
     def stop(self) -> None:
         """End it, with what it has left behind."""

@@ -10,7 +10,7 @@ import numpy as np
 from omnitrack_sim.base.errors import Fault, InputError
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.calibration.logs import Log
-from omnitrack_sim.calibration.units import unit_of
+from omnitrack_sim.calibration.units import named_units, unit_of
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.record.trajectory import Trajectory
 
@@ -97,10 +97,11 @@ def targets_of(
 
 def _check_unit(log: Log, name: str, channel: Channel) -> None:
     """Raise an error for a column in a unit of another kind than its channel's."""
-    own = log.dimensions.get(name)
-    if own is not None and own != unit_of(channel.unit, name).dimension:
-        problem = f"has another kind of unit than {name}, which is in {channel.unit!r}"
-        raise InputError(Fault(f"{log.name}: {name}", f"{problem}; a scale leads from one to it"))
+    own, wanted = log.units.get(name), unit_of(channel.unit, name).dimension
+    if own is not None and unit_of(own, name).dimension != wanted:
+        problem = f"is in {own!r}, another kind of unit than {channel.unit!r} of {name}"
+        fitting = tuple(named_units(wanted)) or (channel.unit,)
+        raise InputError(Fault(f"{log.name}: {name}", problem, fitting, own))
 
 
 def _regular(time: Array, values: Array, period: float) -> tuple[Array, Array]:

@@ -14,8 +14,9 @@ MIN_CORRELATION = 0.05
 CHANCE = 3.0
 """Times the square of its uncertainty, from which on the square of a slope counts. That of pure
 chance is a third of it on the average, and by luck as large."""
-SLIPS = 11
-"""Samples over which chance is averaged: a robot sticks and slips some times a second."""
+SLIPS = 1.0
+"""Time, s, over which chance is averaged. A robot sticks and slips some times a second; over one
+slip alone, slopes that are chance are now and then larger than their doubt, by luck."""
 UNKNOWN = 0.05
 """Doubt of a direction of parameters, as a part of their values, from which on the logs do not tell
 it: what a spring balance and a tilted pipe measure to."""
@@ -43,9 +44,10 @@ def independent_count(residual: Array) -> float:
     return float(np.clip(m / max(total, 1.0), 1.0, m))
 
 
-def smoothed(squares: Array) -> Array:
-    """Return running means of squares (m,), over as many samples as a robot sticks and slips in."""
-    window = np.ones(min(SLIPS, len(squares)))
+def smoothed(squares: Array, time: Array) -> Array:
+    """Return running means of squares (m,) at times (m,), s, over ``SLIPS``."""
+    near = round(SLIPS / 2 / max(float(np.median(np.diff(time))), 1e-9))
+    window = np.ones(2 * min(near, (len(squares) - 1) // 2) + 1)
     count = np.convolve(np.ones(len(squares)), window, mode="same")
     return np.convolve(squares, window, mode="same") / count
 

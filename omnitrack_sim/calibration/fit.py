@@ -23,7 +23,7 @@ from omnitrack_sim.calibration.doubt import (
     smoothed,
 )
 from omnitrack_sim.calibration.logs import Log, as_logs
-from omnitrack_sim.calibration.model_error import ModelError, size_of
+from omnitrack_sim.calibration.model_error import ModelError, effects_of, size_of
 from omnitrack_sim.calibration.parameters import (
     Fit,
     Parameter,
@@ -418,10 +418,9 @@ class _Fit:
             rows, residual = self._target_of == t, target.residual(simulated)
             if at_start:
                 residual = residual - slopes[rows] @ np.linalg.lstsq(slopes[rows], residual)[0]
-            own = np.sqrt(np.mean(slopes[rows] ** 2 - doubts[rows] ** 2, axis=0).clip(0.0))
-            effects[t] = own / max(size_of(target, simulated), 1e-12)
-            chance = smoothed(np.sum(doubts[rows] ** 2, axis=1))
-            share = foreseeable(smoothed(np.sum(slopes[rows] ** 2, axis=1)), chance)
+            chance = smoothed(np.sum(doubts[rows] ** 2, axis=1), target.time)
+            size = smoothed(np.sum(slopes[rows] ** 2, axis=1), target.time)
+            share = foreseeable(size, chance)
             chance *= self._model_error**2
             least = self._model_error * self._sizes[t]
             spread = noise_of(residual, chance + max(target.noise, least, 1e-12) ** 2)
@@ -430,6 +429,8 @@ class _Fit:
             self.independent.append(independent)
             count = max(np.count_nonzero(share), 1)
             self._weights[t] = np.sqrt(share * independent / count) / noise
+            own = effects_of(slopes[rows], self._weights[t])
+            effects[t] = own / max(size_of(target, simulated), 1e-12)
         weighted = slopes * np.concatenate(self._weights)[:, None]
         self._errors = []
         for i in range(len(self._runs.logs)):

@@ -19,7 +19,7 @@ from omnitrack_sim.base.reading import beside, checked, is_file, placed_in, refu
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import Table
 from omnitrack_sim.calibration.columns import Columns, read_columns
-from omnitrack_sim.calibration.units import Dimension, unit_of
+from omnitrack_sim.calibration.units import unit_of
 
 TIME = "time"
 """Name of the column of times, unless a table says another one."""
@@ -96,7 +96,7 @@ class Log:
         time: (T,) s, strictly increasing; the simulated run begins at 0.
         values: (T,) each, by the column of the trajectory that was measured, in coherent SI units;
             NaN where nothing was read.
-        dimensions: of the values whose unit was told, to be checked against the channel's.
+        units: from which values were brought to SI units, to be checked against the channel's.
         scenario: of the run; none: that of the call.
         changes: how the run differed from the scenario, by dotted path.
 
@@ -109,7 +109,7 @@ class Log:
     name: str
     time: Array
     values: Mapping[str, Array]
-    dimensions: Mapping[str, Dimension] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     scenario: str | Path | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
 
@@ -177,11 +177,11 @@ def _made(file: Path, table: LogTable) -> Log:
     factor = unit_of(unit, f"{file}: {head}").factor
     time = factor * columns.values[head] + table.time.offset
     kept = _increasing(time, columns, file)
-    values, dimensions = _measured(file, columns, table, head)
+    values, units = _measured(file, columns, table, head)
     values = {name: own[kept] for name, own in values.items()}
     time = time[kept]
     _refuse_jumps(time, values, lambda i: columns.line(int(kept[i])), file)
-    return Log(file.stem, time, values, dimensions)
+    return Log(file.stem, time, values, units)
 
 
 def _wanted(table: LogTable) -> list[str]:
@@ -204,8 +204,8 @@ def _unit_in(head: str) -> str | None:
 
 def _measured(
     file: Path, columns: Columns, table: LogTable, time: str
-) -> tuple[dict[str, Array], dict[str, Dimension]]:
-    """Return the quantities of a log by the columns of the trajectory, and known dimensions."""
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the quantities of a log by the columns of the trajectory, and their known units."""
     if table.columns is None:
         # An exported run's heads are written with a space before the module, as for a reader.
         heads = [head for head in columns.values if head != time]
@@ -213,17 +213,16 @@ def _measured(
     else:
         tables = dict(table.columns)
     values: dict[str, Array] = {}
-    dimensions: dict[str, Dimension] = {}
+    units: dict[str, str] = {}
     for name, own in tables.items():
         text = own.unit if own.unit is not None else _unit_in(own.column)
         numbers = columns.values[own.column]
         if text is not None:
-            unit = unit_of(text, f"{file}: {own.column}")
-            numbers = unit.factor * numbers
+            numbers = unit_of(text, f"{file}: {own.column}").factor * numbers
             if own.scale == 1:  # a scale may lead from one quantity to another
-                dimensions[name] = unit.dimension
+                units[name] = text
         values[name] = own.scale * numbers + own.offset
-    return values, dimensions
+    return values, units
 
 
 def _increasing(time: Array, columns: Columns, file: Path) -> NDArray[np.intp]:

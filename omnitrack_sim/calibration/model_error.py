@@ -21,6 +21,17 @@ def size_of(target: Target, simulated: Array) -> float:
     return spread if target.channel.unit in _WAYS else float(np.hypot(spread, np.mean(simulated)))
 
 
+def effects_of(slopes: Array, weights: Array) -> Array:
+    """Return what parameters change of a column (p,), in the mean square over what counts of it.
+
+    Args:
+        slopes: (m, p) derivatives of its samples by relative changes of the parameters.
+        weights: (m,) of the samples in the fit.
+    """
+    power = weights**2
+    return np.sqrt(power @ slopes**2 / max(float(power.sum()), np.finfo(float).tiny))
+
+
 @dataclass(frozen=True, eq=False)
 class ModelError:
     """Covariance that a model's own error gives the residuals of one log.
@@ -67,7 +78,10 @@ class ModelError:
 
     def bounded(self, information: Array) -> Array:
         """Return what a log tells (p, p) that would tell ``information`` with a perfect model."""
-        # (F^-1 + D D)^-1, where F need not have an inverse.
-        bound = np.eye(len(information)) + information * self.deviations**2
-        told = np.linalg.solve(bound, information)
+        # (F^-1 + D D)^-1 with F = R R^T, which need not have an inverse. Of R, rows of parameters
+        # that do not act are 0 to rounding, and stay small beside any D.
+        strengths, directions = np.linalg.eigh(information)
+        root = directions * np.sqrt(np.maximum(strengths, 0.0))
+        within = (root.T * self.deviations**2) @ root
+        told = root @ np.linalg.solve(np.eye(len(information)) + within, root.T)
         return (told + told.T) / 2

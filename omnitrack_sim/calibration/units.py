@@ -100,6 +100,12 @@ def unit_of(text: str, where: str) -> Unit:
     return Unit(factor, dimension)
 
 
+def named_units(dimension: Dimension) -> list[str]:
+    """Return the units of a dimension that have names of their own, without prefixes."""
+    known = _WITH_PREFIX | _AS_THEY_ARE
+    return [name for name, unit in known.items() if unit.dimension == dimension]
+
+
 def _power(word: str, text: str, where: str) -> Unit:
     """Return one unit with its power."""
     match = _FACTOR.fullmatch(word)

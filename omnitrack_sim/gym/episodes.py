@@ -45,7 +45,7 @@ class EpisodeSampler:
     def __init__(self, options: EnvOptions) -> None:
         self._options, self.alike = options, options.scenario != RANDOM
         self._changes: dict[str, Any] = dict(options.changes)
-        robot = (self._scenario() if self.alike else self._mission(0)).robot
+        robot = (self._scenario() if self.alike else self.mission(0)).robot
         check_for(options, robot)
         self._drawn, senses = options.drawn(robot), options.senses(robot)
         if robot.odometry() is not None:
@@ -59,7 +59,7 @@ class EpisodeSampler:
                 problem = "explores: its pipes are to be known"
                 raise InputError(Fault("scenario", problem))
             _ = self._base.route  # computed once: all episodes share it
-        base = self._base if self.alike else self._mission(0)
+        base = self._base if self.alike else self.mission(0)
         # Values between both ends of a range are valid where the ends are.
         override(base, {path: low for path, (low, _) in self._drawn.items()})
         self.example = override(base, {path: high for path, (_, high) in self._drawn.items()})
@@ -77,6 +77,13 @@ class EpisodeSampler:
 
     def draw(self, rng: np.random.Generator) -> Scenario:
         """The scenario of the next episode; the same from the same numbers."""
+        values = self.values(rng)
+        if self.alike:
+            return with_values(self._base, values)
+        return override(self.mission(int(rng.integers(NETWORKS))), values)
+
+    def values(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Draw the values of an episode, by dotted path."""
         options = self._options
         values: dict[str, Any] = {
             path: float(rng.uniform(low, high)) for path, (low, high) in self._drawn.items()
@@ -88,14 +95,12 @@ class EpisodeSampler:
             values["world.gravity"] = tuple(direction.tolist())
         # Sensors draw their errors from seed and world: the seed makes those of each episode new.
         values["seed"] = int(rng.integers(2**63))
-        if self.alike:
-            return with_values(self._base, values)
-        return override(self._mission(int(rng.integers(NETWORKS))), values)
+        return values
 
     def _scenario(self) -> Scenario:
         return load_scenario(self._options.scenario, self._changes)
 
-    def _mission(self, seed: int) -> Scenario:
+    def mission(self, seed: int) -> Scenario:
         """A random mission through the random network of a seed, and what the options change."""
         network = random_network(seed, self._options.fittings)
         start, goal = np.random.default_rng([seed, 1]).choice(network.open_ends, 2, replace=False)

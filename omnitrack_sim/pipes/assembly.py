@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import islice
@@ -15,7 +15,7 @@ from omnitrack_sim.base.bounds import MAX_FAULTS
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.base.rotations import Array, Pose, dot, length, rotation_about, unit
 from omnitrack_sim.pipes.centreline import Centreline, Segment
-from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, AxisCurve, Fitting
+from omnitrack_sim.pipes.fittings.base import ARCS, Arcs, Axis, AxisCurve, Fitting
 
 Port = tuple[int, str]
 """A port of an assembly: index of the part, and the port's name."""
@@ -158,9 +158,16 @@ class Part:
     @cached_property
     def axes(self) -> tuple[tuple[Centreline, float, float], ...]:
         """``Fitting.axes`` in the world frame, each with the bore radius at its ends, m."""
+        return self._lines(self.fitting.axes)
+
+    @property
+    def drawn_bores(self) -> tuple[tuple[Centreline, float, float], ...]:
+        """``Fitting.drawn_bores`` likewise."""
+        return self._lines(self.fitting.drawn_bores)
+
+    def _lines(self, axes: Sequence[Axis]) -> tuple[tuple[Centreline, float, float], ...]:
         return tuple(
-            (self._placed(axis.curve), axis.start_radius, axis.end_radius)
-            for axis in self.fitting.axes
+            (self._placed(axis.curve), axis.start_radius, axis.end_radius) for axis in axes
         )
 
     def polylines(self) -> list[Array]:

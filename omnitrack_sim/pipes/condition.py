@@ -1,4 +1,4 @@
-"""Condition of old pipes: relief and couplings, drawn into the straights of a network by rates.
+"""Condition of old pipes: relief and couplings, drawn into the pipes of a network by rates.
 
 A condition is a file: a table for each kind of defect, with its rate a kilometre, its sizes and
 where these come from. Defects of one kind are independent of each other and of the place, so their
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -21,14 +22,16 @@ from omnitrack_sim.base.errors import Fault, NetworkError
 from omnitrack_sim.base.reading import CONDITION, NAME_PATTERN, checked, read_file
 from omnitrack_sim.base.table import NotNegative, Positive, Table
 from omnitrack_sim.pipes.fittings.coupling import MAX_OFFSET, Coupling
+from omnitrack_sim.pipes.fittings.elbow import Elbow
+from omnitrack_sim.pipes.fittings.relieved import Relieved
 from omnitrack_sim.pipes.fittings.straight import MAX_STEEP, Straight
 from omnitrack_sim.pipes.network import Network, validate
-from omnitrack_sim.pipes.relief import Dent, Deposit, Ovality, Relief, Weld
+from omnitrack_sim.pipes.relief import Corrosion, Dent, Deposit, Ovality, Relief, Weld
 
-Kind = Literal["offset", "gap", "step", "weld", "ovality", "deposit", "dent"]
+Kind = Literal["offset", "gap", "step", "weld", "ovality", "deposit", "dent", "corrosion"]
 JOINTS: tuple[Kind, ...] = ("offset", "step", "gap")
-RELIEF: tuple[Kind, ...] = ("weld", "ovality", "deposit", "dent")
-"""Kinds that are couplings, and that are relief of a straight."""
+RELIEF: tuple[Kind, ...] = ("weld", "ovality", "deposit", "dent", "corrosion")
+"""Kinds that are couplings, and that are relief of a pipe."""
 MAX_PARTS_EACH = 4
 """Parts that a displaced pipe adds to a straight."""
 GAP_DEPTH = 0.1
@@ -41,9 +44,14 @@ BEAD = 10 / 3
 """Width of a bead over its height, as of the default one."""
 DENT = 6.0
 """Length and width of a dent over its depth; assumed."""
+WAVES = 20.0
+"""Wavelength of corrosion over its roughness, as of the default one."""
+LEAST_SIZE, LEAST_BEAD, LEAST_DENT, LEAST_WAVES = 1e-4, 1e-3, 0.01, 0.005
+"""Least size of a defect, and least widths that relief takes, m: in narrow bores."""
 ROUNDED = 5
 """Decimals to which lengths, m, are rounded, so that files are short."""
 _TRIES = 20
+_Pipe = TypeVar("_Pipe", Straight, Elbow)
 
 
 class Defect(Table):
@@ -52,10 +60,11 @@ class Defect(Table):
     Attributes:
         kind: a pipe that is displaced aside (``offset``) or of a narrower bore (``step``) between
             two joints, an open joint (``gap``), or a kind of relief.
-        per_km: rate, a kilometre of straight pipe.
-        size: bores, least and largest: of an offset, gap, step up, bead, bed or dent; of ovality
-            its ratio. It is uniform between both.
+        per_km: rate, a kilometre of straight pipe, with ``elbows`` of elbows too.
+        size: bores, least and largest: of an offset, gap, step up, bead, bed or dent; roughness of
+            corrosion; of ovality its ratio. It is uniform between both.
         length: bores, least and largest, of ovality and deposits.
+        elbows: relief is drawn into elbows as well, where they take it.
         source: of the figures, or that they are assumed.
     """
 
@@ -63,6 +72,7 @@ class Defect(Table):
     per_km: NotNegative
     size: tuple[Positive, Positive]
     length: tuple[Positive, Positive] | None = None
+    elbows: bool = False
     source: Annotated[str, Field(min_length=1)]
 
     @field_validator("size", "length")
@@ -110,7 +120,7 @@ def in_condition(network: Network, condition: str | Path | Condition, seed: int)
     """Return a network in a condition: ends, fittings and lengths stay, straights are as they are.
 
     A straight that joints are drawn into becomes several parts: the first keeps its name, those
-    behind are numbered, ``NAME:2`` and so on. Straights with a section, relief or a profile stay as
+    behind are numbered, ``NAME:2`` and so on. Pipes with a section, relief or a profile stay as
     they are.
 
     Args:
@@ -145,6 +155,9 @@ def in_condition(network: Network, condition: str | Path | Condition, seed: int)
         ):
             steep = abs(network.pipes.parts[i].pose.rotation[2, 2]) > MAX_STEEP
             rows += ageing.aged(row, bool(steep))
+        elif type(fitting) is Elbow and not fitting.relief and fitting.profile is None:
+            aged = ageing.relieved(fitting, in_elbow=True)
+            rows.append(row | ({"relief": aged.to_table()["relief"]} if aged.relief else {}))
         else:
             rows.append(row)
     joints, ports = ageing.joints, data.get("ports", {})
@@ -198,7 +211,8 @@ class _Ageing:
         """
         parts = self._jointed(row["length"], row["inner_diameter"])
         whole = [
-            self._relieved(part, steep) if isinstance(part, Straight) else part for part in parts
+            self.relieved(part, steep=steep) if isinstance(part, Straight) else part
+            for part in parts
         ]
         name, common = row["name"], {"pipe": row["pipe"]} if row.get("pipe") else {}
         names = [name, *(f"{name}:{k}" for k in range(2, len(whole) + 1))]
@@ -209,16 +223,18 @@ class _Ageing:
         tables = [part.to_table() for part in whole]
         return [{**own, "name": n, **common} for n, own in zip(names, tables, strict=True)]
 
-    def _drawn(self, length: float, kinds: Sequence[Kind]) -> Iterator[Defect]:
+    def _drawn(
+        self, length: float, kinds: Sequence[Kind], in_elbow: bool = False
+    ) -> Iterator[Defect]:
         """Yield the defects of some kinds in a length, m, of pipe, in the order of the table."""
         for defect in self._condition.defects:
-            if defect.kind in kinds:
+            if defect.kind in kinds and (defect.elbows or not in_elbow):
                 count = int(self._rng.poisson(defect.per_km * length / 1000))
                 yield from [defect] * count
 
     def _size(self, defect: Defect, bore: float) -> float:
         """Size of a defect, m."""
-        return round(bore * float(self._rng.uniform(*defect.size)), ROUNDED)
+        return round(max(bore * float(self._rng.uniform(*defect.size)), LEAST_SIZE), ROUNDED)
 
     def _jointed(self, length: float, bore: float) -> list[Coupling | Straight]:
         """Return the parts of a straight, ``length`` m long, with joints drawn into it."""
@@ -259,26 +275,37 @@ class _Ageing:
         aside, back = (Coupling(offset=size, direction=way, inner_diameter=bore) for way in ways)
         return aside, Straight(pipe, bore), back
 
-    def _relieved(self, pipe: Straight, steep: bool) -> Straight:
-        """Return a straight with relief drawn into it."""
-        entries = []
-        for defect in self._drawn(pipe.length, RELIEF):
-            entry = self._entry(defect, pipe)
-            if not any(entry.problems(pipe)) and not (steep and defect.kind == "deposit"):
-                entries.append(entry)
-        return Straight(pipe.length, pipe.inner_diameter, relief=entries) if entries else pipe
+    def relieved(self, pipe: _Pipe, *, steep: bool = False, in_elbow: bool = False) -> _Pipe:
+        """Return a pipe with relief drawn into it.
 
-    def _entry(self, defect: Defect, pipe: Straight) -> Relief:
+        Args:
+            pipe: a straight or an elbow.
+            steep: see ``aged``.
+            in_elbow: only what is drawn into elbows.
+        """
+        entries: list[Relief] = []
+        for defect in self._drawn(pipe.axis_length, RELIEF, in_elbow):
+            entry = self._entry(defect, pipe)
+            settles = not (steep and defect.kind == "deposit")
+            # A wall is rough once, all over.
+            rough = isinstance(entry, Corrosion)
+            is_new = not (rough and any(isinstance(one, Corrosion) for one in entries))
+            if settles and is_new and not any(entry.problems(pipe)):
+                entries.append(entry)
+        return replace(pipe, relief=tuple(entries)) if entries else pipe
+
+    def _entry(self, defect: Defect, pipe: Relieved) -> Relief:
         """Return relief of a pipe; where it is too long for it, as long as the pipe."""
         rng, bore = self._rng, pipe.inner_diameter
         size, part, angle = self._size(defect, bore), rng.random(), rng.uniform(-180, 180)
         low, high = defect.length or (1.0, 1.0)
-        length = min(bore * float(rng.uniform(low, high)), pipe.length)
+        length = min(bore * float(rng.uniform(low, high)), pipe.axis_length)
         direction = round(float(angle), 1)
 
         def at(reach: float) -> float:
             # Within the pipe, though rounded.
-            return round(float(np.clip(reach / 2 + part * (pipe.length - reach), 0, None)), ROUNDED)
+            place = reach / 2 + part * (pipe.axis_length - reach)
+            return round(float(np.clip(place, 0, None)), ROUNDED)
 
         reach = math.floor(length * 10**ROUNDED - 1) / 10**ROUNDED
         if defect.kind == "ovality":
@@ -289,8 +316,12 @@ class _Ageing:
         if defect.kind == "deposit":
             return Deposit(kind="deposit", at=at(length), length=reach, depth=size)
         if defect.kind == "dent":
-            wide = round(DENT * size, ROUNDED)
+            wide = round(max(DENT * size, LEAST_DENT), ROUNDED)
             own = {"angle_deg": direction, "depth": size, "length": wide, "width": wide}
             return Dent(kind="dent", at=at(wide), **own)
-        wide = round(BEAD * size, ROUNDED)
+        if defect.kind == "corrosion":
+            waves = round(float(np.clip(WAVES * size, LEAST_WAVES, 10)), ROUNDED)
+            seed = int(rng.integers(2**32))
+            return Corrosion(kind="corrosion", roughness=size, wavelength=waves, seed=seed)
+        wide = round(max(BEAD * size, LEAST_BEAD), ROUNDED)
         return Weld(kind="weld", at=at(wide), height=size, width=wide)

@@ -9,14 +9,20 @@ Z95 = 1.959963984540054
 """Standard normal quantile of a two-sided 95 % interval."""
 
 
-def wilson_interval(passed: int, total: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a rate, both ends 0 to 1; (0, 1) where nothing was tried."""
+def wilson_interval(passed: int, total: int, z: float = Z95) -> tuple[float, float]:
+    """Wilson's interval of a rate, both ends 0 to 1; (0, 1) where nothing was tried.
+
+    Args:
+        passed: trials that passed.
+        total: all trials.
+        z: standard normal quantile of the interval's two sides, of 95 % by default.
+    """
     if total == 0:
         return 0.0, 1.0
     # Unlike the normal approximation it stays within 0 to 1, and accurate near either end.
-    rate, z2 = passed / total, Z95**2
+    rate, z2 = passed / total, z**2
     centre = (passed + z2 / 2) / (total + z2)
-    half = Z95 * math.sqrt(total * rate * (1 - rate) + z2 / 4) / (total + z2)
+    half = z * math.sqrt(total * rate * (1 - rate) + z2 / 4) / (total + z2)
     # At the ends the formula gives 0 and 1 but for rounding.
     low = centre - half if passed > 0 else 0.0
     high = centre + half if passed < total else 1.0

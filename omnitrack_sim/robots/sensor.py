@@ -5,6 +5,7 @@ Forces and velocities are those of the last physics step.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -183,7 +184,7 @@ def read_together(moments: Iterable[Mapping[str, Array]], names: Iterable[str]) 
 def _moments_of(states: Sequence[State]) -> _Moments:
     """Return several states as one; the same if the same were read together before."""
     block = states[0].moments
-    if block is None or list(map(id, block.states)) != list(map(id, states)):
+    if block is None or [id(ref()) for ref in block.states] != list(map(id, states)):
         block = states[0].moments = _Moments(states)
     return block
 
@@ -195,7 +196,9 @@ class _Moments(State):
         first = states[0]
         arrays = {name: np.concatenate([s.arrays[name] for s in states]) for name in first.arrays}
         super().__init__(arrays, first.at, first.robot, first.sensors, {})
-        self.states = states
+        # Weak: the first of them keeps this block, and a cycle with arrays in it would stay in
+        # memory until Python looks for cycles, by the number of objects and not by their size.
+        self.states = [weakref.ref(state) for state in states]
         for name in first.looks_back:
             # Unknown at one of the moments: it is that of the moment before, which was perhaps
             # none of these.

@@ -161,7 +161,7 @@ def _stations(line: Centreline, straight: float) -> Array:
 def bore_faces(pipes: Assembly) -> Array:
     """Corners (n, 4, 3) m of the faces of all bores, world frame."""
     angles, faces = np.linspace(0, 2 * np.pi, CORNERS + 1), []
-    axes = ((part.fitting.ring(angles), *axis) for part in pipes.parts for axis in part.axes)
+    axes = ((part.fitting.ring(angles), *one) for part in pipes.parts for one in part.drawn_bores)
     for edge, line, first, last in axes:
         s = _stations(line, np.inf)
         ring = np.einsum("sij,kj->ski", line.frame(s), edge)  # (n, CORNERS + 1, 3)

@@ -30,6 +30,9 @@ MARK = (0.50, 0.56, 0.63)
 MARK_APART, MARK_WIDTH, MARK_HEIGHT, MARK_OFF = 0.5, 0.02, 0.0025, 0.01
 """Distance of the rings, in bores, their width and height over the wall, and how far from where it
 is straight across they may lie: in a branch's mouth a ring is left open."""
+_STEPS_TO_WALL = 16
+"""Steps from the axis to a wall with relief, each as long as the distance that is left: at a slope
+of 45 degrees, where a step leaves 0.3 of it, far more than enough."""
 SEAM_WIDTH, SEAM_HEIGHT = 0.005, 0.001
 """Size of the weld between two parts, m: along the pipe, and into the bore."""
 DRAWN = (
@@ -238,10 +241,11 @@ def pipe_inside(fitting: Fitting) -> Surface:
 def rings(part: Part) -> list[Surface]:
     """Return rings painted round the bore of a part, world frame, to judge distances by.
 
-    There is one on each half a bore of its axes, where there is a wall.
+    There is one on each half a bore of its axes, where there is a wall. They lie on relief.
     """
     found, angle = [], np.linspace(0.0, 2 * np.pi, 2 * _SECTIONS_INSIDE + 1)
     edge = part.fitting.ring(angle)
+    has_relief = bool(part.fitting.waves or part.fitting.obstacles)
     for line, first, last in part.axes:
         bore = 2 * first
         stations = np.arange(MARK_APART * bore, line.length, MARK_APART * bore)
@@ -250,12 +254,24 @@ def rings(part: Part) -> list[Surface]:
             height = MARK_HEIGHT * bore
             radius = first + (last - first) * middle / line.length - height
             ends = radius * np.einsum("sij,kj->ski", line.frame(s), edge)
-            points = line.at(s)[0][:, None] + ends  # (2, k, 3)
+            points, normal = line.at(s)[0][:, None] + ends, -unit(ends)  # (2, k, 3)
+            if has_relief:
+                points, normal = _onto_wall(part, points - ends, -normal, height)
             off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
             whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
             if whole.any():
-                found.append(_band(points, -unit(ends), np.flatnonzero(whole)))
+                found.append(_band(points, normal, np.flatnonzero(whole)))
     return found
+
+
+def _onto_wall(part: Part, points: Array, out: Array, height: float) -> tuple[Array, Array]:
+    """Return points (..., 3) m of the axis moved outward, to ``height`` m over the wall.
+
+    The normals (..., 3) of the wall there come with them. ``out``: (..., 3) unit vectors.
+    """
+    for _ in range(_STEPS_TO_WALL):
+        points = points + (part.signed_distance(points)[0] - height)[..., None] * out
+    return points, part.signed_distance(points)[1]
 
 
 def _band(points: Array, normal: Array, columns: NDArray[np.intp]) -> Surface:

@@ -99,11 +99,14 @@ def resolve(
     return Sweep(**fields, bases=bases, set=file.set | dict(changes or {}))
 
 
+_FROM_FILE = "stands in the file of the calibration; leave it out here"
+
+
 def _with_calibrations(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the axes of a sweep's data, those of calibrations with what stands in their files.
 
     Raises:
-        SweepError: a file of a calibration cannot be read.
+        SweepError: a file of a calibration cannot be read, or a key stands beside its name.
     """
     if not isinstance(axes := data.get("axes"), list | tuple):
         return {}
@@ -120,7 +123,10 @@ def _with_calibrations(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         except InputError as error:
             faults += [fault.at(f"axes.{i}.file: {fault.where}") for fault in error.faults]
         else:
-            read.append({**found.model_dump(mode="json"), **axis})
+            own = found.model_dump(mode="json")
+            given = (key for key in axis if key in own and key not in ("kind", "file"))
+            faults += [Fault(f"axes.{i}.{key}", _FROM_FILE) for key in given]
+            read.append({**own, **axis})
     if faults:
         raise SweepError(faults)
     return {"axes": read}

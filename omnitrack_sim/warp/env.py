@@ -20,6 +20,7 @@ from omnitrack_sim.robots.feature import Feature, bounds, entry_slices
 from omnitrack_sim.robots.robot import Robot
 from omnitrack_sim.sim.simulation import Simulation
 from omnitrack_sim.warp import episodes
+from omnitrack_sim.warp.origins import recentre
 from omnitrack_sim.warp.plant import (
     CONTACTS,
     ROWS,
@@ -55,11 +56,13 @@ class DeviceVectorEnv(VectorEnv, ABC):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         starts: int = 1024,
         start_seed: int = 0,
+        networks: int = 8,
         **given: Any,
     ) -> None:
         self._at_once = _mode(autoreset_mode) is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": _mode(autoreset_mode), "render_modes": []}
-        for name, value in (("num_envs", num_envs), ("starts", starts)):
+        counts = {"num_envs": num_envs, "starts": starts, "networks": networks}
+        for name, value in counts.items():
             if not isinstance(value, int) or value < 1:
                 raise InputError(Fault(name, f"is {value!r}; a number from 1 on is needed"))
         options = options_of({"scenario": scenario, "sensing": "truth", **given})
@@ -67,7 +70,9 @@ class DeviceVectorEnv(VectorEnv, ABC):
         sampler = sampler_of(options)
         robot = sampler.example.robot
         self.check_robot(robot)
-        self.starts = starts_of(sampler, starts, start_seed, options.threads, self.own_state)
+        self.starts = starts_of(
+            sampler, starts, start_seed, networks, options.threads, self.own_state
+        )
         self.model = self.starts.simulation.model
         features = options.features(robot)
         ones = np.ones(len(self.actions), np.float32)
@@ -130,6 +135,9 @@ class DeviceVectorEnv(VectorEnv, ABC):
                 targets[name] = field_of(self.m, name)
             source = wp.array(values.astype(np.float32), dtype=float)
             self._copies.append((source, _flat(targets[name], values.shape[1])))
+        walls = self.m.callback.contactfilter
+        walls.origins = self.origins = wp.zeros(n, dtype=wp.vec3d)
+        self._start_origins = wp.array(self.starts.origins, dtype=wp.vec3d)
         cleared = self.d.qvel, self.d.qacc_warmstart
         self._cleared = [_flat(each, each.shape[1]) for each in cleared]
 
@@ -212,6 +220,7 @@ class DeviceVectorEnv(VectorEnv, ABC):
         n, d = self.num_envs, self.d
         wp.launch(episodes.begin_decision, n, inputs=[self.outcome, self._over, self._terms])
         self.take_actions(self._actions)
+        recentre(self.m, self.d)
         for _ in range(self.starts.hold):
             self.command()
             for _ in range(self.starts.substeps):
@@ -238,6 +247,8 @@ class DeviceVectorEnv(VectorEnv, ABC):
         for source, target in self._copies:
             inputs = [self._anew, self.start, source, target]
             wp.launch(episodes.copy_rows, target.shape, inputs=inputs)
+        inputs = [self._anew, self.start, self._start_origins, self.origins]
+        wp.launch(episodes.copy_origins, n, inputs=inputs)
         for target in self._cleared:
             wp.launch(episodes.clear_rows, target.shape, inputs=[self._anew, target])
 

@@ -26,6 +26,7 @@ SIZES = {
     "position": 3,
     "rotation": 9,
     "angular_velocity": 3,
+    "route": 1,
     "place": route_map.PLACE,
     "passage": 1,
     "slip": 1,
@@ -46,6 +47,7 @@ what belongs to the episode. Those of one kind of robot follow."""
     POSITION,
     ROTATION,
     SPIN,
+    ROUTE,
     PLACE,
     PASSAGE,
     SLIP,
@@ -86,19 +88,20 @@ AHEAD_1, AHEAD_2, AHEAD_3 = AHEAD
 class Course:
     """Routes of the robots, and what their episodes end by.
 
-    Tables are those of ``RouteMap.arrays``, kinds of passages and arms beside the route.
+    Tables are those of ``RouteMap.arrays``, lengths of routes, kinds of passages, and arms beside
+    the routes.
     """
 
     segments: wp.array(dtype=float)
     lines: wp.array(dtype=int)
     passages: wp.array(dtype=float)
     spans: wp.array(dtype=int)
+    lengths: wp.array(dtype=float)
     kinds: wp.array2d(dtype=float)
     arms: wp.array2d(dtype=float)
     period: float
     bore: float
     half_length: float
-    route_length: float
     progress: float
     slide_back: float
     wedged_cosine: float
@@ -110,7 +113,8 @@ def course_of(simulation: Simulation) -> Any:
     segments, lines, passages, spans = routes.arrays
     robot, headway = scenario.robot, simulation.monitor.headway
     course, bore = Course(), robot.nominal_bore
-    for name, values in (("segments", segments), ("passages", passages)):
+    numbers = {"segments": segments, "passages": passages, "lengths": routes.lengths}
+    for name, values in numbers.items():
         setattr(course, name, wp.array(values.ravel().astype(np.float32), dtype=float))
     for name, values in (("lines", lines), ("spans", spans)):
         setattr(course, name, wp.array(values.ravel().astype(np.int32), dtype=int))
@@ -122,7 +126,6 @@ def course_of(simulation: Simulation) -> Any:
     course.kinds = wp.array(np.stack(kinds, axis=1).astype(np.float32), dtype=float)
     course.arms = wp.array(_arms(simulation), dtype=float)
     course.period, course.bore, course.half_length = simulation.period, bore, robot.length / 2
-    course.route_length = float(routes.lengths[0])
     course.progress, course.slide_back = headway.progress, headway.slide_back
     course.wedged_cosine = scenario.monitor.wedged_cosine
     return course
@@ -149,13 +152,14 @@ def _snippets() -> tuple[str, str]:
     place = whole.function(centreline.place_on, [REALS, REAL]).name
     head = f"struct Laws {{ typedef float real;\n{whole.members(locate, segment, place)}\n}};\n"
     locating = f"""{head}    float* row = &wp::index(state, world, 0);
-    int route = 0, passage = 0;
+    int route = (int)row[{ROUTE}], passage = 0;
     Laws::{locate}(
       1, course.segments.data, course.lines.data, course.passages.data, course.spans.data, &route,
       row + {POSITION}, row + {ROTATION}, row + {DISTANCE}, &passage, row + {PLACE});
     row[{PASSAGE}] = passage;"""
     looking = f"""{head}    float* segments = course.segments.data;
-    const int here = Laws::{segment}(segments, course.lines.data[0], course.lines.data[1], s);
+    const int* line = course.lines.data + 2 * route;
+    const int here = Laws::{segment}(segments, line[0], line[1], s);
     const auto tangent = Laws::{place}(segments + {centreline.COLUMNS} * here, s).a1;
     return wp::vec_t<3, wp::float32>(tangent.a0, tangent.a1, tangent.a2);"""
     return locating, looking
@@ -170,8 +174,8 @@ def locate(course: Course, state: wp.array2d(dtype=float), world: int):
 
 
 @wp.func_native(_LOOK)
-def tangent_at(course: Course, s: float) -> wp.vec3:
-    """Return the direction of the route's centreline at an arc length, m."""
+def tangent_at(course: Course, route: int, s: float) -> wp.vec3:
+    """Return the direction of a route's centreline at an arc length, m."""
 
 
 @wp.func
@@ -185,13 +189,15 @@ def read_pose(
     world: int,
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
+    origins: wp.array(dtype=wp.vec3d),
     state: wp.array2d(dtype=float),
 ):
-    """Write position, rotation and rate of turning of a robot's free joint, its first one."""
+    """Write a robot's position in the pipes, its rotation and rate of turning: a free joint's."""
     w, x, y, z = qpos[world, 3], qpos[world, 4], qpos[world, 5], qpos[world, 6]
     turn = wp.quat_to_matrix(wp.normalize(wp.quat(x, y, z, w)))
     for i in range(3):
-        state[world, POSITION + i] = qpos[world, i]
+        place = origins[world][i] + wp.float64(qpos[world, i])
+        state[world, POSITION + i] = wp.float32(place)
         state[world, SPIN + i] = qvel[world, 3 + i]
         for k in range(3):
             state[world, ROTATION + 3 * i + k] = turn[i, k]
@@ -208,7 +214,8 @@ def rotation_of(state: wp.array2d(dtype=float), world: int) -> wp.mat33:
 def is_outside(course: Course, state: wp.array2d(dtype=float), world: int) -> bool:
     """Return whether a robot has left its route, and is in no arm beside it either."""
     s, passage = state[world, DISTANCE], int(state[world, PASSAGE])
-    if s < -course.half_length or s > course.route_length + course.half_length:
+    length = course.lengths[int(state[world, ROUTE])]
+    if s < -course.half_length or s > length + course.half_length:
         return True
     if state[world, OFFSET] <= course.passages[PASSAGE_SIZE * passage + PASSAGE_RADIUS]:
         return False
@@ -370,6 +377,19 @@ def copy_rows(
 
 
 @wp.kernel
+def copy_origins(
+    wanted: wp.array(dtype=bool),
+    start: wp.array(dtype=int),
+    source: wp.array(dtype=wp.vec3d),
+    target: wp.array(dtype=wp.vec3d),
+):
+    """Copy the origins of starts to the worlds that begin anew."""
+    world = wp.tid()
+    if wanted[world]:
+        target[world] = source[start[world]]
+
+
+@wp.kernel
 def clear_rows(wanted: wp.array(dtype=bool), target: wp.array2d(dtype=float)):
     """Set the rows of worlds that begin anew to zero."""
     world, i = wp.tid()
@@ -401,16 +421,18 @@ def put_route(
     begin: int,
 ) -> int:
     """Write ``feature.ROUTE``, the route ahead as seen in a frame; returns where the next goes."""
-    s, passage, n = state[world, DISTANCE], int(state[world, PASSAGE]), begin
+    s, n = state[world, DISTANCE], begin
+    route, passage = int(state[world, ROUTE]), int(state[world, PASSAGE])
     for i in range(KIND_SIZE):
         value = float(course.kinds[passage, i])
         if i < 2:
             value = (value - s) / course.bore
         entries[world, n + i] = value
     n = put(entries, world, n + KIND_SIZE, in_frame(frame, three(state, world, TURNING)))
-    n = put(entries, world, n, in_frame(frame, tangent_at(course, s + AHEAD_1 * course.bore)))
-    n = put(entries, world, n, in_frame(frame, tangent_at(course, s + AHEAD_2 * course.bore)))
-    return put(entries, world, n, in_frame(frame, tangent_at(course, s + AHEAD_3 * course.bore)))
+    ahead = wp.vec3(AHEAD_1, AHEAD_2, AHEAD_3) * course.bore
+    for i in range(3):
+        n = put(entries, world, n, in_frame(frame, tangent_at(course, route, s + ahead[i])))
+    return n
 
 
 @wp.kernel

@@ -152,7 +152,7 @@ class WarpBatch(FieldsBatch):
         qpos, origins = self.bind("qpos").copy(), np.zeros((self.nsim, 3))
         if len(self._free):
             place = self._free[0] + np.arange(3)
-            origins = np.round(np.nan_to_num(qpos[:, place]) * GRID) / GRID
+            origins = near_origins(qpos[:, place])
             for address in self._free:
                 qpos[:, address : address + 3] -= origins
         self._origins.assign(origins)
@@ -204,6 +204,11 @@ class WarpBatch(FieldsBatch):
             values.flags.writeable = True
             values[rows] = told
             values.flags.writeable = False
+
+
+def near_origins(positions: Array) -> Array:
+    """Return an origin (n, 3) m near each robot's position; what is no number counts as 0."""
+    return np.round(np.nan_to_num(positions) * GRID) / GRID
 
 
 def differs(model: mujoco.MjModel, name: str, values: NDArray[Any]) -> bool:

@@ -277,6 +277,11 @@ class Fitting(ABC):
         return (Axis(curve, self.port_radius(start), self.port_radius(end)),)
 
     @property
+    def drawn_bores(self) -> tuple[Axis, ...]:
+        """The lines that the bore is drawn about in maps: of a stepped one, one for each bore."""
+        return self.axes
+
+    @property
     def length_of_axes(self) -> float:
         """Length of all its axes, m."""
         return sum(axis.curve.length for axis in self.axes)

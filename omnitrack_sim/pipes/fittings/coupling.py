@@ -36,6 +36,7 @@ from omnitrack_sim.pipes.compiled import (
 from omnitrack_sim.pipes.fittings.base import (
     BORE,
     Arcs,
+    Axis,
     AxisCurve,
     Bore,
     Description,
@@ -433,6 +434,21 @@ class Coupling(Fitting):
         across = X if enter == "start" else self._behind.rotation[:, 0]
         segments = self._arcs if enter == "start" else self._arcs[::-1]
         return AxisCurve(port.position, -port.rotation[:, 2], across, segments)
+
+    @property
+    def drawn_bores(self) -> tuple[Axis, ...]:
+        """See ``Fitting``: both pipes, and the groove between them."""
+        collar, behind = self._collar, self._behind
+        bores = [
+            (np.zeros(3), Z, collar, self.radius),
+            (collar * Z, Z, self._space, self.recess),
+            (behind.position, behind.rotation[:, 2], collar, self.end_radius),
+        ]
+        return tuple(
+            Axis(AxisCurve(place, along, Y, ((length, 0.0),)), radius, radius)
+            for place, along, length, radius in bores
+            if length > 0
+        )
 
     @cached_property
     def _arcs(self) -> tuple[tuple[float, float], ...]:

@@ -225,6 +225,7 @@ def read(
     xmat: wp.array2d(dtype=wp.mat33),
     sensors: wp.array2d(dtype=float),
     forces: wp.array2d(dtype=float),
+    origins: wp.array(dtype=wp.vec3d),
     outcome: wp.array(dtype=int),
     state: wp.array2d(dtype=float),
 ):
@@ -232,7 +233,8 @@ def read(
     world = wp.tid()
     if outcome[world] != RUNNING:
         return
-    read_pose(world, qpos, qvel, state)
+    read_pose(world, qpos, qvel, origins, state)
+    origin = wp.vec3(origins[world])
     frame = xmat[world, robot.chassis]
     ex = wp.vec3(frame[0, 0], frame[1, 0], frame[2, 0])
     ey = wp.vec3(frame[0, 1], frame[1, 1], frame[2, 1])
@@ -265,7 +267,7 @@ def read(
         ends = sensors[world, robot.contact[i, 2]] + sensors[world, robot.contact[i, 3]]
         upper = sensors[world, robot.contact[i, 0]] + ends
         lower = sensors[world, robot.contact[i, 1]] + ends
-        place = three(state, world, CONTACT_POSITION + 3 * i)
+        place = three(state, world, CONTACT_POSITION + 3 * i) - origin
         if total > 0.0:
             place = centre / total
         angle = SECTOR * float(i)
@@ -281,7 +283,7 @@ def read(
         if upper > 0.0 or lower > 0.0:
             slip = belt * belt_sign(roll) - along
         for k in range(3):
-            state[world, CONTACT_POSITION + 3 * i + k] = place[k]
+            state[world, CONTACT_POSITION + 3 * i + k] = place[k] + origin[k]
         state[world, CONTACT_COUNT + 2 * i] = upper
         state[world, CONTACT_COUNT + 2 * i + 1] = lower
         state[world, TRACTION + i] = traction

@@ -31,13 +31,16 @@ class WarpVectorEnv(DeviceVectorEnv):
     ``gym.RobotVectorEnv`` with ``sensing="truth"``, but for single precision.
 
     Args:
-        scenario: a shipped scenario or a file, with one route through straights, elbows and tees.
+        scenario: a shipped scenario or a file, with one route through straights, elbows and tees;
+            or "random_network".
         num_envs: number of worlds.
         autoreset_mode: ``NextStep`` or ``SameStep``, see Gymnasium. In the second the last
             observations of episodes are ``infos["final_obs"]``.
         starts: number of starts that are drawn and seated when the environment is made; each
             episode begins in one of them.
         start_seed: of their draw.
+        networks: number of random networks that stand side by side, for the scenario
+            "random_network"; each episode begins in one of them.
         given: options of the environments of ``gym``.
 
     Raises:
@@ -107,7 +110,7 @@ class WarpVectorEnv(DeviceVectorEnv):
         """Read what robots measure after a control step."""
         d = self.d
         seen = [d.qpos, d.qvel, d.xpos, d.xmat, d.sensordata, d.actuator_force]
-        inputs = [self._robot, *seen, self.outcome, self.state]
+        inputs = [self._robot, *seen, self.origins, self.outcome, self.state]
         wp.launch(driving.read, self.num_envs, inputs=inputs)
 
     def write_entries(self, entries: Any) -> None:
