@@ -2,10 +2,10 @@
 
     python benchmarks/warp_contacts.py [--quick] [--poses 100000] [--seed 1]
 
-All fittings stand metres apart in one model with a body of each type of geom, and a module with
-rows of lugs. Prints, for each body, the contacts of random poses up to 1 mm off the wall and up to
-1 mm in it: how many there are, how many are missing or are there in vain, how deep those are, and
-the largest difference of depths, in micrometres.
+All fittings, some with relief, stand metres apart in one model with a body of each type of geom,
+and a module with rows of lugs. Prints, for each body, the contacts of random poses up to 1 mm off
+the wall and up to 1 mm in it: how many there are, how many are missing or are there in vain, how
+deep those are, and the largest difference of depths, in micrometres.
 """
 
 from __future__ import annotations
@@ -35,13 +35,38 @@ APART = 3.0
 LUG_RADIUS, LUG_PITCH, TRACK_OFFSET, HALF = 0.0276, 0.018, 0.012, 0.045
 """Of the module, m: much as the paper's."""
 MODULE = "module"
+RELIEF = {
+    "beads": ot.Straight(
+        0.4,
+        relief=[
+            {"kind": "weld", "at": 0.1, "height": 0.004},
+            {"kind": "weld", "at": 0.3, "from_deg": 30, "to_deg": 150},
+        ],
+    ),
+    "bed": ot.Straight(
+        0.4, relief=[{"kind": "deposit", "at": 0.2, "length": 0.2, "depth": 0.02, "angle_deg": 0}]
+    ),
+    "bend with a bead": ot.Elbow(0.24, relief=[{"kind": "weld", "at": 0.15}]),
+    "dented": ot.Straight(
+        0.4,
+        relief=[
+            {"kind": "dent", "at": 0.2, "depth": 0.006, "length": 0.1, "width": 0.08},
+            {"kind": "weld", "at": 0.3},
+        ],
+    ),
+    "dented bend": ot.Elbow(
+        0.24, relief=[{"kind": "dent", "at": 0.15, "depth": 0.006, "length": 0.1, "width": 0.08}]
+    ),
+    "corroded": ot.Straight(0.3, relief=[{"kind": "corrosion", "roughness": 0.001}]),
+}
+"""Fittings whose walls differ from their bores."""
 BATCH = 8192
 """Most worlds at once: 100,000 would need 20 GB."""
 
 
 def network() -> Assembly:
     """All fittings apart, and some joined in a row that begins open and ends closed."""
-    fittings = contact_lots.FITTINGS
+    fittings = contact_lots.FITTINGS | RELIEF
     places = [[APART * (i % 5), APART * (i // 5 + 1), 0] for i in range(len(fittings))]
     parts = [
         Part(name.replace(" ", "_"), fitting, Pose(np.eye(3), place))

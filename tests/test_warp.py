@@ -25,6 +25,7 @@ from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.pipes import Part
 from omnitrack_sim.pipes.compiled import compiled
 from omnitrack_sim.pipes.native import NUMBER, NUMBERS, SIGNATURES, c_function, pointers, row
+from omnitrack_sim.walls.record import LONG, RECORD_SIZE, SIZES
 from omnitrack_sim.warp.contacts import intrinsics
 from omnitrack_sim.warp.translation import REAL, REALS, Translation, TranslationError
 
@@ -75,8 +76,9 @@ def tuples(x, y, out):
     whole = (*both, product)
     out[0] = out[1] = whole[0] - whole[2]
     first, second = (a, b) if x < y else (whole[2], 1.0)
+    front = whole[:2]
     for k in range(3):
-        first += whole[k] * k
+        first += whole[k] * k - front[1]
     return first + 2.0 * second + pair(y, x)[0][1]
 
 
@@ -87,7 +89,7 @@ def numbers(x, y, out):
     half = (n + 1) / 2
     bits = (n << 1 | 1) & 6
     least, most = min(n, 4, bits), max(x, y, -1)
-    rest = n % 3 + x % 2.0 + n // 2 + x // 2.0
+    rest = n % 3 + (n - 9) % 4 + x % 2.0 + n // 2 + x // 2.0
     out[0] = math.copysign(math.hypot(x, y), -x) + math.atan2(y, x) + math.ceil(x) + float(n)
     out[1] = 1.0 * (x > y) + (not x > y) * 2.0
     return half + least + most + rest + (x - y) ** 2 + math.pi + 2**COUNT
@@ -219,15 +221,20 @@ def test_a_model_without_walls_is_refused():
         omnitrack_sim.warp.put_model(spec.compile())
 
 
-def test_pipes_with_relief_are_refused():
-    """Also where the relief is one bead of a weld."""
-    bead = {"kind": "weld", "at": 0.2, "height": 0.003}
+def test_relief_that_this_process_does_not_know_is_refused():
+    """Its numbers are no part of a model."""
+    dent = {"kind": "dent", "at": 0.2, "depth": 0.005, "length": 0.1, "width": 0.08}
     spec = mujoco.MjSpec()
     spec.worldbody.add_body().add_geom(size=[0.03, 0, 0])
-    pipe = {"kind": "straight", "name": "pipe", "length": 0.4, "relief": [bead]}
+    pipe = {"kind": "straight", "name": "pipe", "length": 0.4, "relief": [dent]}
     ot.add_pipes(spec, ot.Network(fittings=[pipe]))
-    with pytest.raises(InputError, match="has pipes with relief"):
-        omnitrack_sim.warp.put_model(spec.compile())
+    model = spec.compile()
+    omnitrack_sim.warp.put_model(model)
+    uneven = model.geom_user[:, -RECORD_SIZE + LONG] > 0
+    assert uneven.any()
+    model.geom_user[uneven, -RECORD_SIZE + SIZES] += 1
+    with pytest.raises(InputError, match="has relief"):
+        omnitrack_sim.warp.put_model(model)
 
 
 def test_a_fitting_that_cannot_be_translated_is_refused_by_its_kind(tmp_path, monkeypatch):
@@ -270,7 +277,8 @@ def test_long_networks_take_no_more_room_than_short_ones():
 
 
 def test_contacts_by_lot_are_those_of_mujoco():
-    """None that is deeper than 10 um is missing, hardly any is in vain, and depths are alike."""
+    """None that is deeper than 10 um is missing or in vain, but for one in 1,000 beside a deeper
+    one of the same body, and depths are alike."""
     assert_alike(700, seed=1)
 
 
@@ -285,8 +293,9 @@ def assert_alike(count, seed):
     _, told = warp_contacts.differences(warp_contacts.Lot(), count, seed)
     depths = np.array([x for each in told for x in each.depths])
     assert len(depths) > 0.9 * count
-    for which in ("missing", "in_vain"):
-        assert not [x for each in told for x in getattr(each, which) if x > NEAR], which
+    odd = [(each, x) for each in told for x in (*each.missing, *each.in_vain) if x > NEAR]
+    assert len(odd) <= count / 1000
+    assert all(x < each.deepest for each, x in odd)
     assert np.quantile(depths, 0.999) < DEEP
     assert depths.max() < NEAR
 

@@ -122,6 +122,12 @@ class LongSizes:
                 return first, second
         raise GeometryError(Fault("relief", f"is of one pipe more than {self.ROOM} in a process"))
 
+    def numbers(self, key: tuple[int, int]) -> Array | None:
+        """Return the numbers of a key; None where it has not been added in this process."""
+        rows = self.table.reshape(-1, 3)
+        found = rows[(rows[:, :2] == key).all(axis=1), 2]
+        return next((each for each in self._kept if each.ctypes.data in found), None)
+
     def address(self, key: tuple[int, int]) -> int:
         """Return the address of the numbers of a key that was added."""
         row = 3 * (key[0] % self.ROOM)

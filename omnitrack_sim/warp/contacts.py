@@ -10,6 +10,7 @@ from typing import Any
 from omnitrack_sim.base.errors import Fault, GeometryError
 from omnitrack_sim.pipes import Fitting
 from omnitrack_sim.pipes.fittings import relieved
+from omnitrack_sim.pipes.fittings.base import ADDRESS
 from omnitrack_sim.pipes.native import (
     ROW,
     SCRATCH,
@@ -20,9 +21,10 @@ from omnitrack_sim.pipes.native import (
     row,
     scratch,
 )
+from omnitrack_sim.pipes.obstacles import Obstacle
 from omnitrack_sim.walls import bodies, collider, rims
 from omnitrack_sim.walls.contacts import CONTACT_SIZE, MAX_OF_PAIR
-from omnitrack_sim.walls.record import MARK, PLATE, RECORD_SIZE, SIZES, kind_number
+from omnitrack_sim.walls.record import LONG, MARK, PLATE, RECORD_SIZE, SIZES, kind_number
 from omnitrack_sim.warp.planes import with_plane
 from omnitrack_sim.warp.translation import (
     INT,
@@ -82,14 +84,25 @@ SHAPES = {
     rims.MESH: bodies.mesh,
 }
 """Functions that find the contacts of a type of geom; those of spheres are always there."""
+FACES = (bodies.face_of, bodies.round_face, bodies.mesh_face)
+"""Functions that add contacts within faces, of which there are none where no wall has relief."""
 SURFACE, SPAN = (REALS, REAL, REAL, REAL, REALS), (REALS, REALS, *[REAL] * 6, REALS)
 """Types of the arguments of ``compiled.Wall``'s functions."""
 LINE = -1
 """Kind of geom that stands for rows of lugs, which are capsules with a record."""
+WallKind = type[Fitting] | type[Obstacle]
+"""What a wall is that of."""
 
 
-def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Translation:
+def translation(
+    fittings: Collection[WallKind], shapes: Collection[int], uneven: Collection[WallKind] = ()
+) -> Translation:
     """Return what translates the collider for some fittings and types of geoms.
+
+    Args:
+        fittings: kinds of walls.
+        shapes: types of geoms.
+        uneven: those of the fittings of which a wall has heights over its bore.
 
     Raises:
         GeometryError: the wall of a fitting cannot be translated.
@@ -98,6 +111,10 @@ def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) ->
     walls = {kind_number(each.file_kind()): each.wall for each in fittings}
     solids = {number: wall.solids for number, wall in walls.items() if wall.solids > 1}
     known = intrinsics() | {collider.functions_of: partial(_functions_of, solids)}
+    if uneven:
+        known[relieved.from_relief] = _from_relief
+    if not uneven and Obstacle not in fittings:
+        known |= dict.fromkeys(FACES, lambda body, node: body.value(node.args[1]))
     whole = Translation(known, SINGLE, absent, structures=(MODEL,))
     surfaces = {number: wall.surface for number, wall in walls.items()}
     spans = {number: wall.span for number, wall in walls.items()}
@@ -110,12 +127,20 @@ def translation(fittings: Collection[type[Fitting]], shapes: Collection[int]) ->
             raise GeometryError(Fault(each.file_kind(), problem)) from error
     whole.dispatcher("surface", surfaces, SURFACE)
     whole.dispatcher("span", spans, SPAN)
+    if uneven:
+        heights = {kind_number(each.file_kind()): each.relieved_surface for each in uneven}
+        whole.dispatcher("relief", heights, SURFACE)
     return whole
 
 
-def structure(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> str:
-    """Return the C++ structure ``Walls``, whose ``contacts`` finds those of one pair of geoms."""
-    whole = translation(fittings, shapes)
+def structure(
+    fittings: Collection[WallKind], shapes: Collection[int], uneven: Collection[WallKind]
+) -> str:
+    """Return the C++ structure ``Walls``, whose ``contacts`` finds those of one pair of geoms.
+
+    Arguments: see ``translation``.
+    """
+    whole = translation(fittings, shapes, uneven)
     kinds = [MODEL, MODEL, REALS, INT, INT, REAL]
     roots = [whole.function(collider.collide, kinds).name]
     lines = ""
@@ -138,7 +163,7 @@ def structure(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> s
 """
 
 
-def room(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> int:
+def room(fittings: Collection[WallKind], shapes: Collection[int]) -> int:
     """Numbers that the contacts of one pair need room for."""
     # A mesh keeps distances of its vertices behind its contacts, and each solid of a wall has its
     # own; all others have 24 at most.
@@ -157,12 +182,9 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
         call_span: lambda body, node: _dispatch(body, node, "span"),
         call_clear: lambda body, node: _dispatch(body, node, "clear"),
         collider.call_collide: _call_collide,
-        # Models with relief are refused.
-        collider.sizes_of: lambda body, node: _at(body, _sizes_in(node)),
+        collider.sizes_of: _sizes_of,
+        # Where no wall is uneven it is not reached.
         relieved.from_relief: lambda body, node: Code("0", REAL),  # noqa: ARG005
-        bodies.face_of: lambda body, node: body.value(node.args[1]),
-        bodies.round_face: lambda body, node: body.value(node.args[1]),
-        bodies.mesh_face: lambda body, node: body.value(node.args[1]),
         collider.doubles: lambda body, node: _pointer(body, node, 8),
         collider.floats: lambda body, node: _pointer(body, node, 4),
         collider.integers: lambda body, node: _pointer(body, node, 4),
@@ -170,11 +192,19 @@ def intrinsics() -> dict[Any, Callable[[_Body, Any], Code]]:
     }
 
 
-def _sizes_in(node: ast.Call) -> ast.Call:
-    """``at(records, w + SIZES)`` for ``sizes_of(records, w)``."""
-    records, w = node.args
-    place = ast.BinOp(w, ast.Add(), ast.Constant(SIZES))
-    return ast.Call(node.func, [records, place], [])
+def _sizes_of(body: _Body, node: ast.Call) -> Code:
+    """Sizes in a wall's record; long ones follow all records, from an index on that is there."""
+    records, w = (body.temporary(body.value(each)).text for each in node.args)
+    place = f"{w} + {SIZES}"
+    index = f"{records}[{w} + {LONG}] > real(0) ? (int){records}[{place}] : {place}"
+    return Code(f"({records} + ({index}))", REALS)
+
+
+def _from_relief(body: _Body, node: ast.Call) -> Code:
+    """The number of the fitting stands for the address of its surface with relief."""
+    sizes, *others = (body.value(each).text for each in node.args)
+    body.called.add("relief")
+    return Code(f"relief((int){sizes}[{ADDRESS}], {', '.join([sizes, *others])})", REAL, True)
 
 
 def _at(body: _Body, node: ast.Call) -> Code:

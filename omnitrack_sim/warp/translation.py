@@ -57,6 +57,7 @@ CUDA_CALLABLE static real with_sign(real x, real y) {
   return below ? -positive(x) : positive(x);
 }
 CUDA_CALLABLE static real length(real x, real y) { return wp::sqrt(x * x + y * y); }
+CUDA_CALLABLE static int rest_int(int x, int y) { const int z = x % y; return z < 0 ? z + y : z; }
 CUDA_CALLABLE static real rest(real x, real y) { return x - y * wp::floor(x / y); }
 """
 _MATH = {
@@ -543,7 +544,7 @@ class _Body:
             return Code(f"wp::floor({left.text} / {right.text})", REAL, writes)
         if isinstance(node.op, ast.Mod):
             if kind == INT:
-                return Code(f"({left.text} % {right.text})", INT, writes)
+                return Code(f"rest_int({left.text}, {right.text})", INT, writes)
             return Code(f"rest({left.text}, {right.text})", REAL, writes)
         sign = _OPERATORS.get(type(node.op))
         if sign is None:
@@ -612,7 +613,17 @@ class _Body:
         return handler(self, node)
 
     def _part(self, node: ast.Subscript, base: Code) -> Code:
-        """Return a part of a tuple; by a number that changes, if all are of one type."""
+        """Return a part of a tuple; by a number that changes, if all are of one type.
+
+        A slice up to a number is a tuple of the first parts.
+        """
+        if isinstance(node.slice, ast.Slice):
+            whole, upper = self.temporary(base), node.slice.upper
+            if node.slice.lower or node.slice.step or not isinstance(upper, ast.Constant):
+                raise self.fault(node, "of slices those of the first parts are known")
+            kind = base.kind[: upper.value]
+            texts = ", ".join(f"{whole.text}.a{i}" for i in range(len(kind)))
+            return Code(f"{self.whole.type_name(kind)}{{{texts}}}", kind)
         index = self.value(node.slice)
         if index.text.isdigit():
             number = int(index.text)

@@ -14,15 +14,25 @@ import warp as wp
 from numpy.typing import NDArray
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.pipes import Fitting
+from omnitrack_sim.pipes.fittings.base import ADDRESS
 from omnitrack_sim.pipes.fittings.kinds import fitting_class
+from omnitrack_sim.pipes.obstacles import Obstacle
 from omnitrack_sim.walls.collider import LINE_PREVIOUS, entered
 from omnitrack_sim.walls.contacts import CONTACT_SIZE
 from omnitrack_sim.walls.guard import PLUGIN
-from omnitrack_sim.walls.record import KIND, LONG, MARK, PLATE, RECORD_SIZE, kind_number, kinds
+from omnitrack_sim.walls.record import (
+    KIND,
+    LONG,
+    MARK,
+    PLATE,
+    RECORD_SIZE,
+    SIZES,
+    kinds,
+    long_sizes,
+)
 from omnitrack_sim.walls.rims import CAPSULE, SPHERE
 from omnitrack_sim.warp import kernels
-from omnitrack_sim.warp.contacts import LINE, SHAPES, room, structure
+from omnitrack_sim.warp.contacts import LINE, SHAPES, WallKind, room, structure
 
 _FIELD = int(mujoco.mjtGeom.mjGEOM_HFIELD)
 GEOMS = ("condim", "priority", "solmix", "solref", "solimp", "friction", "margin", "gap")
@@ -37,6 +47,10 @@ CONTACT_FIELDS = (
     *("dim", "geom", "efc_address", "worldid", "type", "geomcollisionid", "adhesion"),
 )
 """Fields of its contacts, in the order of ``add_contacts``."""
+
+
+MAX_NUMBERS = 1 << 24
+"""Of records and relief: a number of single precision counts no farther."""
 
 
 class Work(NamedTuple):
@@ -72,9 +86,6 @@ class Walls:
         if not is_wall.any():
             problem = "has no exact walls: ot.add_pipes(spec, network) adds them before compilation"
             raise InputError(Fault("model", problem))
-        relief = (rows[is_wall, LONG] > 0) | (rows[is_wall, KIND] == kind_number("obstacle"))
-        if relief.any():
-            raise InputError(Fault("model", "has pipes with relief, which MuJoCo Warp has not yet"))
         pairs = _pairs(model, np.flatnonzero(is_wall))
         shapes = {int(kind) for kind in model.geom_type[pairs[:, 1]]}
         if (has_record[pairs[:, 1]] & (model.geom_type[pairs[:, 1]] == CAPSULE)).any():
@@ -87,10 +98,11 @@ class Walls:
         _check(model, pairs)
         numbers = {int(number) for number in rows[is_wall, KIND] if number > PLATE}
         self.pairs = pairs
-        self._find = _finder(tuple(sorted(map(_fitting, numbers), key=str)), tuple(sorted(shapes)))
-        self._set_arrays(model)
+        uneven = {int(number) for number in rows[is_wall & (rows[:, LONG] > 0), KIND]}
+        self._find = _finder(_kinds(numbers), tuple(sorted(shapes)), _kinds(uneven))
+        self._set_arrays(model, is_wall)
 
-    def _set_arrays(self, model: mujoco.MjModel) -> None:
+    def _set_arrays(self, model: mujoco.MjModel, is_wall: NDArray[np.bool_]) -> None:
         """Bring what does not change to the device."""
         fields = model.geom_dataid[self.pairs[:, 0]]
         size = model.hfield_size[fields]
@@ -112,7 +124,7 @@ class Walls:
             "polygon_vertices": model.mesh_polyvert,
         }
         numbers = {
-            "records": model.geom_user,
+            "records": _records(model, is_wall),
             "vertices": model.mesh_vert,
             "polygon_normals": model.mesh_polynormal,
         }
@@ -275,9 +287,33 @@ def _max_near(
     return min(len(pairs), len(geoms) * int(max(near, default=0)))
 
 
-def _fitting(number: int) -> type[Fitting]:
-    """Return the kind of fitting that a number stands for in this process."""
-    return fitting_class(kinds.names[number])
+def _kinds(numbers: Collection[int]) -> tuple[WallKind, ...]:
+    """Return what the numbers of kinds stand for in this process, in one order."""
+    names = [kinds.names[number] for number in numbers]
+    other = {Obstacle.file_kind(): Obstacle}
+    return tuple(sorted((other.get(name) or fitting_class(name) for name in names), key=str))
+
+
+def _records(model: mujoco.MjModel, is_wall: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return the records of all geoms, and behind them the long sizes of walls with relief.
+
+    In a record is then where they begin, and in the sizes the number of the wall's kind.
+    """
+    records, more = np.array(model.geom_user, float), []
+    for geom in np.flatnonzero(is_wall):
+        own = records[geom, -RECORD_SIZE:]
+        if own[LONG] > 0:
+            kept = long_sizes.numbers((int(own[SIZES]), int(own[SIZES + 1])))
+            if kept is None:
+                problem = "has relief: build it in this process, by ot.add_pipes"
+                raise InputError(Fault("model", problem))
+            sizes = kept.copy()
+            sizes[ADDRESS], own[SIZES] = own[KIND], records.size + sum(map(len, more))
+            more.append(sizes)
+    whole = np.concatenate([records.ravel(), *more])
+    if len(whole) > MAX_NUMBERS:
+        raise InputError(Fault("model", "has relief of too many numbers for single precision"))
+    return whole
 
 
 def _some(values: NDArray[Any]) -> NDArray[Any]:
@@ -286,9 +322,11 @@ def _some(values: NDArray[Any]) -> NDArray[Any]:
 
 
 @cache
-def _finder(fittings: Collection[type[Fitting]], shapes: Collection[int]) -> Any:
-    """Return the kernel that finds the contacts of pairs, for some fittings and types of geoms."""
-    snippet = f"""{structure(fittings, shapes)}
+def _finder(
+    fittings: Collection[WallKind], shapes: Collection[int], uneven: Collection[WallKind]
+) -> Any:
+    """Return the kernel that finds the contacts of pairs; see ``contacts.translation``."""
+    snippet = f"""{structure(fittings, shapes, uneven)}
     Walls::Model model;
     model.USER_SIZE = fields.user_size;
     model.USER = fields.records.data;
