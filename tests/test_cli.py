@@ -155,6 +155,18 @@ def test_a_folder_that_is_no_run_is_left_alone(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
 
+def test_what_python_warns_of_is_told_without_its_code():
+    """A command prints a warning on standard error, a line each, as it is."""
+    code = (
+        "import warnings\nfrom omnitrack_sim.cli import program\n"
+        "program.app = lambda **_: warnings.warn('slippery [wet]\\nand dark')\n"
+        "program.run_command()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    told = "warning: slippery [wet]\nwarning: and dark\n"
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", told)
+
+
 def test_scenarios_and_parameters_are_listed_for_machines():
     """The lists are valid JSON with every shipped scenario and every robot field."""
     listed = json.loads(omnitrack("scenarios", "--json").stdout)

@@ -2,11 +2,15 @@
 
 import math
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import omnitrack_sim as ot
+from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
+from omnitrack_sim.robots.omnitrack.policy.features import features_of
+from omnitrack_sim.robots.omnitrack.policy.file import DIRECT
 from omnitrack_sim.robots.quantity import froude_exponent, quantity_of, similar
 from omnitrack_sim.scenario import validate
 
@@ -69,6 +73,35 @@ def test_masses_forces_and_inertias_of_the_model_follow_the_law():
         roll, belt = (one.joint(name).dofadr[0] for name in ("roll_1", "belt_upper_1"))
         assert other.dof_armature[roll] == pytest.approx(one.dof_armature[roll] * s**5)
         assert other.dof_armature[belt] == pytest.approx(one.dof_armature[belt] * s**3)
+
+
+class Looking:
+    """A controller that stands still and keeps what a policy would see."""
+
+    seen: ClassVar[list] = []
+
+    def __init__(self, setup):
+        self.decisions = Decisions(setup, features_of("truth"), DIRECT)
+
+    def step(self, observation):
+        self.seen.append(self.decisions.observe(observation)[0])
+        self.decisions.decide(np.zeros((1, 4), np.float32))
+        return self.decisions.command(observation)
+
+
+def test_a_policy_sees_the_same_at_any_scale():
+    """Entries are in units of the robot's own bore, weight and speed."""
+    Looking.seen.clear()
+    for s in (1.0, *SCALES):
+        periods = {"physics.timestep": 0.002, "physics.control_period": 0.01, "record.period": 0.01}
+        turn = ot.override(_run_of(s, bend=True), {"run.time_limit": 0.01, **periods}).driven_by(
+            Looking
+        )
+        ot.run(turn, no_load=False)
+    one, *others = Looking.seen[:: len(Looking.seen) // 3]
+    assert len(one) > 20
+    for other in others:
+        assert other == pytest.approx(one, rel=0.01, abs=0.01)
 
 
 def test_a_scale_of_one_changes_no_bit():
