@@ -171,7 +171,7 @@ def test_examples_of_the_network_page_run(capsys):
     examples = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     *examples, condition = [tomllib.loads(example) for example in examples]
     drawn = checked(Condition, {"name": "street", **condition}, NetworkError).defects
-    assert [defect.kind for defect in drawn] == ["offset", "deposit"]
+    assert [d.kind for d in drawn] == ["offset", "deposit", "weld", "corrosion"]
     networks = [example for example in examples if "fittings" in example]
     (scan,) = (example for example in examples if "pipes" in example)
     assert scan["pipes"][0]["profile"] == "scan.csv"
